@@ -34,8 +34,8 @@ def measure(nodes: int, states: int) -> dict[str, Any]:
     from kennfeld.dataset import Dataset
     from kennfeld.models.formula import formula
     from kennfeld.optimize import Problem
-    from kennfeld.optimize.compiled import Compiled
-    from kennfeld.optimize.objective import SumOfSquares
+    from kennfeld.optimize.compiled import CompiledProblem
+    from kennfeld.optimize.objective import LeastSquaresObjective
 
     content, parameters = random_formula.text(nodes, states), random_formula.parameters()
     random = np.random.default_rng(0)
@@ -46,9 +46,9 @@ def measure(nodes: int, states: int) -> dict[str, Any]:
     began = time.perf_counter()
     model = formula(content, parameters=list(parameters))
     parsed = time.perf_counter()
-    compiled = Compiled(Problem(model, (data,), parameters, (Criterion("y", "measured"),)))
+    compiled = CompiledProblem(Problem(model, (data,), parameters, (Criterion("y", "measured"),)))
     ready = time.perf_counter()
-    objective = SumOfSquares(compiled)
+    objective = LeastSquaresObjective(compiled)
     cost = objective.cost(objective.start)
     objective.normal(objective.start)
     first = time.perf_counter()

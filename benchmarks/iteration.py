@@ -57,12 +57,12 @@ class _Ready:
         from kennfeld.criteria import Criterion
         from kennfeld.models.formula import formula as read
         from kennfeld.optimize import Problem
-        from kennfeld.optimize.compiled import Compiled
-        from kennfeld.optimize.objective import SumOfSquares
+        from kennfeld.optimize.compiled import CompiledProblem
+        from kennfeld.optimize.objective import LeastSquaresObjective
 
         model = read(formula, parameters=list(parameters))
-        compiled = Compiled(Problem(model, (data,), parameters, (Criterion(node, target),)))
-        self._objective = SumOfSquares(compiled)
+        compiled = CompiledProblem(Problem(model, (data,), parameters, (Criterion(node, target),)))
+        self._objective = LeastSquaresObjective(compiled)
         start = self._objective.start
         moved = start * (1 + 1e-3 * np.random.default_rng(0).normal(size=start.size))
         self._points, self._calls = (start, moved), 0

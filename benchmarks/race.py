@@ -50,11 +50,11 @@ class Entrant:
         return self.arguments | ({"cap": cap} if self.peer else {})
 
 
-def scaled_and_not(what: str, module: str, packages: tuple[str, ...], **arguments: Any) -> tuple[Entrant, ...]:
+def scaled_and_not(message: str, module: str, packages: tuple[str, ...], **arguments: Any) -> tuple[Entrant, ...]:
     """A peer without and with scaling by the columns of the Jacobian."""
     target = f"benchmarks.peers.{module}:solve"
     return tuple(
-        Entrant(f"{what}, x_scale={'jac' if scaled else '1'}", target, packages, {"scaled": scaled, **arguments})
+        Entrant(f"{message}, x_scale={'jac' if scaled else '1'}", target, packages, {"scaled": scaled, **arguments})
         for scaled in (False, True)
     )
 

@@ -43,11 +43,11 @@ class _Sum:
 
 
 def _kennfeld(given: Given, tolerance: float) -> Float:
-    from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
-    from kennfeld.optimize.solver.linear_constraints import Limits
+    from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+    from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-    settings = Settings(max_iterations=CAP, tolerance=tolerance)
-    return gauss_newton(_Sum(given), given.start, Limits.none(given.start.size), settings).values
+    settings = SolverSettings(max_iterations=CAP, tolerance=tolerance)
+    return levenberg_marquardt(_Sum(given), given.start, LinearLimits.none(given.start.size), settings).values
 
 
 def _trf(given: Given, tolerance: float) -> Float:

@@ -25,7 +25,7 @@ def row(path: Path, given: dict[str, Any], beside: Path) -> str:
         parts = () if report.whole else inspect_simulink(path, parameters=parameters, folders=folders).subsystems
     except InputError as error:
         return f"| {path.name} | refused | | {error.findings[0]} | |"
-    stops = [f"{finding.place}: {finding.what}" for finding in report.findings]
+    stops = [f"{finding.place}: {finding.message}" for finding in report.findings]
     told = "; ".join(stops[:4]) + (f"; and {len(stops) - 4} more" if len(stops) > 4 else "")
     largest = f"{parts[0].path} ({parts[0].blocks} blocks)" if parts else ""
     kind = "whole" if report.whole else "partial"

@@ -10,11 +10,11 @@ import typer
 
 from kennfeld import __version__
 from kennfeld.errors import Finding, InputError, KennfeldError
-from kennfeld.terminal.output import complain, say
+from kennfeld.terminal.output import print_findings, print_lines
 from kennfeld.terminal.signals import end_like_ctrl_c
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Leaving
+    from kennfeld.analysis.extrapolation import Extrapolation
     from kennfeld.optimize import Result
     from kennfeld.project import Project
 
@@ -87,13 +87,15 @@ def run(arguments: Sequence[str]) -> int:
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except InputError as error:
-        complain(*error.findings)
+        print_findings(*error.findings)
     except (KennfeldError, typer.TyperException) as error:
-        complain(_sentence(error))
+        print_findings(_sentence(error))
     except OSError as error:
-        complain(f"{error.filename or 'the system'}: {error.strerror or error}")
+        print_findings(f"{error.filename or 'the system'}: {error.strerror or error}")
     except MemoryError as error:
-        complain(f"There is not enough memory{f' ({error})' if str(error) else ''}. Use fewer samples or breakpoints.")
+        print_findings(
+            f"There is not enough memory{f' ({error})' if str(error) else ''}. Use fewer samples or breakpoints."
+        )
     except typer.Abort as abort:
         if isinstance(abort.__cause__, EOFError):  # which typer takes for the end of what somebody types
             raise abort.__cause__ from None
@@ -114,7 +116,7 @@ def _sentence(error: Exception) -> str:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        say(f"kennfeld {__version__}")
+        print_lines(f"kennfeld {__version__}")
         raise typer.Exit
 
 
@@ -134,10 +136,10 @@ def train(
     from kennfeld.terminal.result_lines import summary
 
     training = read_training(path)
-    made = training.train(lambda line: say(line))
-    say(*summary(made), "")
+    made = training.train(lambda line: print_lines(line))
+    print_lines(*summary(made), "")
     write_surrogate(made, training.target)
-    say(f"Written to {training.target}")
+    print_lines(f"Written to {training.target}")
     return DONE
 
 
@@ -164,13 +166,13 @@ def demo(
     from kennfeld.terminal.output import aligned
 
     path = write(name, folder or Path(f"kennfeld-demo-{name}"))
-    prepare(name, path.parent, say)
+    prepare(name, path.parent, print_lines)
     status = DONE
     for file, results in projects(name):
         status = max(status, _calibrate(Project.read(path.with_name(file)), path.parent / results))
-        say("")
-    say(*aligned(closing(name, path.parent)), "")
-    say(f"Next: look into {path}, change it, and run", f"  kennfeld calibrate {path}")
+        print_lines("")
+    print_lines(*aligned(closing(name, path.parent)), "")
+    print_lines(f"Next: look into {path}, change it, and run", f"  kennfeld calibrate {path}")
     return status
 
 
@@ -188,11 +190,11 @@ def check(path: ProjectFile) -> int:
         return _check_training(path)
     project = Project.read(path)
     findings = _sound(project)
-    complain(*findings)
+    print_findings(*findings)
     problem = project.problem()
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
-    say(f"{path}: {_soundness(findings)}")
-    say(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    print_lines(f"{path}: {_soundness(findings)}")
+    print_lines(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
 
 
@@ -207,13 +209,13 @@ def _check_training(path: Path) -> int:
     datasets, findings = training.check()
     if any(finding.severity == "error" for finding in findings):
         raise InputError(findings)
-    complain(*findings)
+    print_findings(*findings)
     settings = training.settings
     called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
-    say(f"{path}: a training file, {_soundness(findings)}")
-    say(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
-    say(f"Next: kennfeld surrogate train {path}")
+    print_lines(f"{path}: a training file, {_soundness(findings)}")
+    print_lines(f"{settings.kind} surrogate {called}; {', '.join(samples)}")
+    print_lines(f"Next: kennfeld surrogate train {path}")
     return DONE
 
 
@@ -272,12 +274,12 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
         with Interrupt() as interrupt, display("compiling") as shown:
             found = cross_validated(project.problem(), folds, parts, 0, project.options, interrupt.watch(shown))
     except KeyboardInterrupt:
-        complain("Stopped before there was anything to write.")
+        print_findings("Stopped before there was anything to write.")
         return INTERRUPTED
     text = json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
-    say("", *aligned(found.table()), "", *found.summary())
+    print_lines("", *aligned(found.table()), "", *found.summary())
     path = write_text(f"{text}\n", folder / "cross_validation.json")
-    say(f"Written to {path}")
+    print_lines(f"Written to {path}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
@@ -288,13 +290,13 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     from kennfeld.report import safely
     from kennfeld.terminal.output import aligned
     from kennfeld.terminal.progress import Interrupt, display
-    from kennfeld.terminal.result_lines import choices, left_data, left_open
+    from kennfeld.terminal.result_lines import choices, extrapolation_lines, undetermined_lines
 
     require_room(folder)
     findings = _sound(project)
-    complain(*findings)
+    print_findings(*findings)
     if resume:
-        complain(*project.saves(folder).found().findings)
+        print_findings(*project.saves(folder).found().findings)
     told: list[Finding] = []
     try:
         with Interrupt() as interrupt:
@@ -305,21 +307,21 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             further = {"surrogates": [row.as_json() for row in left]} if left else None
             written = write_somewhere(result, project, folder, {"report.html": text}, further, told)
     except KeyboardInterrupt:
-        complain("Stopped before there was anything to write.")
+        print_findings("Stopped before there was anything to write.")
         return INTERRUPTED
-    say(*aligned(result.table()), "")
+    print_lines(*aligned(result.table()), "")
     if len(result.starts) > 1:
-        say(*aligned(result.starts_table()), "")
-    say(f"{result.status}: {result.message}")
-    complain(*result.warnings)
-    say(*choices(result))
-    say(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    say(*left_open(result.trust), *left_data(left))
-    complain(*told)
+        print_lines(*aligned(result.starts_table()), "")
+    print_lines(f"{result.status}: {result.message}")
+    print_findings(*result.warnings)
+    print_lines(*choices(result))
+    print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    print_lines(*undetermined_lines(result.trust), *extrapolation_lines(left))
+    print_findings(*told)
     if written:
-        say(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
+        print_lines(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
     else:
-        say("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
+        print_lines("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
     if interrupt.pressed:
         return INTERRUPTED
     if any(finding.severity == "error" for finding in told):
@@ -327,14 +329,14 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
     return DONE if result.converged else NOT_CONVERGED
 
 
-def _left(project: "Project", result: "Result") -> "Sequence[Leaving]":
+def _left(project: "Project", result: "Result") -> "Sequence[Extrapolation]":
     """Where surrogates are used outside the data they were trained on."""
     if not project.surrogates:
         return ()
-    from kennfeld.analysis.extrapolation import leaving
+    from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.optimize.tuning.shift_estimation import moved
 
-    return leaving(moved(project.problem(), result.shifts), result.parameters)
+    return find_extrapolation(moved(project.problem(), result.shifts), result.parameters)
 
 
 def _sound(project: "Project") -> list[Finding]:
@@ -374,15 +376,15 @@ def simulate(
     values = None if parameters is None else read(parameters)
     datasets = project.simulate(values)
     written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    say(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
     if project.surrogates:
-        from kennfeld.analysis.extrapolation import leaving
+        from kennfeld.analysis.extrapolation import find_extrapolation
         from kennfeld.project.project import replaced
-        from kennfeld.terminal.result_lines import left_data
+        from kennfeld.terminal.result_lines import extrapolation_lines
 
         problem = project.problem()
-        say(*left_data(leaving(problem, replaced(problem, values)), ""))
-    say(f"Written to {written}")
+        print_lines(*extrapolation_lines(find_extrapolation(problem, replaced(problem, values)), ""))
+    print_lines(f"Written to {written}")
     return DONE
 
 
@@ -412,7 +414,7 @@ def report(
 
     folder = results or path.parent / "results"
     text = from_folder(Project.read(path), folder)
-    say(f"Written to {write_text(text, output or folder / 'report.html')}")
+    print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 
 
@@ -441,13 +443,13 @@ def info(
     """
     import json
 
-    from kennfeld.terminal.file_info import Part, contents
+    from kennfeld.terminal.file_info import SimulinkSelection, contents
     from kennfeld.terminal.label_search import searched
 
-    found = contents(path, a2l, Part(subsystem, values or (), folders or (), _bindings(bind)))
+    found = contents(path, a2l, SimulinkSelection(subsystem, values or (), folders or (), _bindings(bind)))
     if search.strip():
         found = searched(found, search)
-    say(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
+    print_lines(*([json.dumps(found.as_json, indent=2)] if as_json else found.lines()))
     return DONE
 
 
@@ -455,8 +457,8 @@ def _bindings(texts: list[str] | None) -> dict[str, str]:
     """Formulas by the paths of the blocks that they take the place of."""
     pairs = [text.partition("=") for text in texts or ()]
     if odd := [path for path, sign, _ in pairs if not sign]:
-        mend = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
-        raise InputError(Finding(f"--bind {path}", "says no formula", mend) for path in odd)
+        remedy = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
+        raise InputError(Finding(f"--bind {path}", "says no formula", remedy) for path in odd)
     return {path.strip(): formula.strip() for path, _, formula in pairs}
 
 
@@ -490,13 +492,13 @@ def convert(
         from kennfeld.models.simulink.formula_export import write_formula
 
         made = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
-        say(*(f"Written to {path}" for path in made))
+        print_lines(*(f"Written to {path}" for path in made))
         return DONE
 
     [parameters], remarks = calfiles.read_several([source], a2l)
-    complain(*remarks)
-    complain(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
-    say(f"Written to {target}")
+    print_findings(*remarks)
+    print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
+    print_lines(f"Written to {target}")
     return DONE
 
 
@@ -504,8 +506,8 @@ def _require_new(force: bool, *targets: Path) -> None:
     """Raise `InputError` for each file that would be replaced without having been asked to."""
     found = [target for target in targets if not force and target.exists() and not target.is_dir()]
     if found:
-        mend = "Add --force to replace it, or name another file."
-        raise InputError(Finding(str(target), "exists already", mend) for target in found)
+        remedy = "Add --force to replace it, or name another file."
+        raise InputError(Finding(str(target), "exists already", remedy) for target in found)
 
 
 @app.command()
@@ -534,15 +536,15 @@ def diff(
 
     allowed = calfiles.Tolerance(tolerance, relative)
     (one, other), remarks = calfiles.read_several([left, right], a2l)
-    complain(*remarks)
+    print_findings(*remarks)
     found = calfiles.compare(one, other, allowed)
     if as_json:
         head = {"left": str(left), "right": str(right), "equal": found.equal, "compared": found.compared}
         differences = [difference.as_json for difference in found.differences]
-        say(json.dumps(head | {"differences": differences}, indent=2, ensure_ascii=False, allow_nan=False))
+        print_lines(json.dumps(head | {"differences": differences}, indent=2, ensure_ascii=False, allow_nan=False))
     else:
         first, second = labels([left, right])
-        say(*differing(found, first, second))
+        print_lines(*differing(found, first, second))
     return DONE if found.equal else DIFFERENT
 
 
@@ -564,8 +566,8 @@ def merge(
         raise InputError.of("merge", f"{sources[0]} alone is nothing to merge", "Name two files or more.")
     _require_new(force, target)
     sets, remarks = calfiles.read_several(sources, a2l)
-    complain(*remarks)
+    print_findings(*remarks)
     merged = calfiles.merge(list(zip(labels(sources), sets, strict=True)))
-    complain(*calfiles.write(merged.parameters, target), *calfiles.losses(merged.parameters, target))
-    say(*changed(merged.changes), "", f"Written to {target}")
+    print_findings(*calfiles.write(merged.parameters, target), *calfiles.losses(merged.parameters, target))
+    print_lines(*changed(merged.changes), "", f"Written to {target}")
     return DONE

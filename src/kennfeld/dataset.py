@@ -179,8 +179,8 @@ class Dataset(Mapping[str, Channel]):
                 values = array(columns[column], f"channel {column}")
                 channels.append(Channel(str(column), values, units.get(column, "")))
             except ArgumentError as error:
-                mend = "Leave it out, or give numbers in its place."
-                findings.append(Finding(f"dataset {name}", str(error), mend))
+                remedy = "Leave it out, or give numbers in its place."
+                findings.append(Finding(f"dataset {name}", str(error), remedy))
         if findings:
             raise InputError(findings)
         return cls(name, tuple(channels), **attributes).without_infinite()
@@ -214,10 +214,10 @@ class Dataset(Mapping[str, Channel]):
             if count := int(np.count_nonzero(infinite)):
                 channel = replace(channel, values=np.where(infinite, np.nan, channel.values))
                 place = f"dataset {self.name}, channel {channel.name}"
-                what = (
+                message = (
                     f"{count} of {infinite.size} values {'is' if count == 1 else 'are'} infinite and taken as missing"
                 )
-                remarks.append(Finding(place, what, severity="warning"))
+                remarks.append(Finding(place, message, severity="warning"))
             finite.append(channel)
         return replace(self, channels=tuple(finite), remarks=(*self.remarks, *remarks)) if remarks else self
 

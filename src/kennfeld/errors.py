@@ -53,14 +53,14 @@ class Finding:
     """
 
     place: str
-    what: str
-    mend: str = ""
+    message: str
+    remedy: str = ""
     excerpt: str = ""
     severity: Literal["error", "warning", "remark"] = "error"
 
     def __str__(self) -> str:
-        what = self.what if not self.mend or self.what.endswith((".", "?", "!")) else self.what + "."
-        line = " ".join(part for part in (what, self.mend) if part)
+        message = self.message if not self.remedy or self.message.endswith((".", "?", "!")) else self.message + "."
+        line = " ".join(part for part in (message, self.remedy) if part)
         return visible(f"{self.place}: {line}" if self.place else line)
 
 
@@ -79,9 +79,9 @@ class InputError(KennfeldError):
         super().__init__("\n".join(str(finding) for finding in self.findings))
 
     @classmethod
-    def of(cls, place: str, what: str, mend: str = "", excerpt: str = "") -> "InputError":
+    def of(cls, place: str, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
         """The error with a single finding."""
-        return cls([Finding(place, what, mend, excerpt)])
+        return cls([Finding(place, message, remedy, excerpt)])
 
 
 class ArgumentError(KennfeldError, ValueError):

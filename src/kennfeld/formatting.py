@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from heapq import nlargest
 from itertools import pairwise
 
-__all__ = ["counted", "holds_control_characters", "listed", "nearest", "one_line", "quoted"]
+__all__ = ["count_noun", "holds_control_characters", "join_limited", "nearest", "one_line", "quoted"]
 
 _MANY = 1000  # names, beyond which only those that share the most pairs of letters are compared in full
 
@@ -54,23 +54,23 @@ def one_line(text: str) -> str:
     return _CONTROL.sub(" ", text)
 
 
-def counted(number: int, thing: str) -> str:
+def count_noun(number: int, thing: str) -> str:
     """A number of things in words.
 
-    >>> counted(1, "value"), counted(3, "value")
+    >>> count_noun(1, "value"), count_noun(3, "value")
     ('1 value', '3 values')
     """
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def listed(names: Sequence[str]) -> str:
+def join_limited(names: Sequence[str]) -> str:
     """Return how many labels there are, and the first of their names.
 
-    >>> listed(["a", "b"])
+    >>> join_limited(["a", "b"])
     '2 labels (a, b)'
     """
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{counted(len(names), 'label')} ({', '.join(names[:_SHOWN])}{more})"
+    return f"{count_noun(len(names), 'label')} ({', '.join(names[:_SHOWN])}{more})"
 
 
 def quoted(name: str) -> str:

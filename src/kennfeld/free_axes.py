@@ -17,12 +17,12 @@ from kennfeld.parameters import Axis, Parameter
 __all__ = [
     "AxisKey",
     "FreeAxis",
+    "breakpoints_by_name",
     "free_axes",
-    "freed",
     "key_of",
-    "labelled",
-    "standing",
     "with_breakpoints",
+    "with_fixed_axes",
+    "with_free_axes",
     "with_labelled",
 ]
 
@@ -99,7 +99,7 @@ def _moved(axis: Axis, breakpoints: Float | None) -> Axis:
     return axis if breakpoints is None else axis.changed(breakpoints=breakpoints)
 
 
-def labelled(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
+def breakpoints_by_name(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
     """Breakpoints under names that no parameter has, to stand beside the values of tables."""
     return {f"axis {key}": points for key, points in breakpoints.items()}
 
@@ -110,7 +110,7 @@ def with_labelled(parameters: ParameterSet, values: Mapping[str, Float]) -> Para
     return with_breakpoints(parameters, moved)
 
 
-def standing(parameters: ParameterSet, keys: Iterable[AxisKey]) -> ParameterSet:
+def with_fixed_axes(parameters: ParameterSet, keys: Iterable[AxisKey]) -> ParameterSet:
     """The set with some axes no longer marked as free."""
     still = set(keys)
     changed = [
@@ -125,14 +125,14 @@ def standing(parameters: ParameterSet, keys: Iterable[AxisKey]) -> ParameterSet:
     return parameters.with_parameters(*changed)
 
 
-def freed(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:
+def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:
     """The set with the axes marked as free that a pattern matches: the name of a group axis, or `Table.x`.
 
     Raises `ArgumentError` where a pattern matches none.
 
     >>> from kennfeld.parameters import Map
     >>> table = Map("M", [0, 1, 2], [0, 1], [[1, 2], [3, 4], [5, 6]])
-    >>> [axis.free for axis in freed(ParameterSet([table]), ["M.x"])["M"].axes]
+    >>> [axis.free for axis in with_free_axes(ParameterSet([table]), ["M.x"])["M"].axes]
     [True, False]
     """
     keys = {str(key): key for key in _places(parameters)}
@@ -140,8 +140,8 @@ def freed(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:
     for pattern in patterns:
         matches = {key for label, key in keys.items() if label == pattern or fnmatchcase(label, pattern)}
         if not matches:
-            mend = nearest(pattern, keys) or f"The axes are {', '.join(list(keys)[:12])}."
-            raise ArgumentError(f"free_axes: {pattern} matches no axis. {mend}")
+            remedy = nearest(pattern, keys) or f"The axes are {', '.join(list(keys)[:12])}."
+            raise ArgumentError(f"free_axes: {pattern} matches no axis. {remedy}")
         chosen |= matches
     changed = [
         member.changed(

@@ -46,14 +46,14 @@ def number(
     return value
 
 
-def array(given: Any, what: str) -> Float:
+def array(given: Any, label: str) -> Float:
     """Return numbers of any numeric type as a float64 array.
 
     What is missing is NaN: None, pandas' NA, and what a masked array masks.
 
     Args:
         given: a list, an array, or a column of a table.
-        what: what the numbers are, for the message.
+        label: what the numbers are, for the message.
 
     Raises:
         ArgumentError: an element is not a number, but a text, a date or a complex number, for example.
@@ -67,23 +67,23 @@ def array(given: Any, what: str) -> Float:
     try:
         values = np.asarray(given)
     except ValueError:
-        raise ArgumentError(f"{what} must be numbers in rows of equal length") from None
+        raise ArgumentError(f"{label} must be numbers in rows of equal length") from None
     if values.dtype.kind in _NUMERIC:
         plain = np.asarray(values, dtype=np.float64)
         return plain if masked is np.ma.nomask else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
-        raise ArgumentError(f"{what} must be numbers, got {_OTHER[values.dtype.kind]}")
+        raise ArgumentError(f"{label} must be numbers, got {_OTHER[values.dtype.kind]}")
     objects = np.array(given, dtype=object)
     objects[masked] = None
-    return _of_objects(objects, what)
+    return _of_objects(objects, label)
 
 
-def truths(given: Any, what: str) -> Bool:
+def truths(given: Any, label: str) -> Bool:
     """Return truth values, or numbers in their place, as an array of bool.
 
     Args:
         given: a list, an array, or a column of a table; 0 is false, any other number true.
-        what: what the values are, for the message.
+        label: what the values are, for the message.
 
     Raises:
         ArgumentError: an element is a text, for example, or missing.
@@ -91,20 +91,20 @@ def truths(given: Any, what: str) -> Bool:
     >>> truths([1, False], "locked of Gain")
     array([ True, False])
     """
-    values = array(given, what)
+    values = array(given, label)
     if np.isnan(values).any():
-        raise ArgumentError(f"{what} must be true or false, but a value is missing")
+        raise ArgumentError(f"{label} must be true or false, but a value is missing")
     return np.asarray(values != 0)
 
 
-def _of_objects(values: Any, what: str) -> Float:
+def _of_objects(values: Any, label: str) -> Float:
     """Numbers that numpy found no common type for."""
     made = np.empty(values.shape)
     for at, one in np.ndenumerate(values):
         value = np.nan if _is_missing(one) else _float(one)
         if value is None:
             where = f" at position {', '.join(str(i + 1) for i in at)}" if at else ""
-            raise ArgumentError(f"{what} must be numbers, got {one!r}{where}")
+            raise ArgumentError(f"{label} must be numbers, got {one!r}{where}")
         made[at] = value
     return made
 

@@ -120,8 +120,10 @@ class ParameterSet(Mapping[str, Parameter]):
         """
         if variant not in self.variants:
             known = ", ".join(self.variants) or "none"
-            mend = nearest(variant, self.variants)
-            raise ArgumentError(f"no parameter has the variant {variant!r}. The variants are: {known}. {mend}".strip())
+            remedy = nearest(variant, self.variants)
+            raise ArgumentError(
+                f"no parameter has the variant {variant!r}. The variants are: {known}. {remedy}".strip()
+            )
         return self.merged(_of([thing for (_, one), thing in self.everything.items() if one == variant]))
 
     def merged(self, other: "ParameterSet") -> "ParameterSet":

@@ -8,7 +8,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.analysis import CrossValidation, cross_validated
-from kennfeld.optimize.api import problem_of
+from kennfeld.optimize.api import build_problem
 
 
 def line(samples=60, noise=0.1, seed=0):
@@ -74,7 +74,7 @@ def test_files_are_held_back_where_there_are_enough():
 def test_targets_held_back_are_not_seen(kind):
     """Wild targets in one fold change nothing of what is fitted for it."""
     data = line()
-    problem = problem_of(LINE, data, START, target="y")
+    problem = build_problem(LINE, data, START, target="y")
     first = cross_validated(problem, 3, kind).folds[0]
     from kennfeld.analysis.cross_validation import folds_of
 
@@ -119,7 +119,7 @@ def test_stopping_ends_with_the_folds_so_far():
 
 
 def test_a_problem_stands_alone():
-    problem = problem_of(LINE, line(), START, target="y")
+    problem = build_problem(LINE, line(), START, target="y")
     assert isinstance(kf.cross_validate(problem, folds=2), CrossValidation)
     with pytest.raises(kf.KennfeldError, match="a problem has its data and its start"):
         kf.cross_validate(problem, line(), folds=2)

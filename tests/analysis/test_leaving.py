@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from kennfeld import Criterion, Dataset, ParameterSet, Scalar, Settling, formula
 from kennfeld.analysis import extrapolation as module
-from kennfeld.analysis.extrapolation import leaving
+from kennfeld.analysis.extrapolation import find_extrapolation
 from kennfeld.optimize import Problem
 from kennfeld.optimize import quality as scoring_module
 from kennfeld.rbf import Expansion
@@ -41,14 +41,14 @@ def problem_of(text, surrogate, *datasets, **scalars):
 
 def found(text, surrogate, *datasets, **scalars):
     problem = problem_of(text, surrogate, *datasets, **scalars)
-    return leaving(problem, problem.parameters)
+    return find_extrapolation(problem, problem.parameters)
 
 
 def test_a_model_without_surrogates_leaves_nothing():
     model = formula("y = a * x", parameters=["a"])
     data = Dataset.of("d", {"x": [1.0]})
     problem = Problem(model, (data,), ParameterSet([Scalar("a", 1.0)]), (Criterion("y", 0.0),))
-    assert leaving(problem, problem.parameters) == ()
+    assert find_extrapolation(problem, problem.parameters) == ()
 
 
 def test_it_names_the_input_that_is_farthest_out_and_where():
@@ -81,8 +81,8 @@ def test_below_the_least_counts_as_well_and_test_data_are_judged():
 def test_parameters_and_memories_decide_where_it_is_looked_up():
     data = Dataset.of("d", {"x": [0.1, 0.4, 0.2], "z": [0.5, 0.5, 0.5]}, time=np.arange(3.0))
     problem = problem_of("y = F(k * x, prev(k * x, 0))", static(), data, k=1.0)
-    assert leaving(problem, problem.parameters)[0].outside == 0
-    (row,) = leaving(problem, problem.parameters.merged(ParameterSet([Scalar("k", 10.0)])))
+    assert find_extrapolation(problem, problem.parameters)[0].outside == 0
+    (row,) = find_extrapolation(problem, problem.parameters.merged(ParameterSet([Scalar("k", 10.0)])))
     assert (row.outside, row.worst.input, row.worst.value, row.worst.sample) == (2, "x", 4.0, 2)
 
 
@@ -183,7 +183,7 @@ def test_the_count_is_that_of_the_surrogate_and_the_worst_is_one_of_them(points)
     x = np.array(points)
     surrogate = SURROGATE
     problem = Problem(MODEL, (Dataset.of("d", {"x": x[:, 0], "z": x[:, 1]}),), MODEL.carried, (Criterion("y", 0.0),))
-    (row,) = leaving(problem, problem.parameters)
+    (row,) = find_extrapolation(problem, problem.parameters)
     outside = surrogate.outside(x)
     assert row.outside == outside.sum()
     assert (row.worst is None) == (not outside.any())

@@ -1,7 +1,7 @@
 import numpy as np
 
 from kennfeld import Criterion, Curve, Dataset, Limit, Map, ParameterSet, Scalar, formula
-from kennfeld.analysis import output_ranges, pressing
+from kennfeld.analysis import active_constraints, output_ranges
 from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.optimize import Problem
 
@@ -17,7 +17,7 @@ DATA = Dataset.of("d", {"x": [0.5, 1.5, 2.5, np.nan], "m": [1.0, 2.0, 3.0, 4.0]}
 def test_rows_that_hold_with_equality_press():
     curve = Curve("C", [0, 1, 2, 4], [0.0, 3.0, 3.0, 3.0 + 1e-12])
     problem = problem_of("y = C(x)", [curve], DATA, constraints=(Shape("C", 0, "slope", lower=0.0, upper=3.0),))
-    (held,) = pressing(problem, problem.parameters)
+    (held,) = active_constraints(problem, problem.parameters)
     assert held.rows == 3
     assert held.active == (
         "slope of C along x between 0 and 1",
@@ -34,7 +34,7 @@ def test_rows_with_room_do_not():
         DATA,
         constraints=(Shape("M", 0, "curvature", lower=0.5), Equality([Term("k"), Term("M", (2, 1))], 6.0)),
     )
-    convex, equal = pressing(problem, problem.parameters)
+    convex, equal = active_constraints(problem, problem.parameters)
     assert (convex.rows, convex.active) == (2, ())
     assert len(equal.active) == 1
 

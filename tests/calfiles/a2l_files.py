@@ -2,7 +2,7 @@
 
 from kennfeld.calfiles.a2l import parse_a2l, read_parameters, stored
 from kennfeld.calfiles.flash.records import read_image
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 
 COMMON = '/begin MOD_COMMON "" BYTE_ORDER MSB_LAST /end MOD_COMMON'
 ADDRESS = 0x1000
@@ -66,14 +66,14 @@ def s_file(memory, width=16, newline="\n"):
 
 
 def image_of(memory):
-    notes = Notes("ecu.hex")
+    notes = Findings("ecu.hex")
     image = read_image(hex_file(memory if isinstance(memory, dict) else {ADDRESS: memory}), "ecu.hex", notes)
     assert notes.settle() == ()
     return image
 
 
 def parsed(raw, include=None):
-    notes = Notes("ecu.a2l")
+    notes = Findings("ecu.a2l")
     a2l = parse_a2l(raw, "ecu.a2l", notes, include)
     return a2l, [str(one) for one in notes.settle()]
 
@@ -81,7 +81,7 @@ def parsed(raw, include=None):
 def read(raw, memory):
     """The parameters, and the remarks."""
     a2l, remarks = parsed(raw)
-    notes = Notes("ecu.a2l")
+    notes = Findings("ecu.a2l")
     found = read_parameters(a2l, image_of(memory), notes)
     return found, remarks + [str(one) for one in notes.settle()]
 
@@ -90,9 +90,9 @@ def write(raw, memory, change):
     """The image after writing what `change` makes of the parameters, and the remarks; raises `InputError`."""
     a2l, _ = parsed(raw)
     image = image_of(memory)
-    given = change(read_parameters(a2l, image, Notes("")))
-    notes = Notes("new.hex")
+    given = change(read_parameters(a2l, image, Findings("")))
+    notes = Findings("new.hex")
     content = stored(a2l, image, given, notes)
     remarks = [str(one) for one in notes.settle()]
-    again = Notes("")
+    again = Findings("")
     return read_image(content, "new.hex", again), remarks

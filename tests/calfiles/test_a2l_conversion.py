@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.conversion import arithmetic, conversion_of
-from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.parameters import Text
 
 TABLE = '/begin COMPU_TAB T "" TAB_INTP 3 0 10 2 30 4 35 {} /end COMPU_TAB'
@@ -131,10 +131,10 @@ def test_words_without_a_place_are_told():
         ("RAT_FUNC", "COEFFS 0 2 4 0 1 2", "gives every number the same raw one"),
     ],
 )
-def test_a_conversion_that_cannot_be_followed_is_told(kind, entries, what):
-    with pytest.raises(UnusableError, match="has the conversion CM") as caught:
+def test_a_conversion_that_cannot_be_followed_is_told(kind, entries, message):
+    with pytest.raises(A2lError, match="has the conversion CM") as caught:
         made(kind, entries)
-    assert what in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(

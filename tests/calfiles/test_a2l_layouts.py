@@ -221,8 +221,8 @@ def test_a_number_of_points_may_be_fixed_by_the_layout():
 @pytest.mark.parametrize("count", [0, 5, 255])
 def test_a_number_of_points_that_cannot_be_is_told(count):
     entries = ["NO_AXIS_PTS_X 1 UBYTE", "AXIS_PTS_X 2 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 3 UBYTE ROW_DIR DIRECT"]
-    what = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=bytes([count, *range(40)]))
-    assert f"states {count} axis points in direction X, of at most 4; left aside" in what
+    message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=bytes([count, *range(40)]))
+    assert f"states {count} axis points in direction X, of at most 4; left aside" in message
 
 
 @pytest.mark.parametrize(
@@ -368,22 +368,22 @@ def test_blocks_and_texts_are_read():
         ),
     ],
 )
-def test_what_cannot_be_read_is_left_aside_with_its_reason(blocks, what):
+def test_what_cannot_be_read_is_left_aside_with_its_reason(blocks, message):
     said = aside(*blocks)
-    assert what in said
+    assert message in said
     assert said.endswith("; left aside")
 
 
 def test_labels_with_variants_in_the_memory_are_left_aside():
     variants = "/begin VARIANT_CODING /begin VAR_CHARACTERISTIC L Engine /end VAR_CHARACTERISTIC /end VARIANT_CODING"
-    what = aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), variants, label("VALUE"))
-    assert "(L): is variant-coded: it has a place in the memory for each variant; left aside" in what
+    message = aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), variants, label("VALUE"))
+    assert "(L): is variant-coded: it has a place in the memory for each variant; left aside" in message
 
 
 def test_breakpoints_that_repeat_are_told():
     entries = "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"
-    what = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([1, 5, 5, 1, 2, 3]))
-    assert "has breakpoints that neither rise nor fall: number 2 is 5, number 3 is 5; left aside" in what
+    message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([1, 5, 5, 1, 2, 3]))
+    assert "has breakpoints that neither rise nor fall: number 2 is 5, number 3 is 5; left aside" in message
 
 
 def test_many_labels_with_one_reason_are_told_in_one_remark():

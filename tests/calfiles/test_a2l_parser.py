@@ -99,8 +99,8 @@ def test_names_are_lines_of_the_file():
         ('/begin MODULE M "" /include "more.a2l" /end MODULE', "/include names 'more.a2l', which cannot be read"),
     ],
 )
-def test_a_broken_structure_is_an_error(text, what):
-    assert what in errors(text.encode())[0]
+def test_a_broken_structure_is_an_error(text, message):
+    assert message in errors(text.encode())[0]
 
 
 def test_another_file_may_be_included():
@@ -135,9 +135,9 @@ def test_files_that_include_each_other_are_an_error():
         ('/begin COMPU_TAB T "" TAB_INTP 1000000000 1 2 /end COMPU_TAB', "states 1000000000 rows, which are not there"),
     ],
 )
-def test_a_wrong_object_is_told_and_left_aside(block, what):
+def test_a_wrong_object_is_told_and_left_aside(block, message):
     a2l, remarks = parsed(module(block, SCALAR))
-    assert what in remarks[0]
+    assert message in remarks[0]
     assert not a2l.characteristics
     assert list(a2l.record_layouts) == ["RL"]
 
@@ -199,10 +199,10 @@ def test_instances_become_the_labels_that_their_types_describe():
         ('/begin INSTANCE i "" T 0 /begin OVERWRITE a 0 /end OVERWRITE /end INSTANCE', "overwrites parts of its type"),
     ],
 )
-def test_an_instance_that_cannot_be_expanded_is_told(text, what):
+def test_an_instance_that_cannot_be_expanded_is_told(text, message):
     inner = "/begin STRUCTURE_COMPONENT r R 0 /end STRUCTURE_COMPONENT"
     circle = f'/begin TYPEDEF_STRUCTURE R "" 4 {inner} /end TYPEDEF_STRUCTURE'
-    assert what in parsed(module(INSTANCES, circle, text))[1][0]
+    assert message in parsed(module(INSTANCES, circle, text))[1][0]
 
 
 def test_a_description_tells_every_label():

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l import read_parameters, stored
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Map, Scalar, Text
@@ -373,7 +373,7 @@ def test_what_is_written_is_read_again_in_every_layout(table):
     assert [one.breakpoints.tolist() for one in found["L"].axes] == [one.breakpoints.tolist() for one in made.axes]
     a2l, _ = parsed(text)
     memory = image_of(image.read(ADDRESS, len(start)))
-    assert stored(a2l, memory, read_parameters(a2l, memory, Notes("")), Notes("")) == memory.raw
+    assert stored(a2l, memory, read_parameters(a2l, memory, Findings("")), Findings("")) == memory.raw
 
 
 @given(st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans())

@@ -11,7 +11,7 @@ import xlsxwriter
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.excel.layout import is_calibration_workbook, sheet_names
-from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
@@ -169,9 +169,9 @@ def test_a_measurement_is_no_calibration(tmp_path):
     path = tmp_path / "bench.xlsx"
     save(path, {"data": [["time", "n"], [0, 700], [1, 800]]})
     assert "without a sheet Parameters" in refused(path)
-    assert not is_calibration_workbook(Source(path.name, path.read_bytes()))
+    assert not is_calibration_workbook(CalibrationSource(path.name, path.read_bytes()))
     write(SET, tmp_path / "a.xlsx")
-    assert is_calibration_workbook(Source("a.xlsx", (tmp_path / "a.xlsx").read_bytes()))
+    assert is_calibration_workbook(CalibrationSource("a.xlsx", (tmp_path / "a.xlsx").read_bytes()))
 
 
 def repacked(path, change):

@@ -31,9 +31,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-def error(what, *arguments, **further):
+def error(message, *arguments, **further):
     with pytest.raises(InputError) as caught:
-        what(*arguments, **further)
+        message(*arguments, **further)
     return str(caught.value)
 
 
@@ -143,8 +143,8 @@ def test_a_set_from_elsewhere_needs_an_image(folder):
 
 
 def test_the_ending_says_what_the_image_holds(folder):
-    what = error(kf.read_parameters(folder / "ecu.hex").save, folder / "new.s19")
-    assert ".s19 is not what ecu.hex holds, Intel HEX. Write a file .hex, .ihex." in what
+    message = error(kf.read_parameters(folder / "ecu.hex").save, folder / "new.s19")
+    assert ".s19 is not what ecu.hex holds, Intel HEX. Write a file .hex, .ihex." in message
     assert {".hex", ".s19"} <= set(endings())
     with pytest.raises(ArgumentError, match="has no ending of a calibration file"):
         write(ParameterSet(), folder / "new.bin")

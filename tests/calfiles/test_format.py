@@ -1,6 +1,6 @@
 import pytest
 
-from kennfeld.calfiles.format import Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings
 from kennfeld.errors import InputError
 from kennfeld.formatting import one_line
 
@@ -9,30 +9,30 @@ TEXT = 'FESTWERT K\n EINHEIT_W "°C"\n'
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
 def test_the_encoding_is_found(encoding):
-    assert Source("a", TEXT.encode(encoding)).text == TEXT
+    assert CalibrationSource("a", TEXT.encode(encoding)).text == TEXT
 
 
 def test_the_encoding_that_a_file_declares_counts():
     text = '* encoding="cp1251"\nГрад\n'
-    assert Source("a", text.encode("cp1251")).text == text
+    assert CalibrationSource("a", text.encode("cp1251")).text == text
 
 
 @pytest.mark.parametrize("name", ["zip", "unicode_escape", "nonsense", "utf-99", "undefined"])
 def test_a_declared_encoding_that_is_no_character_set_is_passed_over(name):
     text = f'* encoding="{name}"\n°\n'
-    assert Source("a", text.encode()).text == text
+    assert CalibrationSource("a", text.encode()).text == text
 
 
 def test_bytes_that_no_encoding_knows_are_still_read():
-    assert Source("a", b"\x81\xff").text == "\x81\xff"
+    assert CalibrationSource("a", b"\x81\xff").text == "\x81\xff"
 
 
 def test_lines_end_in_a_line_feed_whatever_the_file_uses():
-    assert Source("a", b"a\r\nb\rc\n").text == "a\nb\nc\n"
+    assert CalibrationSource("a", b"a\r\nb\rc\n").text == "a\nb\nc\n"
 
 
 def test_notes_settle_in_the_order_of_the_file():
-    notes = Notes("a.dcm")
+    notes = Findings("a.dcm")
     notes.error(9, "K", "wrong", "Mend it.", "  K 9  ")
     notes.remark(5, "", "odd")
     notes.error(2, "", "worse")
@@ -43,7 +43,7 @@ def test_notes_settle_in_the_order_of_the_file():
 
 
 def test_remarks_alone_refuse_nothing():
-    notes = Notes("a.dcm")
+    notes = Findings("a.dcm")
     notes.remark(0, "K", "odd")
     assert [(str(remark), remark.severity) for remark in notes.settle()] == [("a.dcm (K): odd", "warning")]
 

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.flash.records import read_image, recognises_image
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.errors import ArgumentError, InputError
 
 END = hex_record(1, 0)
 
 
 def image(*lines, newline="\n"):
-    notes = Notes("ecu.hex")
+    notes = Findings("ecu.hex")
     made = read_image(newline.join(lines).encode("latin-1"), "ecu.hex", notes)
     return made, [str(one) for one in notes.settle()]
 
@@ -88,8 +88,8 @@ def test_of_very_many_wrong_lines_the_first_are_told():
         ([s_record(3, 0, b"\x01"), "S9zz"], "is no S-record"),
     ],
 )
-def test_what_is_wrong_has_a_finding(lines, what):
-    assert what in "\n".join(errors(*lines))
+def test_what_is_wrong_has_a_finding(lines, message):
+    assert message in "\n".join(errors(*lines))
 
 
 def test_what_tools_write_around_the_records_is_accepted():
@@ -155,7 +155,7 @@ pieces = st.dictionaries(
 )
 def test_only_the_digits_of_changed_bytes_and_their_checksums_change(memory, file, width, newline, data):
     memory = {address % 2**32: content for address, content in memory.items()}
-    raw, notes = file(memory, width, newline), Notes("")
+    raw, notes = file(memory, width, newline), Findings("")
     made = read_image(raw, "ecu", notes)
     notes.settle()
     assert {one.address: one.content for one in made.segments} == memory

@@ -11,7 +11,7 @@ from scipy.io import loadmat, savemat
 from simulink_data import Thing, matfile
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
@@ -151,16 +151,16 @@ def test_a_file_of_7_3_that_claims_gigabytes_is_refused(newest):
 def test_recorded_samples_are_no_calibration(tmp_path):
     path = saved(tmp_path, {"log": {"time": np.arange(100.0), "n": np.ones(100)}})
     assert "holds recorded samples (log.time), not a calibration. Name it as a file of a dataset." in refused(path)
-    assert not is_calibration_mat(Source("a", path.read_bytes()))
+    assert not is_calibration_mat(CalibrationSource("a", path.read_bytes()))
     write(SET, path)
-    assert is_calibration_mat(Source("a", path.read_bytes()))
+    assert is_calibration_mat(CalibrationSource("a", path.read_bytes()))
 
 
 def test_the_beginning_of_a_file_tells_what_it_is(tmp_path):
     for version in ("4", "5"):
         raw = saved(tmp_path, {"K": np.ones((200, 200))}, format=version).read_bytes()
-        assert recognises_mat(Source("a", raw[:65536]))
-    assert not recognises_mat(Source("a", b"\0" * 100))
+        assert recognises_mat(CalibrationSource("a", raw[:65536]))
+    assert not recognises_mat(CalibrationSource("a", b"\0" * 100))
 
 
 def packed(content):
@@ -240,7 +240,7 @@ def test_damaged_files_of_7_3_are_read_or_refused(newest):
         at = int(generator.integers(512, len(raw)))
         made[at : at + int(generator.integers(1, 9))] = generator.bytes(int(generator.integers(0, 9)))
         path.write_bytes(bytes(made))
-        assert all(finding.what for finding in findings(path)[0])
+        assert all(finding.message for finding in findings(path)[0])
 
 
 def test_objects_of_parameters_are_read(tmp_path):
@@ -262,7 +262,7 @@ def test_objects_of_parameters_are_read(tmp_path):
 def test_a_stream_is_the_same_as_a_file():
     stream = BytesIO()
     savemat(stream, {"K": 1.0})
-    assert recognises_mat(Source("a", stream.getvalue()))
+    assert recognises_mat(CalibrationSource("a", stream.getvalue()))
 
 
 def test_the_same_set_gives_the_same_bytes(tmp_path, monkeypatch):

@@ -230,7 +230,7 @@ def test_damaged_tunes_are_read_or_refused(tune, seed):
         first, last = sorted(generator.integers(0, len(raw), 2))
         inserts = [b"", b'"', b"<", b" 1e999 ", b"&lol;", b"-", b'rows="999999"', raw[first:last]]
         path.write_bytes(raw[:first] + inserts[generator.integers(len(inserts))] + raw[last if first % 2 else first :])
-        assert all(finding.what for finding in findings(path))
+        assert all(finding.message for finding in findings(path))
 
 
 def test_another_unit_and_another_kind_than_in_the_tune_are_told(tune, tmp_path):

@@ -138,7 +138,7 @@ def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, endin
     path = tmp_path_factory.mktemp("sets") / f"a{ending}"
     write(data.draw(parameter_sets(units=plain_units)), path)
     path.write_bytes(data.draw(damaged(path.read_bytes())))
-    assert all(finding.what for finding in findings(path))
+    assert all(finding.message for finding in findings(path))
 
 
 def findings(path):

@@ -50,7 +50,7 @@ def texts(draw):
 def test_a_kind_stays_or_a_remark_says_that_it_does_not(tmp_path_factory, ending, members):
     path = tmp_path_factory.mktemp("kinds") / f"a{ending}"
     write(members, path)
-    told = any("reads back as" in one.what for one in losses(members, path))
+    told = any("reads back as" in one.message for one in losses(members, path))
     assert (read(path).everything == members.everything) != told
 
 

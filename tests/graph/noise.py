@@ -54,11 +54,11 @@ def steady(exact: np.ndarray, change: np.ndarray) -> np.ndarray:
         return change <= 1e-6 * (1.0 + np.where(np.isfinite(exact), np.abs(exact), 0.0))
 
 
-def assert_close(got: np.ndarray, exact: np.ndarray, change: np.ndarray, where: np.ndarray, what: str = "") -> None:
+def assert_close(got: np.ndarray, exact: np.ndarray, change: np.ndarray, where: np.ndarray, message: str = "") -> None:
     """Equal up to what rounding explains, at the entries `where`."""
     with np.errstate(all="ignore"):
         size = np.where(np.isfinite(exact), np.abs(exact), 0.0)
         wrong = where & ~(difference(got, exact) <= 1e-11 * size + 300 * change + 1e-12)
     if wrong.any():
         at = tuple(int(i) for i in np.argwhere(wrong)[0])
-        raise AssertionError(f"{what} differs at {at}: {got[at]!r} instead of {exact[at]!r}, noise {change[at]:.2g}")
+        raise AssertionError(f"{message} differs at {at}: {got[at]!r} instead of {exact[at]!r}, noise {change[at]:.2g}")

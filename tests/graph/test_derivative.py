@@ -9,7 +9,7 @@ from kennfeld.free_axes import free_axes, with_breakpoints
 from kennfeld.graph import OPERATIONS, GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Cube, Curve, Map, Scalar
 
@@ -22,7 +22,7 @@ def offsets_of(names, parameters):
 def rows(graph, parameters, columns, starts=(0,), free=None, smooth=(), widths=()):
     """Values (samples, outputs) and Jacobian of all named nodes."""
     free = tuple(graph.parameters) if free is None else free
-    low = lower(graph, parameters, smooth)
+    low = lower_lookups(graph, parameters, smooth)
     line = differentiate(low.graph, list(low.graph.names.values()), free)
     arrays = {name: np.asarray(c, dtype=np.float64) for name, c in columns.items()}
     return Interpreter(low, parameters, widths).rows(line, offsets_of(free, parameters), arrays, starts)
@@ -255,7 +255,7 @@ def test_two_lookups_of_one_table_sum_their_slopes():
 
 def test_a_fixed_parameter_has_no_slopes():
     b = GraphBuilder()
-    low = lower(
+    low = lower_lookups(
         b.finish({"y": b.call("mul", b.lookup("K"), b.lookup("L"))}), ParameterSet([Scalar("K", 2), Scalar("L", 3)])
     )
     line = differentiate(low.graph, [low.graph.names["y"]], ["K"])
@@ -265,7 +265,7 @@ def test_a_fixed_parameter_has_no_slopes():
 def test_states_that_no_free_parameter_reaches_are_not_carried():
     b = GraphBuilder()
     data, model = b.prev(b.input("x"), b.const(0.0)), b.prev(b.lookup("K"), b.const(0.0))
-    low = lower(b.finish({"y": b.call("add", data, model)}), ParameterSet([Scalar("K", 2.0)]))
+    low = lower_lookups(b.finish({"y": b.call("add", data, model)}), ParameterSet([Scalar("K", 2.0)]))
     line = differentiate(low.graph, [low.graph.names["y"]], ["K"])
     assert [low.graph.nodes[low.graph.states[i].next].op for i in line.carried] == ["interpolate"]
     assert differentiate(low.graph, [low.graph.names["y"]], []).carried == ()
@@ -311,7 +311,7 @@ def test_a_first_value_that_depends_on_itself_is_an_error():
 
 def test_derivatives_extend_the_nodes_of_the_graph():
     b = GraphBuilder()
-    low = lower(b.finish({"y": b.call("sin", b.lookup("K"))}), ParameterSet([Scalar("K", 2.0)]))
+    low = lower_lookups(b.finish({"y": b.call("sin", b.lookup("K"))}), ParameterSet([Scalar("K", 2.0)]))
     line = differentiate(low.graph, [low.graph.names["y"]], ["K"])
     assert line.nodes[: len(low.graph.nodes)] == low.graph.nodes
     assert all(a < at for at, node in enumerate(line.nodes) for a in node.args)
@@ -329,7 +329,7 @@ def test_a_long_chain_needs_no_recursion():
 @settings(deadline=None, max_examples=60)
 @given(cases(max_outputs=2))
 def test_random_models_have_the_slopes_of_finite_differences(case):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     line = differentiate(low.graph, list(low.graph.names.values()), case.fitted)
     plain = Interpreter(low, case.parameters)
 
@@ -367,7 +367,7 @@ def test_random_models_have_the_slopes_of_finite_differences(case):
 @settings(deadline=None, max_examples=30)
 @given(cases(states=True, kinks=False, nan=False, max_outputs=1))
 def test_more_free_parameters_do_not_change_the_slopes_of_others(case):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     roots = list(low.graph.names.values())
     plain = Interpreter(low, case.parameters)
     every = tuple(case.parameters)

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
-from kennfeld.free_axes import AxisKey, free_axes, freed, key_of, with_breakpoints
+from kennfeld.free_axes import AxisKey, free_axes, key_of, with_breakpoints, with_free_axes
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lookup_lowering import lower
-from kennfeld.graph.partition import split
+from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map, Scalar
 
@@ -60,12 +60,12 @@ def test_a_table_may_have_one_free_group_axis_twice():
     ],
 )
 def test_axes_are_freed_by_name_or_pattern(patterns, expected):
-    assert {str(key) for key in free_axes(freed(shared(free=False), patterns))} == expected
+    assert {str(key) for key in free_axes(with_free_axes(shared(free=False), patterns))} == expected
 
 
 def test_a_pattern_that_matches_no_axis_is_an_error_with_the_nearest():
     with pytest.raises(ArgumentError, match=r"free_axes: AxisSped matches no axis. Did you mean AxisSpeed\?"):
-        freed(shared(), ["AxisSped"])
+        with_free_axes(shared(), ["AxisSped"])
 
 
 def test_keys_name_the_group_else_table_and_direction():
@@ -78,7 +78,7 @@ def test_free_axes_that_are_equal_at_the_start_stay_apart():
     b = GraphBuilder()
     x = b.input("x")
     graph = b.finish({"y": b.call("add", b.lookup("C", x), b.lookup("D", x))})
-    low = lower(graph, ParameterSet([Curve("C", axis, [1, 2, 3]), Curve("D", axis, [1, 2, 3])]))
+    low = lower_lookups(graph, ParameterSet([Curve("C", axis, [1, 2, 3]), Curve("D", axis, [1, 2, 3])]))
     assert len(low.axes) == 2
 
 
@@ -87,7 +87,7 @@ def test_a_search_in_a_moved_axis_gives_what_the_moved_table_gives():
     graph = b.finish({"y": b.lookup("M", b.input("x"), b.input("z"))})
     columns = {"x": np.array([-1.0, 0.5, 1.5, 2.5, 9.0]), "z": np.full(5, 0.3)}
     moved = with_breakpoints(shared(), {SPEED: np.array([0.0, 2.0, 3.0])})
-    low = lower(graph, shared())
+    low = lower_lookups(graph, shared())
     found = Interpreter(low, moved).run(low.graph.nodes, (), columns)[low.graph.names["y"]]
     np.testing.assert_allclose(found, evaluate(graph, columns, moved)["y"], rtol=1e-15)
 
@@ -97,7 +97,7 @@ def rows(extrapolation, x):
     b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("x"))})
     held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12], extrapolation=extrapolation)])
-    low = lower(graph, held)
+    low = lower_lookups(graph, held)
     key = AxisKey("C", "x")
     line = differentiate(low.graph, [low.graph.names["y"]], [key])
     return Interpreter(low, held).rows(line, {key: 0}, {"x": np.array([x])}).jacobian[0, 0].tolist()
@@ -123,6 +123,6 @@ def test_what_a_free_axis_decides_is_not_computed_ahead():
     costly = b.call("exp", b.lookup("C", b.input("x")))
     graph = b.finish({"y": b.call("mul", costly, b.lookup("K"))})
     held = ParameterSet([Curve("C", Axis([0, 1, 3], free=True), [0, 2, 12]), Scalar("K", 1.0)])
-    low = lower(graph, held)
-    assert len(split(low.graph, ["y"], ["K"]).columns) == 1
-    assert not split(low.graph, ["y"], ["K", AxisKey("C", "x")]).columns
+    low = lower_lookups(graph, held)
+    assert len(partition_graph(low.graph, ["y"], ["K"]).columns) == 1
+    assert not partition_graph(low.graph, ["y"], ["K", AxisKey("C", "x")]).columns

@@ -3,7 +3,7 @@ import pytest
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import GraphBuilder
-from kennfeld.graph.lookup_lowering import AxisRef, lower
+from kennfeld.graph.lookup_lowering import AxisRef, lower_lookups
 from kennfeld.graph.traversal import dependent, rewrite
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar
@@ -20,7 +20,7 @@ def test_tables_over_equal_axes_share_their_search():
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", Axis(SPEED, input="other"), np.zeros(3))])
-    lowered = lower(b.finish({"y": y}), parameters)
+    lowered = lower_lookups(b.finish({"y": y}), parameters)
     assert ops(lowered.graph).count("position") == 1
     assert len(lowered.axes) == 1
     assert lowered.axes[0].tolist() == SPEED
@@ -31,7 +31,7 @@ def test_tables_over_other_axes_search_each_for_itself():
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", [0.0, 1.0, 3.5], np.zeros(3))])
-    lowered = lower(b.finish({"y": y}), parameters)
+    lowered = lower_lookups(b.finish({"y": y}), parameters)
     assert ops(lowered.graph).count("position") == 2
     assert len(lowered.axes) == 2
 
@@ -41,7 +41,7 @@ def test_clipped_and_linear_lookups_of_one_axis_are_two_searches():
     x = b.input("x")
     y = b.call("add", b.lookup("A", x), b.lookup("B", x))
     parameters = ParameterSet([Curve("A", SPEED, np.ones(3)), Curve("B", SPEED, np.ones(3), extrapolation="linear")])
-    lowered = lower(b.finish({"y": y}), parameters)
+    lowered = lower_lookups(b.finish({"y": y}), parameters)
     found = {node.payload for node in lowered.graph.nodes if node.op == "position"}
     assert found == {AxisRef(0, "clip"), AxisRef(0, "linear")}
 
@@ -49,7 +49,7 @@ def test_clipped_and_linear_lookups_of_one_axis_are_two_searches():
 def test_a_value_block_is_searched_by_position():
     b = GraphBuilder()
     y = b.lookup("B", b.input("i"))
-    lowered = lower(b.finish({"y": y}), ParameterSet([Block("B", [5.0, 6.0, 9.0])]))
+    lowered = lower_lookups(b.finish({"y": y}), ParameterSet([Block("B", [5.0, 6.0, 9.0])]))
     assert lowered.axes[0].tolist() == [0.0, 1.0, 2.0]
 
 
@@ -58,7 +58,7 @@ def test_shapes_are_those_of_the_tables_looked_up():
     x = b.input("x")
     y = b.call("add", b.lookup("K"), b.lookup("Q", x, x, x))
     cube = Cube("Q", [[0, 1], [0, 1, 2], [0]], np.zeros((2, 3, 1)))
-    lowered = lower(b.finish({"y": y}), ParameterSet([Scalar("K", 1), Scalar("unused", 1), cube]))
+    lowered = lower_lookups(b.finish({"y": y}), ParameterSet([Scalar("K", 1), Scalar("unused", 1), cube]))
     assert dict(lowered.shapes) == {"K": (), "Q": (2, 3, 1)}
 
 
@@ -67,7 +67,7 @@ def test_a_wrong_number_of_coordinates_is_an_error(count):
     b = GraphBuilder()
     y = b.lookup("M", *[b.input("x")] * count)
     with pytest.raises(ArgumentError, match=f"gives M {count} coordinates, but it has 2 axes"):
-        lower(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
+        lower_lookups(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
 
 
 def test_a_table_used_with_two_numbers_of_coordinates_is_an_error():
@@ -75,13 +75,13 @@ def test_a_table_used_with_two_numbers_of_coordinates_is_an_error():
     x = b.input("x")
     y = b.call("add", b.lookup("M", x), b.lookup("M", x, x))
     with pytest.raises(ArgumentError, match="gives M 1 coordinates, but it has 2 axes"):
-        lower(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
+        lower_lookups(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
 
 
 def test_a_parameter_that_is_missing_is_an_error():
     b = GraphBuilder()
     with pytest.raises(ArgumentError, match="looks up K, which is no parameter of the set"):
-        lower(b.finish({"y": b.lookup("K")}), ParameterSet())
+        lower_lookups(b.finish({"y": b.lookup("K")}), ParameterSet())
 
 
 def chain():
@@ -99,7 +99,7 @@ def test_only_lookups_behind_a_smooth_parameter_are_smoothed():
     graph, parameters = chain()
     smoothed = {
         node.payload.name: node.payload.smoothed
-        for node in lower(graph, parameters, smooth=["Inner"]).graph.nodes
+        for node in lower_lookups(graph, parameters, smooth=["Inner"]).graph.nodes
         if node.op == "interpolate"
     }
     assert smoothed == {"Inner": (False,), "Outer": (True,), "Late": (False,)}
@@ -107,7 +107,7 @@ def test_only_lookups_behind_a_smooth_parameter_are_smoothed():
 
 def test_a_smoothed_lookup_takes_the_coordinate_itself():
     graph, parameters = chain()
-    lowered = lower(graph, parameters, smooth=["Inner"]).graph
+    lowered = lower_lookups(graph, parameters, smooth=["Inner"]).graph
     (outer,) = (n for n in lowered.nodes if n.op == "interpolate" and n.payload.name == "Outer")
     assert lowered.nodes[outer.args[0]].op == "interpolate"
 
@@ -116,7 +116,7 @@ def test_an_axis_of_one_breakpoint_is_never_smoothed():
     b = GraphBuilder()
     y = b.lookup("Outer", b.lookup("K"))
     parameters = ParameterSet([Scalar("K", 1.0), Curve("Outer", [1.0], [2.0])])
-    lowered = lower(b.finish({"y": y}), parameters, smooth=["K"]).graph
+    lowered = lower_lookups(b.finish({"y": y}), parameters, smooth=["K"]).graph
     assert lowered.nodes[-1].payload.smoothed == (False,)
 
 

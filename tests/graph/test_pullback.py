@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from random_graphs import cases
 
 from kennfeld.graph import GraphBuilder, derivative
-from kennfeld.graph.adjoints import PullBack
+from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written, differentiate
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
 
@@ -25,9 +25,9 @@ def scalars(expression, **values):
     b = GraphBuilder()
     y = expression(b, *(b.lookup(name) for name in values))
     held = ParameterSet([Scalar(name, value) for name, value in values.items()])
-    low = lower(b.finish({"y": y}), held)
+    low = lower_lookups(b.finish({"y": y}), held)
     line = pulled(low.graph, [low.graph.names["y"]], tuple(values))
-    assert isinstance(line.slopes, PullBack)
+    assert isinstance(line.slopes, AdjointProgram)
     offsets = {name: at for at, name in enumerate(values)}
     return Interpreter(low, held).rows(line, offsets, {"x": np.zeros(1)}).jacobian[0, 0].tolist()
 
@@ -43,7 +43,7 @@ def chain(states):
         state = b.state()
         y = b.call("add", state, b.call("mul", b.const(0.5), b.call("sub", y, state)))
         b.close(state, x, y)
-    low = lower(b.finish({"y": y}), ParameterSet([Scalar("K", 0.3)]))
+    low = lower_lookups(b.finish({"y": y}), ParameterSet([Scalar("K", 0.3)]))
     return differentiate(low.graph, [low.graph.names["y"]], ["K"])
 
 
@@ -53,8 +53,8 @@ def test_a_row_that_sees_nodes_alone_is_written_out():
 
 def test_nodes_do_not_multiply_with_the_rows():
     few, many = chain(60), chain(120)
-    assert isinstance(few.slopes, PullBack)
-    assert isinstance(few.start_slopes, PullBack)
+    assert isinstance(few.slopes, AdjointProgram)
+    assert isinstance(few.start_slopes, AdjointProgram)
     assert len(many.nodes) - len(few.nodes) < 60 * 20
     assert len(many.slopes.pulls) - len(few.slopes.pulls) < 60 * 20
 
@@ -64,7 +64,7 @@ def test_an_adjoint_that_is_only_handed_on_is_not_copied():
     y = b.lookup("K0")
     for i in range(1, 9):
         y = b.call("add", y, b.lookup(f"K{i}"))
-    low = lower(b.finish({"y": y}), ParameterSet([Scalar(f"K{i}", 1.0) for i in range(9)]))
+    low = lower_lookups(b.finish({"y": y}), ParameterSet([Scalar(f"K{i}", 1.0) for i in range(9)]))
     line = pulled(low.graph, [low.graph.names["y"]], tuple(low.shapes))
     assert {pull.of for pull in line.slopes.pulls} == {low.graph.names["y"]}
     assert sorted(pull.onto for pull in line.slopes.pulls) == list(line.atoms)
@@ -91,7 +91,7 @@ def test_nothing_leaks_from_a_branch_not_taken():
 @settings(deadline=None, max_examples=60)
 @given(cases())
 def test_a_pull_back_gives_what_rows_written_out_give(case):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     roots = list(low.graph.names.values())
     offsets, at = {}, 0
     for name in case.free:

@@ -5,14 +5,14 @@ from random_graphs import cases
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import lower
-from kennfeld.graph.partition import split
+from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
 
 
 def lowered(names, b, *parameters):
-    return lower(b.finish(names), ParameterSet(parameters)).graph
+    return lower_lookups(b.finish(names), ParameterSet(parameters)).graph
 
 
 def fed(graph):
@@ -22,9 +22,9 @@ def fed(graph):
 @settings(deadline=None, max_examples=60)
 @given(cases())
 def test_the_parts_give_what_the_whole_gives(case):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
-    parts = split(low.graph, outputs, case.fitted)
+    parts = partition_graph(low.graph, outputs, case.fitted)
 
     def whole(interpreter):
         run = interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts)
@@ -44,8 +44,8 @@ def test_the_parts_give_what_the_whole_gives(case):
 @settings(deadline=None, max_examples=60)
 @given(cases())
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
-    low = lower(case.graph, case.parameters)
-    parts = split(low.graph, ["y0"], case.fitted)
+    low = lower_lookups(case.graph, case.parameters)
+    parts = partition_graph(low.graph, ["y0"], case.fitted)
     assert fed(parts.graph) == set(parts.columns)
 
 
@@ -53,14 +53,14 @@ def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
     b = GraphBuilder()
     slow = b.call("exp", b.input("x"))
     graph = lowered({"y": b.lookup("K"), "z": b.call("mul", slow, b.lookup("K"))}, b, Scalar("K", 1.0))
-    assert split(graph, ["y"], ["K"]).columns == {}
+    assert partition_graph(graph, ["y"], ["K"]).columns == {}
 
 
 @settings(deadline=None, max_examples=40)
 @given(cases())
 def test_no_column_depends_on_a_free_parameter(case):
-    low = lower(case.graph, case.parameters)
-    parts = split(low.graph, tuple(case.graph.names), case.fitted)
+    low = lower_lookups(case.graph, case.parameters)
+    parts = partition_graph(low.graph, tuple(case.graph.names), case.fitted)
 
     def held(c):
         run = Interpreter(low, c.parameters).run(low.graph.nodes, low.graph.states, c.columns, c.starts)
@@ -73,7 +73,7 @@ def test_no_column_depends_on_a_free_parameter(case):
 def test_a_search_is_done_again():
     b = GraphBuilder()
     graph = lowered({"y": b.lookup("C", b.input("x"))}, b, Curve("C", [0.0, 1.0], [2.0, 3.0]))
-    parts = split(graph, ["y"], ["C"])
+    parts = partition_graph(graph, ["y"], ["C"])
     assert parts.columns == {}
     assert [node.op for node in parts.graph.nodes] == ["input", "position", "interpolate"]
 
@@ -83,7 +83,7 @@ def test_what_is_searched_for_becomes_a_column_if_it_is_not_cheap():
     coordinate = b.call("exp", b.input("x"))
     tables = [Curve(name, [0.0, 1.0 + i], [2.0, 3.0]) for i, name in enumerate("CD")]
     graph = lowered({"y": b.call("add", b.lookup("C", coordinate), b.lookup("D", coordinate))}, b, *tables)
-    parts = split(graph, ["y"], ["C", "D"])
+    parts = partition_graph(graph, ["y"], ["C", "D"])
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]
     assert [node.op for node in parts.graph.nodes].count("position") == 2
 
@@ -92,14 +92,14 @@ def test_what_is_cheap_is_computed_again():
     b = GraphBuilder()
     cheap = b.call("sub", b.input("x"), b.input("z"))
     graph = lowered({"y": b.call("mul", cheap, b.lookup("K"))}, b, Scalar("K", 1.0))
-    assert split(graph, ["y"], ["K"]).columns == {}
+    assert partition_graph(graph, ["y"], ["K"]).columns == {}
 
 
 def test_a_state_of_data_alone_becomes_a_column():
     b = GraphBuilder()
     late = b.prev(b.input("x"), b.const(0.0))
     graph = lowered({"y": b.call("mul", late, b.lookup("K"))}, b, Scalar("K", 1.0))
-    parts = split(graph, ["y"], ["K"])
+    parts = partition_graph(graph, ["y"], ["K"])
     assert parts.graph.states == ()
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["state"]
 
@@ -112,7 +112,7 @@ def test_a_fixed_parameter_counts_as_data():
         Scalar("K", 1.0),
         Curve("C", [0, 1], [2, 3]),
     )
-    parts = split(graph, ["y"], ["K"])
+    parts = partition_graph(graph, ["y"], ["K"])
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["interpolate"]
 
 
@@ -122,7 +122,7 @@ def test_the_first_value_and_the_feedback_of_a_live_state_are_cut_too():
     state = b.state()
     b.close(state, first, b.call("add", b.call("mul", state, b.lookup("K")), drive))
     graph = lowered({"y": state}, b, Scalar("K", 0.5))
-    parts = split(graph, ["y"], ["K"])
+    parts = partition_graph(graph, ["y"], ["K"])
     assert sorted(graph.nodes[at].op for at in parts.columns.values()) == ["exp", "sin"]
     assert len(parts.graph.states) == 1
 
@@ -130,6 +130,6 @@ def test_the_first_value_and_the_feedback_of_a_live_state_are_cut_too():
 def test_an_output_of_data_alone_is_one_column():
     b = GraphBuilder()
     graph = lowered({"y": b.call("exp", b.call("sin", b.input("x"))), "z": b.lookup("K")}, b, Scalar("K", 1.0))
-    parts = split(graph, ["y", "z"], ["K"])
+    parts = partition_graph(graph, ["y", "z"], ["K"])
     assert [graph.nodes[at].op for at in parts.columns.values()] == ["exp"]
     assert parts.graph.outputs == ("y", "z")

@@ -12,12 +12,12 @@ from scipy.io import savemat
 from simulink_data import Thing, mxarray, pairs
 
 from kennfeld.errors import InputError
-from kennfeld.matlab.mat_nodes import DamageError, Struct, Unreadable
-from kennfeld.matlab.mat_reader import nodes_of, variables_of, workspace_of
+from kennfeld.matlab.mat_nodes import MatFileError, MatStruct, MatUnreadable
+from kennfeld.matlab.mat_reader import load_variables, nodes_of, workspace_of
 from kennfeld.matlab.mat_v5 import elements_from
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import parameter_of
-from kennfeld.matlab.values import Cell, Opaque, class_of, text
+from kennfeld.matlab.simulink_objects import to_calibration_parameter
+from kennfeld.matlab.values import MatlabCell, OpaqueValue, class_name, text
 
 PLAIN = {
     "K": 2.5,
@@ -37,28 +37,28 @@ def saved(variables, **options):
 
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}])
 def test_values_of_a_data_file_have_their_class_and_size(options):
-    found = variables_of(saved({**PLAIN, "c": np.array([[1.0, "two"]], dtype=object)}, **options), "a.mat")
+    found = load_variables(saved({**PLAIN, "c": np.array([[1.0, "two"]], dtype=object)}, **options), "a.mat")
     assert found["K"].tolist() == [[2.5]]
     assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
-    assert (class_of(found["small"]), found["small"].tolist()) == ("int16", [[300, 2]])
-    assert (class_of(found["on"]), found["on"].tolist()) == ("logical", [[True, False]])
+    assert (class_name(found["small"]), found["small"].tolist()) == ("int16", [[300, 2]])
+    assert (class_name(found["on"]), found["on"].tolist()) == ("logical", [[True, False]])
     assert text(found["name"]) == "turbo"
     assert found["S"].fields["b"].fields["c"].tolist() == [[1, 2]]
-    assert isinstance(found["c"], Cell)
+    assert isinstance(found["c"], MatlabCell)
     assert found["c"].values.shape == (1, 2)
 
 
 def test_old_and_new_versions_are_read_alike(tmp_path):
-    found = variables_of(saved({"K": 2.5, "M": PLAIN["M"]}, format="4"), "a.mat")
+    found = load_variables(saved({"K": 2.5, "M": PLAIN["M"]}, format="4"), "a.mat")
     assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
     save73(tmp_path / "a.mat", {"K": 2.5, "M": PLAIN["M"]})
-    found = variables_of((tmp_path / "a.mat").read_bytes(), "a.mat")
+    found = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
     assert found["M"].tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_cells_and_struct_arrays_within_each_other_are_read_from_the_newest_version(tmp_path):
     save73(tmp_path / "a.mat", {"c": ((1.0, ("two", 3.0)), [{"a": (4.0, "5")}, {"a": 6.0}]), "d": (7.0,)})
-    found = variables_of((tmp_path / "a.mat").read_bytes(), "a.mat")
+    found = load_variables((tmp_path / "a.mat").read_bytes(), "a.mat")
     first, second = found["c"].values.ravel()
     assert first.values[0, 0].item() == 1.0
     assert [text(first.values[0, 1].values[0, 0]), first.values[0, 1].values[0, 1].item()] == ["two", 3.0]
@@ -97,14 +97,14 @@ def objects():
 @pytest.mark.parametrize("version", [2, 3, 4])
 def test_objects_of_a_model_workspace_have_values_limits_and_units(version):
     found = workspace_of(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version), "m.slx")
-    p, q, lookup = (parameter_of(found[name]) for name in "PQL")
+    p, q, lookup = (to_calibration_parameter(found[name]) for name in "PQL")
     assert (p.value.tolist(), p.min, p.max) == ([[0, 1, 2], [3, 4, 5]], -1.0, 9.5)
     assert (q.value.tolist(), q.unit, q.description) == ([[4.0]], "rad", "a factor")
     assert (lookup.value.tolist(), lookup.max, lookup.unit) == ([[1.0, 2.0]], 5.0, "Nm")
     assert [(axis.name, axis.unit, axis.value.tolist()) for axis in lookup.breakpoints] == [
         ("n", "rpm", [[700.0, 1500.0]])
     ] * 2
-    assert class_of(found["P"]) == "Simulink.Parameter"
+    assert class_name(found["P"]) == "Simulink.Parameter"
 
 
 def test_objects_are_used_like_their_values():
@@ -125,7 +125,7 @@ def test_objects_without_their_properties_stay_closed():
     raw = mxarray({"K": 1.0, "P": Thing("Simulink.Parameter", {"Value": 1.0})})
     found = workspace_of(raw[: 16 + int.from_bytes(raw[12:16], "little")], "m.slx")
     assert found["K"].tolist() == [[1.0]]
-    assert found["P"] == Opaque("Simulink.Parameter")
+    assert found["P"] == OpaqueValue("Simulink.Parameter")
     outcome = run_script("x = P*2;", variables=found)
     assert "a Simulink.Parameter is no number" in str(outcome.findings[0])
 
@@ -146,16 +146,16 @@ def test_a_garbled_workspace_gives_values_or_the_error_of_the_house():
             found = workspace_of(bytes(broken[: chance.randint(8, len(broken))]), "m.slx")
         except InputError:
             continue
-        assert all(parameter_of(value) is None or value.fields for value in found.values())
+        assert all(to_calibration_parameter(value) is None or value.fields for value in found.values())
 
 
 def test_the_tree_tells_objects_from_structs():
     content = saved({"K": 1.0})
     nodes = nodes_of(content + mxarray({"P": Thing("Simulink.Parameter", {"Value": 1.0})})[8:])
     assert "K" in nodes
-    with pytest.raises(DamageError):
+    with pytest.raises(MatFileError):
         nodes_of(content[:150])
-    assert not isinstance(nodes["K"], Struct | Unreadable)
+    assert not isinstance(nodes["K"], MatStruct | MatUnreadable)
 
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
@@ -168,11 +168,11 @@ def test_arrays_that_simulink_wrote_are_read(name):
         parts = [part for part in archive.namelist() if part.endswith(".mxarray")]
         found = [elements_from(memoryview(archive.read(part)), 8, "<").further for part in parts]
     assert len(found) == 19
-    assert all(isinstance(arrays[0], Struct) and arrays[0].fields for arrays in found)
+    assert all(isinstance(arrays[0], MatStruct) and arrays[0].fields for arrays in found)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the models are not at {REAL}")
 def test_data_that_matlab_wrote_are_values():
-    found = variables_of((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
+    found = load_variables((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
     assert found
-    assert {class_of(value) for value in found.values()} <= {"double", "struct", "cell", "char", "single", "logical"}
+    assert {class_name(value) for value in found.values()} <= {"double", "struct", "cell", "char", "single", "logical"}

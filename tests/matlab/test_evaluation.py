@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld.matlab.errors import Budget, MatlabError
-from kennfeld.matlab.evaluator import evaluate, names
+from kennfeld.matlab.evaluator import evaluate, free_names
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.values import Cell, Struct, class_of, text
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, class_name, text
 
 nan, inf = math.nan, math.inf
 VARIABLES = {
@@ -496,10 +496,10 @@ def test_what_has_no_value_is_told(expression, said):
 
 def test_cells_and_structs_are_values():
     cell = evaluate("{1, 'a'; {}, [1 2]}")
-    assert isinstance(cell, Cell)
+    assert isinstance(cell, MatlabCell)
     assert cell.values.shape == (2, 2)
     made = evaluate("struct('a', {{1, 2}}, 'b', 3)")
-    assert isinstance(made, Struct)
+    assert isinstance(made, MatlabStruct)
     assert made.names == ("a", "b")
     assert made.fields["a"].values.size == 2
 
@@ -511,7 +511,7 @@ def test_functions_of_the_caller_come_first():
 
 
 def test_the_names_of_an_expression_are_those_from_outside():
-    found = names(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
+    found = free_names(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
     assert found == {"K", "interp1", "x", "u", "arrayfun", "b", "c"}
 
 
@@ -531,7 +531,7 @@ def test_a_budget_of_steps_ends_what_takes_long():
 
 
 def test_python_values_become_values():
-    assert class_of(evaluate("a", {"a": np.float32(1.0)})) == "single"
+    assert class_name(evaluate("a", {"a": np.float32(1.0)})) == "single"
     assert evaluate("a + 1", {"a": 3}).tolist() == [[4.0]]
     with pytest.raises(TypeError, match="object has no counterpart"):
         evaluate("a", {"a": object()})
@@ -563,4 +563,4 @@ PIECES += ["max(", "sort(", "unique(", "num2str(", "sprintf('%d',", "NaN", "1e9"
 @given(st.lists(st.sampled_from(PIECES), max_size=12).map("".join))
 def test_any_expression_has_a_value_or_the_error_of_the_room(made):
     with contextlib.suppress(MatlabError):
-        assert class_of(evaluate(made, VARIABLES, budget=Budget(elements=100_000)))
+        assert class_name(evaluate(made, VARIABLES, budget=Budget(elements=100_000)))

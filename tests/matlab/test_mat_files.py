@@ -14,8 +14,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_array
 from simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
-from kennfeld.matlab.mat_nodes import DamageError, Numbers, Struct, Text, Unreadable
-from kennfeld.matlab.mat_reader import loaded_of, nodes_of
+from kennfeld.matlab.mat_nodes import MatFileError, MatNumbers, MatStruct, MatText, MatUnreadable
+from kennfeld.matlab.mat_reader import load_nodes, nodes_of
 from kennfeld.matlab.mcos import single, workspace
 
 SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
@@ -90,7 +90,7 @@ def test_sparse_logical_arrays_stay_logical():
     ],
 )
 def test_sparse_matrices_that_do_not_fit_together_are_refused(parts, said):
-    with pytest.raises(DamageError, match=said):
+    with pytest.raises(MatFileError, match=said):
         nodes_of(five(sparse(*parts)))
 
 
@@ -103,7 +103,7 @@ def test_sparse_matrices_take_no_more_memory_than_they_deserve():
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
-    assert found["z"] == old["z"] == Unreadable("sparse matrix")
+    assert found["z"] == old["z"] == MatUnreadable("sparse matrix")
 
 
 @pytest.mark.parametrize(
@@ -117,16 +117,18 @@ def test_sparse_matrices_take_no_more_memory_than_they_deserve():
     ],
 )
 def test_sparse_matrices_of_version_4_that_do_not_fit_are_refused(triples, said):
-    with pytest.raises(DamageError, match=said):
+    with pytest.raises(MatFileError, match=said):
         nodes_of(struct.pack("<i", 2) + saved({"z": np.array(triples)}, format="4")[4:])
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_complex_numbers_are_told(version):
     found = nodes_of(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
-    assert found["z"] == Unreadable("complex numbers")
+    assert found["z"] == MatUnreadable("complex numbers")
     assert found["K"].values.tolist() == [[1.0]]
-    assert nodes_of(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == Unreadable("complex numbers")
+    assert nodes_of(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
+        "complex numbers"
+    )
 
 
 @pytest.mark.parametrize("kind", [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)])
@@ -146,7 +148,7 @@ def test_files_of_the_other_byte_order_are_read():
         14, word + part(17, "aé".encode("utf-16-be"))
     )
     found = nodes_of(five(written, order=">"))
-    assert (found["K"].values.tolist(), found["w"]) == ([[2.5, -4]], Text("aé"))
+    assert (found["K"].values.tolist(), found["w"]) == ([[2.5, -4]], MatText("aé"))
 
 
 def test_a_header_may_say_anything_before_the_mark_of_its_byte_order():
@@ -168,7 +170,7 @@ def test_rows_of_characters_stay_rows(version, tmp_path):
 
 
 def test_a_line_end_within_a_text_makes_no_rows():
-    assert nodes_of(five(text("one\ntwo", "note")))["note"] == Text("one\ntwo")
+    assert nodes_of(five(text("one\ntwo", "note")))["note"] == MatText("one\ntwo")
 
 
 def broken(name):
@@ -178,26 +180,26 @@ def broken(name):
 
 def test_a_damaged_variable_does_not_take_the_others_with_it():
     content = five(numbers([[1.0]], name="A"), broken("B"), numbers([[3.0]], name="C"))
-    loaded = loaded_of(content)
-    assert loaded.variables["B"] == Unreadable("damaged value", why="an array claims 3 x 3 values in 8 bytes")
+    loaded = load_nodes(content)
+    assert loaded.variables["B"] == MatUnreadable("damaged value", why="an array claims 3 x 3 values in 8 bytes")
     assert [loaded.variables[name].values.item() for name in "AC"] == [1.0, 3.0]
     assert (loaded.damage, loaded.lost) == ("an array claims 3 x 3 values in 8 bytes", "")
-    with pytest.raises(DamageError, match="claims 3 x 3 values"):
+    with pytest.raises(MatFileError, match="claims 3 x 3 values"):
         nodes_of(content)
 
 
 def test_damage_within_a_struct_stays_within_its_field():
-    loaded = loaded_of(five(struct_of({"a": numbers([[1.0]]), "b": broken(""), "c": text("x")}, name="S")))
+    loaded = load_nodes(five(struct_of({"a": numbers([[1.0]]), "b": broken(""), "c": text("x")}, name="S")))
     fields = loaded.variables["S"].fields
-    assert (fields["a"].values.item(), fields["c"]) == (1.0, Text("x"))
-    assert isinstance(fields["b"], Unreadable)
+    assert (fields["a"].values.item(), fields["c"]) == (1.0, MatText("x"))
+    assert isinstance(fields["b"], MatUnreadable)
     assert loaded.damage
 
 
 def test_a_garbled_packed_variable_does_not_take_the_others_with_it():
     garbled = bytearray(packed(numbers(np.arange(50.0), name="B")))
     garbled[40] ^= 255
-    loaded = loaded_of(five(packed(numbers([[1.0]], name="A")), bytes(garbled), packed(numbers([[3.0]], name="C"))))
+    loaded = load_nodes(five(packed(numbers([[1.0]], name="A")), bytes(garbled), packed(numbers([[3.0]], name="C"))))
     assert set(loaded.variables) == {"A", "C"}
     assert "packed element at byte" in loaded.lost
 
@@ -205,7 +207,7 @@ def test_a_garbled_packed_variable_does_not_take_the_others_with_it():
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_the_variables_before_a_cut_are_read(version):
     content = saved({"A": 1.0, "B": np.arange(100.0)}, format=version)
-    loaded = loaded_of(content[:-40])
+    loaded = load_nodes(content[:-40])
     assert loaded.variables["A"].values.item() == 1.0
     assert "claims" in loaded.lost
     assert set(loaded.variables) == {"A"}
@@ -216,23 +218,23 @@ def test_a_damaged_variable_of_the_newest_version_does_not_take_the_others_with_
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         file["z/ir"][0] = 7
     content = (tmp_path / "a.mat").read_bytes()
-    loaded = loaded_of(content)
+    loaded = load_nodes(content)
     assert (loaded.variables["K"].values.item(), loaded.lost) == (1.0, "")
     assert "rows of a sparse matrix" in loaded.variables["z"].why
-    assert "cut off" in loaded_of(content[: len(content) // 2]).lost
+    assert "cut off" in load_nodes(content[: len(content) // 2]).lost
 
 
 @pytest.mark.parametrize("content", [b"", b"no data file at all, but a text", b"\0" * 19 + b"\1", b"short"])
 def test_what_is_no_data_file_is_told(content):
-    with pytest.raises(DamageError):
+    with pytest.raises(MatFileError):
         nodes_of(content)
 
 
 @pytest.mark.parametrize("shape", [(1,), (), (1,) * 40])
 def test_sizes_that_no_array_has_are_refused(shape):
-    with pytest.raises(DamageError, match="dimensions"):
+    with pytest.raises(MatFileError, match="dimensions"):
         nodes_of(five(array(DOUBLE, shape, element(9, bytes(8)), name="K")))
-    with pytest.raises(DamageError, match="claims 0 x 2147483647"):
+    with pytest.raises(MatFileError, match="claims 0 x 2147483647"):
         nodes_of(five(array(DOUBLE, (0, 2**31 - 1, 2**31 - 1), element(9, b""), name="K")))
 
 
@@ -240,7 +242,7 @@ def test_a_bomb_of_packed_zeros_is_refused_and_what_stands_before_it_is_read():
     bomb = packed(numbers(np.zeros(3_000_000), name="B"))
     tracemalloc.start()
     try:
-        loaded = loaded_of(five(packed(numbers([[1.0]], name="A")), *[bomb] * 3), 10_000_000)
+        loaded = load_nodes(five(packed(numbers([[1.0]], name="A")), *[bomb] * 3), 10_000_000)
         assert tracemalloc.get_traced_memory()[1] < 2_000_000
     finally:
         tracemalloc.stop()
@@ -253,19 +255,19 @@ def test_a_packed_array_may_lack_the_end_of_its_stream():
     stream = packer.compress(numbers(np.arange(50.0), name="K")) + packer.flush(zlib.Z_SYNC_FLUSH)
     found = nodes_of(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
     np.testing.assert_array_equal(found["K"].values, [np.arange(50.0)])
-    with pytest.raises(DamageError, match=r"garbled|cut off"):
+    with pytest.raises(MatFileError, match=r"garbled|cut off"):
         nodes_of(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
 
 
 def test_more_arrays_are_read_where_that_is_asked_for():
     content = five(array(CELL, (120_000, 1), *[element(14, b"")] * 120_000, name="c"))
-    assert "claims 120000 x 1 values" in loaded_of(content).variables["c"].why
-    assert len(loaded_of(content, most_nodes=200_000).variables["c"].cells) == 120_000
+    assert "claims 120000 x 1 values" in load_nodes(content).variables["c"].why
+    assert len(load_nodes(content, most_nodes=200_000).variables["c"].cells) == 120_000
 
 
 def test_packed_arrays_share_what_may_be_unpacked():
     one = packed(numbers(np.zeros(100_000), name="A"))
-    loaded = loaded_of(five(one, packed(numbers(np.zeros(100_000), name="B"))), 1_000_000)
+    loaded = load_nodes(five(one, packed(numbers(np.zeros(100_000), name="B"))), 1_000_000)
     assert set(loaded.variables) == {"A"}
     assert "claims 800056 bytes" in loaded.lost
 
@@ -276,7 +278,7 @@ def test_arrays_of_nothing_are_counted(kind):
     many = [
         array(kind, (60_000, 1), *names, *[element(14, b"")] * (60_000 if kind == CELL else 0), name=n) for n in "ab"
     ]
-    loaded = loaded_of(five(*many))
+    loaded = load_nodes(five(*many))
     assert set(loaded.variables) == {"a"}
     assert "more than 100000 arrays" in loaded.lost
 
@@ -284,19 +286,19 @@ def test_arrays_of_nothing_are_counted(kind):
 def test_an_array_without_a_header_is_read():
     node = single(b"\0\1IM\0\0\0\0" + numbers(np.arange(6.0).reshape(2, 3)))
     np.testing.assert_array_equal(node.values, np.arange(6.0).reshape(2, 3))
-    assert single(b"\0\1IM\0\0\0\0" + packed(text("x"))) == Text("x")
+    assert single(b"\0\1IM\0\0\0\0" + packed(text("x"))) == MatText("x")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0\1IM\0\0\0\0", b"\0\1IM\0\0\0\0" + numbers([[1.0]])[:-4], b"a" * 90])
 def test_bytes_without_an_array_are_told(content):
-    with pytest.raises(DamageError):
+    with pytest.raises(MatFileError):
         single(content)
 
 
 def test_a_damaged_variable_of_a_workspace_does_not_take_the_others_with_it():
     loaded = workspace(b"\0\1IM\0\0\0\0" + struct_of({"A": numbers([[1.0]]), "B": broken("")}))
     assert loaded.variables["A"].values.item() == 1.0
-    assert isinstance(loaded.variables["B"], Unreadable)
+    assert isinstance(loaded.variables["B"], MatUnreadable)
     assert loaded.damage
     assert not loaded.lost
 
@@ -321,6 +323,6 @@ def test_garbled_files_are_read_as_far_as_they_go(version):
             )
         if chance.random() < 0.2:
             del raw[chance.randrange(130, len(raw)) :]
-        found = loaded_of(bytes(raw), 10_000_000).variables
-        read += any(isinstance(node, Numbers | Text | Struct) for node in found.values())
+        found = load_nodes(bytes(raw), 10_000_000).variables
+        read += any(isinstance(node, MatNumbers | MatText | MatStruct) for node in found.values())
     assert read > 150

@@ -11,8 +11,8 @@ import pytest
 from matlab_files import save73
 from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray, numbers, struct_of
 
-from kennfeld.matlab.mat_nodes import Cells, DamageError, Node, Struct, Structs, Text, Unreadable
-from kennfeld.matlab.mat_reader import loaded_of
+from kennfeld.matlab.mat_nodes import MatCells, MatFileError, MatStruct, MatStructArray, MatText, MatUnreadable, Node
+from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mat_v5 import elements_from
 from kennfeld.matlab.mcos import workspace
 
@@ -38,14 +38,14 @@ def read(request):
     """Reads variables out of a model workspace, or out of a data file."""
 
     def of(variables):
-        return workspace(mxarray(variables)) if request.param == "workspace" else loaded_of(matfile(variables))
+        return workspace(mxarray(variables)) if request.param == "workspace" else load_nodes(matfile(variables))
 
     return of
 
 
 def test_an_object_is_a_struct_with_the_name_of_its_class(read):
     found = read({"K": 2.5, "P": parameter(3.0, Unit="Nm"), "S": Thing("Simulink.Signal", {"Min": -1.0})}).variables
-    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, Text("Nm"))
+    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
     assert found["P"].fields["Value"].values.tolist() == [[3.0]]
     assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
     assert found["K"].values.item() == 2.5
@@ -55,8 +55,8 @@ def test_objects_within_objects_are_opened(read):
     points = Thing("Simulink.Breakpoint", {"Breakpoints": axis("n", [1.0, 2.0, 4.0])})
     found = read({"L": table(), "B": points}).variables
     assert found["L"].fields["Table"].fields["Value"].values.tolist() == [[1.0, 2.0]]
-    assert isinstance(found["L"].fields["Breakpoints"], Structs)
-    assert [one.fields["FieldName"] for one in found["L"].fields["Breakpoints"].elements] == [Text("n")] * 2
+    assert isinstance(found["L"].fields["Breakpoints"], MatStructArray)
+    assert [one.fields["FieldName"] for one in found["L"].fields["Breakpoints"].elements] == [MatText("n")] * 2
     assert found["B"].fields["Breakpoints"].fields["Value"].values.tolist() == [[1.0, 2.0, 4.0]]
 
 
@@ -72,7 +72,7 @@ def test_an_object_that_is_not_there_takes_no_other_with_it(read):
     at = raw.index(TAG)
     raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
     found = workspace(bytes(raw)).variables
-    assert found["P"] == Unreadable(SIMULINK, why="it holds no object 99")
+    assert found["P"] == MatUnreadable(SIMULINK, why="it holds no object 99")
     assert found["Q"].fields["Value"].values.item() == 2.0
     assert read(whole).variables["P"].fields["Value"].values.item() == 1.0
 
@@ -95,10 +95,10 @@ def test_an_enumeration_says_that_it_is_none_of_the_known_objects():
     head = element(6, struct.pack("<II", OPAQUE, 0))
     enumeration = element(14, head + kind + struct_of({"ValueIndices": numbers([[0.0]])}))
     plain = matfile({"P": parameter(1.0)})
-    found = loaded_of(plain[:128] + enumeration + plain[128:]).variables
+    found = load_nodes(plain[:128] + enumeration + plain[128:]).variables
     assert found["Mode"].kind == "GearMode"
     assert "enumeration" in found["Mode"].why
-    assert isinstance(found["P"], Struct)
+    assert isinstance(found["P"], MatStruct)
 
 
 def test_objects_that_hold_each_other_end():
@@ -106,7 +106,7 @@ def test_objects_that_hold_each_other_end():
     at = raw.rindex(TAG)
     raw[at + 16 : at + 20] = (2).to_bytes(4, "little")  # the inner object, from now on the outer one itself
     node, depth = workspace(bytes(raw)).variables["P"], 0
-    while isinstance(node, Struct):
+    while isinstance(node, MatStruct):
         node, depth = node.fields["Value"], depth + 1
     assert depth < 100
     assert "too deeply" in node.why
@@ -162,7 +162,7 @@ def test_thousands_of_objects_are_read():
 
 
 def test_an_array_of_numbers_is_no_workspace():
-    with pytest.raises(DamageError, match="it holds no variables"):
+    with pytest.raises(MatFileError, match="it holds no variables"):
         workspace(b"\0\1IM\0\0\0\0" + numbers([[1.0, 2.0]]))
 
 
@@ -201,8 +201,8 @@ def save_objects73(path, things):
 
 def test_objects_of_the_newest_version_are_opened(tmp_path):
     things = {"P": parameter(3.0, Unit="Nm", Max=9.0), "S": Thing("Simulink.Signal", {"Min": -1.0})}
-    found = loaded_of(save_objects73(tmp_path / "a.mat", things)).whole().variables
-    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, Text("Nm"))
+    found = load_nodes(save_objects73(tmp_path / "a.mat", things)).whole().variables
+    assert (found["P"].kind, found["P"].fields["Unit"]) == (SIMULINK, MatText("Nm"))
     assert [found["P"].fields[name].values.item() for name in ("Value", "Max")] == [3.0, 9.0]
     assert (found["S"].kind, found["S"].fields["Min"].values.item()) == ("Simulink.Signal", -1.0)
     assert (found["K"].values.item(), set(found)) == (2.5, {"K", "P", "S"})
@@ -212,27 +212,27 @@ def test_objects_of_the_newest_version_without_properties_leave_the_plain_variab
     save_objects73(tmp_path / "a.mat", {"P": parameter(3.0)})
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         del file["#subsystem#"]
-    found = loaded_of((tmp_path / "a.mat").read_bytes()).whole().variables
+    found = load_nodes((tmp_path / "a.mat").read_bytes()).whole().variables
     assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not hold its properties")
 
 
 @pytest.mark.parametrize(
     ("kind", "node"),
-    [("cell", Cells([], (0, 1))), ("struct", Structs([], (0, 1))), ("char", Text("")), ("double", (0, 1))],
+    [("cell", MatCells([], (0, 1))), ("struct", MatStructArray([], (0, 1))), ("char", MatText("")), ("double", (0, 1))],
 )
 def test_empty_arrays_of_the_newest_version_keep_their_kind_and_size(kind, node, tmp_path):
     save73(tmp_path / "a.mat", {"K": 1.0})
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         file["e"] = np.array([0, 1], np.uint64)
         file["e"].attrs["MATLAB_class"], file["e"].attrs["MATLAB_empty"] = np.bytes_(kind), np.uint8(1)
-    found = loaded_of((tmp_path / "a.mat").read_bytes()).variables["e"]
+    found = load_nodes((tmp_path / "a.mat").read_bytes()).variables["e"]
     assert (found.values.shape if kind == "double" else found) == node
 
 
 def nodes(node: Node):
     yield node
-    inner = node.cells if isinstance(node, Cells) else node.elements if isinstance(node, Structs) else ()
-    for one in (*inner, *(node.fields.values() if isinstance(node, Struct) else ())):
+    inner = node.cells if isinstance(node, MatCells) else node.elements if isinstance(node, MatStructArray) else ()
+    for one in (*inner, *(node.fields.values() if isinstance(node, MatStruct) else ())):
         yield from nodes(one)
 
 
@@ -247,7 +247,7 @@ def test_garbled_workspaces_are_read_as_far_as_they_go():
             del raw[chance.randrange(8, len(raw)) :]
         try:
             found = workspace(bytes(raw), 10_000_000).variables
-        except DamageError:
+        except MatFileError:
             continue
-        read += any(not isinstance(one, Unreadable) for node in found.values() for one in nodes(node))
+        read += any(not isinstance(one, MatUnreadable) for node in found.values() for one in nodes(node))
     assert read > 150

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import parameter_of
-from kennfeld.matlab.values import Cell, Struct, class_of, text
+from kennfeld.matlab.simulink_objects import to_calibration_parameter
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, class_name, text
 
 
 def values(script, **more):
@@ -120,13 +120,13 @@ def test_parameter_objects_say_values_limits_and_units():
     outcome = run_script(ENGINE, "engine.m")
     assert outcome.findings == ()
     assert outcome.comments["K"] == "[Nm/rpm] gain"
-    p, t, n, q = (parameter_of(outcome.variables[name]) for name in "PTNQ")
+    p, t, n, q = (to_calibration_parameter(outcome.variables[name]) for name in "PTNQ")
     assert (p.value.tolist(), p.min, p.max, p.unit, p.description) == ([[3.0]], 0.0, 10.0, "Nm", "full load")
     assert (t.value.tolist(), t.unit, [axis.unit for axis in t.breakpoints]) == ([[1, 2], [3, 4]], "Nm", ["", "%"])
     assert [axis.value.tolist() for axis in t.breakpoints] == [[[700, 1000]], [[10, 20]]]
     assert n.value.tolist() == [[1, 2, 3]]
     assert q.value.tolist() == [[1.2]]
-    assert parameter_of(outcome.variables["K"]) is None
+    assert to_calibration_parameter(outcome.variables["K"]) is None
 
 
 def test_variables_given_are_there_and_stay_as_they_are():
@@ -214,7 +214,7 @@ def test_scripts_that_call_each_other_come_to_an_end():
 
 def test_a_file_of_one_function_without_parameters_is_its_body():
     found = values("function p = engine()\np.K = 2;\nend")["p"]
-    assert isinstance(found, Struct)
+    assert isinstance(found, MatlabStruct)
     assert found.fields["K"].tolist() == [[2.0]]
 
 
@@ -224,7 +224,7 @@ def test_functions_of_the_caller_are_called():
 
 def test_texts_and_cells_grow():
     found = values("c{3} = 'x'; w = 'ab'; w(end+1) = 'c'; names = {}; names{end+1} = 'a'; names{end+1} = 'b';")
-    assert isinstance(found["c"], Cell)
+    assert isinstance(found["c"], MatlabCell)
     assert text(found["w"]) == "abc"
     assert [text(one) for one in found["names"].values.ravel()] == ["a", "b"]
 
@@ -300,4 +300,4 @@ PIECES += ["function y = a(b)\n", "return;\n", "clear a\n", "try\n", "catch\n", 
 @given(st.lists(st.sampled_from(PIECES), max_size=15).map("".join))
 def test_any_script_has_an_outcome(script):
     outcome = run_script(script, "init.m", budget=Budget(steps=500, elements=10_000))
-    assert all(class_of(value) for value in outcome.variables.values())
+    assert all(class_name(value) for value in outcome.variables.values())

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.preprocessing.units import Conversion, compare, says_nothing
+from kennfeld.preprocessing.units import UnitConversion, compare, says_nothing
 
 SAME = [
     "rpm 1/min min-1 min^-1 U/min Upm rev/min RPM r/min min⁻¹ 1/Min",
@@ -72,14 +72,14 @@ def test_blanks_in_a_unit_do_not_matter():
 )
 def test_values_are_converted(source, target, value, expected):
     found = compare(source, target)
-    assert isinstance(found, Conversion)
+    assert isinstance(found, UnitConversion)
     assert found.of(value) == pytest.approx(expected, rel=1e-12)
 
 
 def test_round_factors_are_exact():
-    assert compare("kNm", "Nm") == Conversion(1000.0)
-    assert compare("degC", "K") == Conversion(1.0, 273.15)
-    assert compare("bar", "mbar") == Conversion(1000.0)
+    assert compare("kNm", "Nm") == UnitConversion(1000.0)
+    assert compare("degC", "K") == UnitConversion(1.0, 273.15)
+    assert compare("bar", "mbar") == UnitConversion(1000.0)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_unit_that_says_nothing_is_not_compared(unit):
 @given(st.text(max_size=60))
 def test_any_text_is_some_unit(text):
     assert compare(text, text) in ("same", "unknown")
-    assert isinstance(compare(text, "Nm"), Conversion | str)
+    assert isinstance(compare(text, "Nm"), UnitConversion | str)
 
 
 KNOWN = "rpm rad/s Nm kNm °C K °F bar mbar kPa psi kg/h g/s mg/stk g/stk ms s PS kW deg rad"
@@ -132,8 +132,8 @@ units = st.sampled_from(KNOWN.split())
 @given(units, units, st.floats(-1e3, 1e3))
 def test_there_and_back_is_where_it_began(one, other, value):
     there, back = compare(one, other), compare(other, one)
-    if isinstance(there, Conversion):
-        assert isinstance(back, Conversion)
+    if isinstance(there, UnitConversion):
+        assert isinstance(back, UnitConversion)
         assert back.of(there.of(value)) == pytest.approx(value, rel=1e-9, abs=1e-9)
     else:
         assert there == back

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.measurement.cache import packed, unpacked
+from kennfeld.measurement.cache import from_parquet, to_parquet
 
 
 def bits(values):
@@ -23,7 +23,7 @@ def bits(values):
 def test_every_bit_comes_back(values, labels, timed):
     channels = tuple(Channel(f"c{i}", np.array(values) + 0.0 * i, u, d) for i, (u, d) in enumerate(labels))
     data = Dataset("a", channels, np.arange(len(values)) * 0.1 if timed else None)
-    back = unpacked(packed(data), "b")
+    back = from_parquet(to_parquet(data), "b")
     assert back.name == "b"
     assert [(c.name, c.unit, c.description) for c in back.channels] == [
         (c.name, c.unit, c.description) for c in channels
@@ -35,34 +35,34 @@ def test_every_bit_comes_back(values, labels, timed):
 
 def test_every_missing_value_keeps_its_bits():
     odd = np.array([0x7FF8000000000001, 0xFFF8000000000000, 0x8000000000000000, 1], dtype=np.uint64).view(np.float64)
-    back = unpacked(packed(Dataset("a", (Channel("x", odd),))), "a")
+    back = from_parquet(to_parquet(Dataset("a", (Channel("x", odd),))), "a")
     assert bits(back["x"].values) == bits(odd)
 
 
 def test_pieces_come_back():
     data = Dataset("a", (Channel("x", [1.0, 2, 3]),), np.array([0.0, 1.0, 0.5]), np.array([0, 2]))
-    assert unpacked(packed(data), "a").starts.tolist() == [0, 2]
+    assert from_parquet(to_parquet(data), "a").starts.tolist() == [0, 2]
 
 
 def test_values_can_not_be_changed():
-    back = unpacked(packed(Dataset("a", (Channel("x", [1.0]),))), "a")
+    back = from_parquet(to_parquet(Dataset("a", (Channel("x", [1.0]),))), "a")
     assert not back["x"].values.flags.writeable
 
 
 def test_a_dataset_with_settings_of_a_project_is_not_packed():
     data = Dataset("a", (Channel("x", [1.0]),))
     for changed in ({"weight": 2.0}, {"scored": np.array([True])}, {"use": "test"}, {"max_gap": 1.0}):
-        assert packed(replace(data, **changed)) is None
-    assert packed(replace(data, channels=())) is None
+        assert to_parquet(replace(data, **changed)) is None
+    assert to_parquet(replace(data, channels=())) is None
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"no Parquet", b"PAR1" + b"\0" * 100 + b"PAR1"])
 def test_bytes_of_another_kind_are_none(content):
-    assert unpacked(content, "a") is None
+    assert from_parquet(content, "a") is None
 
 
 def test_a_parquet_file_of_another_origin_is_none(tmp_path):
     import pandas as pd
 
     pd.DataFrame({"a": [1.0]}).to_parquet(tmp_path / "a.parquet")
-    assert unpacked((tmp_path / "a.parquet").read_bytes(), "a") is None
+    assert from_parquet((tmp_path / "a.parquet").read_bytes(), "a") is None

@@ -35,7 +35,7 @@ def test_several_tables_ask_for_a_choice(xlsx):
     path = xlsx(First=TABLE, Second=TABLE)
     with pytest.raises(InputError) as caught:
         read(path)
-    assert [finding.mend for finding in caught.value.findings] == [
+    assert [finding.remedy for finding in caught.value.findings] == [
         "Write bench.xlsx#First to choose it.",
         "Write bench.xlsx#Second to choose it.",
     ]

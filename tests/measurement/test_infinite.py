@@ -11,7 +11,7 @@ from xls_files import xls
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from kennfeld.measurement.cache import packed, unpacked
+from kennfeld.measurement.cache import from_parquet, to_parquet
 
 TIME = [0.0, 1.0, 2.0, 3.0]
 SPEED = [1.0, np.inf, -np.inf, 4.0]
@@ -60,7 +60,7 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
     np.testing.assert_array_equal(data["v"].values, [1, np.nan, np.nan, 4])
     (remark,) = data.remarks
     assert remark.severity == "warning"
-    assert remark.what == "2 of 4 values are infinite and taken as missing"
+    assert remark.message == "2 of 4 values are infinite and taken as missing"
     assert remark.place.startswith("bench.x")
     (table,) = describe(path).tables
     assert table.remarks == data.remarks
@@ -103,4 +103,4 @@ def test_the_cache_keeps_the_warnings(tmp_path):
     path = tmp_path / "bench.csv"
     text(path)
     data = read(path)
-    assert unpacked(packed(data), "bench").remarks == data.remarks
+    assert from_parquet(to_parquet(data), "bench").remarks == data.remarks

@@ -101,8 +101,8 @@ def test_different_rasters_without_one_to_read_on_are_a_finding(mdf):
     with pytest.raises(InputError) as caught:
         read(mdf(*fast_and_slow()), ["Speed", "Temp"])
     (finding,) = caught.value.findings
-    assert "Speed every 0.01 s from 0 s, Temp every 0.1 s from 0.5 s" in finding.what
-    assert "raster = 0.01" in finding.mend
+    assert "Speed every 0.01 s from 0 s, Temp every 0.1 s from 0.5 s" in finding.message
+    assert "raster = 0.01" in finding.remedy
 
 
 def test_channels_of_one_group_or_equal_stamps_need_no_raster(mdf):

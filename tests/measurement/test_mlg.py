@@ -137,7 +137,7 @@ def test_first_records_without_a_time_stamp_are_left_out_with_a_remark(log, firs
     remark = data.remarks[-1]
     assert remark.severity == "remark"
     assert str(remark).startswith(f"run.mlg record 1: {len(first)} record")
-    assert "left out, without a time stamp or later than the next one" in remark.what
+    assert "left out, without a time stamp or later than the next one" in remark.message
     assert describe(path).tables[0].samples == 40
 
 
@@ -228,7 +228,7 @@ def test_all_wrong_fields_are_named(log):
     fields = [TIME, number("a", 99), number("b", 7, scale=np.inf)]
     with pytest.raises(InputError) as caught:
         read(log(mlg(fields, [])))
-    assert [str(f).partition(".")[0] + f.what for f in caught.value.findings] == [
+    assert [str(f).partition(".")[0] + f.message for f in caught.value.findings] == [
         "runits type 99 is not known",
         "runits scale inf and transform 0 must be finite",
     ]

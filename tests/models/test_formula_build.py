@@ -100,8 +100,8 @@ def test_functions_that_unfold_without_end_are_an_error():
 )
 def test_the_steps_of_a_delay_are_a_constant_whole_number(steps, given):
     text = f"y = delay(u, {steps})"
-    what = f"the steps of a delay must be a constant whole number from 1 on, not {given}"
-    assert f": {what}" in findings(text)[0]
+    message = f"the steps of a delay must be a constant whole number from 1 on, not {given}"
+    assert f": {message}" in findings(text)[0]
     assert "column 14" in findings(text)[0]
 
 

@@ -41,8 +41,8 @@ def test_a_long_chain_of_nodes_is_ordered():
     ],
 )
 def test_an_algebraic_loop_is_named(text, shown):
-    mend = "Break it with prev(x, init) where the value of the step before is meant."
-    assert findings(text) == [f"loop.kf {shown}. {mend}"]
+    remedy = "Break it with prev(x, init) where the value of the step before is meant."
+    assert findings(text) == [f"loop.kf {shown}. {remedy}"]
 
 
 @pytest.mark.parametrize(

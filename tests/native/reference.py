@@ -6,7 +6,7 @@ import numpy as np
 from random_graphs import Case, Criterion, sizes_of
 
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import Lowered, lower
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
@@ -34,7 +34,7 @@ class Compiled:
     """A case made ready: the lowered graph, its kernel, and the samples in the kernel's order."""
 
     case: Case
-    lowered: Lowered
+    lowered: LoweredGraph
     kernel: Kernel
     samples: Samples
 
@@ -62,7 +62,7 @@ class Compiled:
 
 def compiled(case: Case, smooth=()) -> Compiled:
     """Lower and compile a case."""
-    low = lower(case.graph, case.parameters, smooth)
+    low = lower_lookups(case.graph, case.parameters, smooth)
     outputs = [Output(low.graph.names[c.node], c.scale, c.loss, c.delta) for c in case.criteria]
     kernel = Kernel(low, outputs, case.parameters, case.fitted)
     return Compiled(case, low, kernel, samples_of(case, kernel))

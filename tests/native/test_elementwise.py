@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kennfeld.graph import OPERATIONS, GraphBuilder
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.elementwise import CONDITIONS, ELEMENTARY, VALUES
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
@@ -17,7 +17,7 @@ def native(build, *columns):
     b = GraphBuilder()
     names = [f"x{i}" for i in range(len(columns))]
     graph = b.finish({"y": build(b, *(b.input(name) for name in names))})
-    low = lower(graph, ParameterSet())
+    low = lower_lookups(graph, ParameterSet())
     simulator = Simulator(low, [low.graph.names["y"]], ParameterSet())
     held = dict(zip(names, columns, strict=True))
     return simulator.run(ParameterSet(), np.array([held[name] for name in simulator.inputs]))[0]

@@ -7,9 +7,9 @@ from random_graphs import cases
 from reference import compiled
 
 from kennfeld.graph import GraphBuilder
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native import emitter
-from kennfeld.native.emitter import Layout
+from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
@@ -49,7 +49,7 @@ def test_an_output_may_stand_in_another_function_than_its_entries(segment, monke
 @settings(deadline=None, max_examples=15)
 @given(cases(operations=6, max_outputs=2), st.sampled_from([1, 3, 7]))
 def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     roots = list(range(len(low.graph.nodes)))
 
     def run():
@@ -102,7 +102,7 @@ def test_a_model_of_thousands_of_nodes():
 
 
 def test_a_layout_counts_where_things_lie():
-    layout = Layout({}, {"M": 0}, {"M": (2, 3, 4)}, (np.arange(3.0), np.arange(5.0)), (1, 3, 2))
+    layout = MemoryLayout({}, {"M": 0}, {"M": (2, 3, 4)}, (np.arange(3.0), np.arange(5.0)), (1, 3, 2))
     assert layout.axis_offsets == (0, 3)
     assert layout.memory_offsets == (0, 1, 4)
     assert layout.memory == 6
@@ -110,7 +110,7 @@ def test_a_layout_counts_where_things_lie():
 
 
 def test_a_graph_of_a_constant_alone():
-    low = lower(constant(), ParameterSet())
+    low = lower_lookups(constant(), ParameterSet())
     assert Simulator(low, [0], ParameterSet()).run(ParameterSet(), np.zeros((0, 3))).tolist() == [[2.5] * 3]
 
 
@@ -125,6 +125,6 @@ def test_a_model_without_inputs():
     b.close(state, b.const(0.0), b.call("add", state, b.lookup("K")))
     graph = b.finish({"y": state})
     held = ParameterSet([Scalar("K", 2.0)])
-    low = lower(graph, held)
+    low = lower_lookups(graph, held)
     run = Simulator(low, [low.graph.names["y"]], held).run(held, np.zeros((0, 4)), (0, 3))
     assert run.tolist() == [[0.0, 2.0, 4.0, 0.0]]

@@ -6,12 +6,12 @@ import pytest
 from reference import compiled
 
 from kennfeld.native.engine import Engine
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import FunctionWriter, literal
 from models import MODELS, case
 
 
 def adder(value):
-    f = Function("put", [("ptr", "x"), ("i64", "count")])
+    f = FunctionWriter("put", [("ptr", "x"), ("i64", "count")])
     with f.loop(0, "%count") as i:
         f.increase(literal(value), "%x", i)
     return f
@@ -86,7 +86,7 @@ def test_one_kernel_serves_several_accumulators_at_once():
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1.5, -2.25e-300, float("inf"), float("-inf"), float("nan"), 5e-324])
 def test_a_literal_keeps_its_bits(value):
-    f = Function("put", [("ptr", "x")])
+    f = FunctionWriter("put", [("ptr", "x")])
     f.store(literal(value), "%x")
     x = np.ones(1)
     Engine(f.text()).function(f.name, f.parameters)(x.ctypes.data)

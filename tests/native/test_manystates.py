@@ -3,10 +3,10 @@ import pytest
 from reference import compiled, sums, weighted_rows
 
 from kennfeld.graph import GraphBuilder, derivative
-from kennfeld.graph.adjoints import PullBack
+from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
 from kennfeld.native.sweeps import sweeps
-from kennfeld.native.tape_layout import MANY, Pattern
+from kennfeld.native.tape_layout import MANY, TapeLayout
 from models import case
 
 
@@ -56,7 +56,7 @@ def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, h
         monkeypatch.setattr(derivative, "MOST_VISITS", -1)
         monkeypatch.setattr(derivative, "SHARED", 0.0)
     made = compiled(case(register(cells, latency, held), 150, (0, 70)))
-    assert isinstance(made.kernel.line.slopes, PullBack if shared else Written)
+    assert isinstance(made.kernel.line.slopes, AdjointProgram if shared else Written)
     pattern = made.kernel.pattern
     assert pattern.carried == cells
     assert len(pattern.copies) == (0 if held else cells - 1)
@@ -99,7 +99,7 @@ def test_a_state_that_nothing_sees_hands_on_nothing(columns):
     rings, count = np.zeros(n, dtype=np.int64), np.zeros(length, dtype=np.int32)
     index, slope = np.zeros((length, 1), dtype=np.int32), np.zeros((length, 1, 1 + n))
     weight, jacobian = np.ones((length, 1)), np.full((length, 1, columns), np.nan)
-    rows = sweeps(Pattern(1, (1,) * n, frozenset(range(n)), frozenset(range(n * n)))).rows
+    rows = sweeps(TapeLayout(1, (1,) * n, frozenset(range(n)), frozenset(range(n * n)))).rows
     before, carried, entries = (
         [x.ctypes.data for x in xs] for xs in ((weight, c, a, s), (rings, following), (index, slope, count))
     )

@@ -3,7 +3,7 @@ import pytest
 from reference import compiled
 
 from kennfeld.graph import GraphBuilder, derivative
-from kennfeld.graph.adjoints import PullBack
+from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
 from kennfeld.native import emitter
 from models import MODELS, case, coupled
@@ -38,7 +38,7 @@ def both(model, share):
     share()
     pulled = compiled(model)
     assert isinstance(written.kernel.line.slopes, Written)
-    assert isinstance(pulled.kernel.line.slopes, PullBack)
+    assert isinstance(pulled.kernel.line.slopes, AdjointProgram)
     return written, pulled
 
 

@@ -10,7 +10,7 @@ from reference import compiled, sums, weighted_rows
 
 from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 
 
@@ -72,7 +72,7 @@ def check_sums(made, widths=None):
 @settings(deadline=None, max_examples=30)
 @given(cases())
 def test_every_node_is_what_the_interpreter_computes(case):
-    low = lower(case.graph, case.parameters)
+    low = lower_lookups(case.graph, case.parameters)
     roots = list(range(len(low.graph.nodes)))
     simulator = Simulator(low, roots, case.parameters)
     data = np.array([case.columns[name] for name in simulator.inputs]).reshape(-1, case.samples)

@@ -9,7 +9,7 @@ from reference import compiled
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
-from kennfeld.native.column_table import BLOCK, Rows
+from kennfeld.native.column_table import BLOCK, ColumnTable
 from kennfeld.native.samples import Piece, Samples
 from models import MODELS, case, static
 
@@ -28,7 +28,7 @@ def at(address, count):
 @given(lengths)
 def test_a_block_holds_its_samples_wherever_the_arrays_of_a_row_meet(sizes):
     values = np.random.default_rng(0).standard_normal(sum(sizes))
-    rows = Rows([cut(values, sizes)])
+    rows = ColumnTable([cut(values, sizes)])
     assert rows.count == values.size
     for block, address in enumerate(rows.addresses[0]):
         expected = values[block * BLOCK : (block + 1) * BLOCK]
@@ -41,25 +41,25 @@ def test_values_can_be_taken_in_any_order(sizes, seed):
     random = np.random.default_rng(seed)
     values = random.standard_normal((2, sum(sizes)))
     samples = random.integers(0, max(values.shape[1], 1), 50 if values.size else 0)
-    taken = Rows([values[0], cut(values[1], sizes)]).take(samples)
+    taken = ColumnTable([values[0], cut(values[1], sizes)]).take(samples)
     np.testing.assert_array_equal(taken, values[:, samples])
 
 
 def test_a_row_in_one_array_is_read_where_it_lies():
     values = np.zeros(3 * BLOCK + 7)
-    rows = Rows([values])
+    rows = ColumnTable([values])
     assert rows.addresses[0].tolist() == [values.ctypes.data + 8 * BLOCK * i for i in range(4)]
 
 
 def test_rows_that_are_no_contiguous_doubles_are_made_so():
     values = np.arange(12, dtype=np.float32).reshape(4, 3)
-    rows = Rows([values[:, 1], np.arange(8.0)[::2]])
+    rows = ColumnTable([values[:, 1], np.arange(8.0)[::2]])
     assert at(rows.addresses[0, 0], 4).tolist() == [1, 4, 7, 10]
     assert at(rows.addresses[1, 0], 4).tolist() == [0, 2, 4, 6]
 
 
 def test_no_rows_have_as_many_samples_as_is_said():
-    rows = Rows([], 5)
+    rows = ColumnTable([], 5)
     assert (rows.count, rows.take(np.array([1, 3])).shape) == (5, (0, 2))
 
 
@@ -97,13 +97,13 @@ def test_an_order_of_visits_gives_the_sums_of_samples_that_come_in_it(count):
 
 def test_rows_must_be_of_equal_length():
     with pytest.raises(ArgumentError, match="rows of 3 and of 2 samples"):
-        Rows([np.zeros(3), [np.zeros(1), np.zeros(1)]])
+        ColumnTable([np.zeros(3), [np.zeros(1), np.zeros(1)]])
 
 
 @given(lengths)
 def test_what_is_copied_can_be_copied_again(sizes):
     values = np.zeros(sum(sizes))
-    rows = Rows([cut(values, sizes)])
+    rows = ColumnTable([cut(values, sizes)])
     values[:] = np.arange(values.size)
     rows.reread()
     for block, address in enumerate(rows.addresses[0]):

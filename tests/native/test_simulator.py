@@ -2,7 +2,7 @@ import numpy as np
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native import simulator as module
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
@@ -11,7 +11,7 @@ from models import MODELS, case
 
 
 def simulated(model, starts=(0,)):
-    low = lower(model.graph, model.parameters)
+    low = lower_lookups(model.graph, model.parameters)
     simulator = Simulator(low, list(low.graph.names.values()), model.parameters)
     data = np.array([model.columns[name] for name in simulator.inputs])
     return simulator.run(model.parameters, data, starts)
@@ -37,7 +37,7 @@ def test_other_values_need_no_other_simulator():
     b = GraphBuilder()
     graph = b.finish({"y": b.call("mul", b.lookup("K"), b.input("x"))})
     one, two = (ParameterSet([Scalar("K", value)]) for value in (2.0, 3.0))
-    low = lower(graph, one)
+    low = lower_lookups(graph, one)
     simulator = Simulator(low, [low.graph.names["y"]], one)
     assert simulator.inputs == ("x",)
     assert simulator.run(two, np.array([[1.0, 2.0]])).tolist() == [[3.0, 6.0]]
@@ -46,7 +46,7 @@ def test_other_values_need_no_other_simulator():
 
 def test_a_root_may_be_asked_for_twice():
     b = GraphBuilder()
-    low = lower(b.finish({"y": b.call("sin", b.input("x"))}), ParameterSet())
+    low = lower_lookups(b.finish({"y": b.call("sin", b.input("x"))}), ParameterSet())
     y = low.graph.names["y"]
     run = Simulator(low, [y, y], ParameterSet()).run(ParameterSet(), np.array([[0.0]]))
     assert run.tolist() == [[0.0], [0.0]]
@@ -54,7 +54,7 @@ def test_a_root_may_be_asked_for_twice():
 
 def test_data_need_not_be_contiguous():
     b = GraphBuilder()
-    low = lower(b.finish({"y": b.call("add", b.input("x"), b.input("z"))}), ParameterSet())
+    low = lower_lookups(b.finish({"y": b.call("add", b.input("x"), b.input("z"))}), ParameterSet())
     data = np.arange(12.0).reshape(3, 4).T[:2]
     run = Simulator(low, [low.graph.names["y"]], ParameterSet()).run(ParameterSet(), data)
     assert run[0].tolist() == (data[0] + data[1]).tolist()
@@ -64,7 +64,7 @@ def test_other_breakpoints_of_a_free_axis_need_no_other_simulator():
     b = GraphBuilder()
     graph = b.finish({"y": b.lookup("C", b.input("x"))})
     start = ParameterSet([Curve("C", Axis([0, 1, 4], name="A", free=True), [0.0, 1.0, 5.0])])
-    low = lower(graph, start)
+    low = lower_lookups(graph, start)
     simulator = Simulator(low, [low.graph.names["y"]], start)
     x = np.array([-1.0, 0.5, 2.5, 3.5, 9.0])
     for axis in (Axis([0, 3, 4], name="A", free=True), Axis([0, 2, 3])):  # as a fit leaves it, and as a file holds it

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.native.sweeps import sweeps
-from kennfeld.native.tape_layout import MANY, Pattern
+from kennfeld.native.tape_layout import MANY, TapeLayout
 
 
 class Tape:
@@ -27,7 +27,7 @@ class Tape:
         for k in range(length):  # neighbours that touch the same columns, `runs` in a row
             self.index[k], self.count[k] = self.index[k // runs * runs], self.count[k // runs * runs]
         self.start = random.standard_normal((n, columns))
-        self.pattern = Pattern(m, (1,) * n, frozenset(present_c), frozenset(present_a))
+        self.pattern = TapeLayout(m, (1,) * n, frozenset(present_c), frozenset(present_a))
 
     def rows(self):
         """The Jacobian, [length, m, columns]."""
@@ -121,7 +121,7 @@ def test_states_that_take_over_what_others_were_need_no_slopes(m):
         tape.slope[:, :, m + row] = 0.0
     expected = np.sqrt(tape.weight)[:, :, None] * tape.rows()[0]
     a = tape.pattern.a - {row * n + i for row in pairs for i in range(n)}
-    pattern = Pattern(m, (1,) * n, tape.pattern.c, a | {r * n + s for r, s in pairs.items()}, tuple(pairs.items()))
+    pattern = TapeLayout(m, (1,) * n, tape.pattern.c, a | {r * n + s for r, s in pairs.items()}, tuple(pairs.items()))
     tape.slope = np.ascontiguousarray(tape.slope[:, :, [*range(m), *(m + i for i in pattern.kept)]])
     close(native_rows(tape, pattern, tape.a), expected)
 
@@ -130,26 +130,26 @@ def test_states_that_take_over_what_others_were_need_no_slopes(m):
 def test_fold_adds_the_transpose(columns):
     g = np.random.default_rng(columns).standard_normal((columns, columns))
     h = g.copy()
-    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, columns, columns)
+    sweeps(TapeLayout(1, (), frozenset(), frozenset())).fold(h.ctypes.data, columns, columns)
     np.testing.assert_array_equal(h, g + g.T)
 
 
 def test_fold_leaves_what_lies_beside_the_matrix():
     g = np.random.default_rng(0).standard_normal((30, 32))
     h = g.copy()
-    sweeps(Pattern(1, (), frozenset(), frozenset())).fold(h.ctypes.data, 32, 30)
+    sweeps(TapeLayout(1, (), frozenset(), frozenset())).fold(h.ctypes.data, 32, 30)
     np.testing.assert_array_equal(h[:, :30], g[:, :30] + g[:, :30].T)
     np.testing.assert_array_equal(h[:, 30:], g[:, 30:])
 
 
 def test_kernels_of_one_pattern_share_their_sweeps():
-    one, two = (Pattern(2, (1,), frozenset({0}), frozenset({0})) for _ in range(2))
+    one, two = (TapeLayout(2, (1,), frozenset({0}), frozenset({0})) for _ in range(2))
     assert sweeps(one) is sweeps(two)
 
 
 def test_sweeps_are_for_states_of_one_step_and_not_too_many():
     def pattern(*latencies):
-        return Pattern(1, latencies, frozenset(), frozenset())
+        return TapeLayout(1, latencies, frozenset(), frozenset())
 
     assert pattern(1).accumulates
     assert pattern(*[1] * 8).accumulates

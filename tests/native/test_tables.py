@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, parameter
@@ -19,7 +19,7 @@ def both(held, columns, coordinates=None):
     (name,) = held
     names = list(columns)
     graph = b.finish({"y": b.lookup(name, *(b.input(n) for n in coordinates or names))})
-    low = lower(graph, held)
+    low = lower_lookups(graph, held)
     simulator = Simulator(low, [low.graph.names["y"]], held)
     got = simulator.run(held, np.array([columns[n] for n in simulator.inputs]))[0]
     with np.errstate(invalid="ignore"):

@@ -3,11 +3,11 @@
 import numpy as np
 
 from kennfeld.native.engine import Engine
-from kennfeld.native.ir import EIGHT, LANES, Function, Vector
+from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector
 
 
 def test_the_exponential_is_right_within_two_units_in_the_last_place():
-    f = Function("exps", [("ptr", "x"), ("ptr", "y"), ("i64", "groups")])
+    f = FunctionWriter("exps", [("ptr", "x"), ("ptr", "y"), ("i64", "groups")])
     with f.loop(0, "%groups") as group:
         at = f.mul(group, LANES)
         f.store(Vector(f).exp(f.load(f.at("%x", at), kind=EIGHT)), f.at("%y", at), kind=EIGHT)

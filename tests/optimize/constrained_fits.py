@@ -8,9 +8,9 @@ import numpy as np
 import kennfeld as kf
 from kennfeld.constraints import Shape
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
 
 
@@ -100,9 +100,9 @@ def map_fit(random):
 
 def least_cost(problem: Problem):
     """What Clarabel reaches for a problem that is linear in its values, roughness among its costs."""
-    compiled = Compiled(problem)
-    residual, jacobian = SumOfSquares(compiled).rows(np.zeros(compiled.values.free))
-    rows = limits_of(problem, compiled.values).rows
+    compiled = CompiledProblem(problem)
+    residual, jacobian = LeastSquaresObjective(compiled).rows(np.zeros(compiled.values.free))
+    rows = linear_limits(problem, compiled.values).rows
     matrix = rows.matrix(np.arange(rows.count), compiled.values.free)
     size = np.abs(matrix).max(axis=1)
     values = cp.Variable(compiled.values.free)

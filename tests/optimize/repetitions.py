@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from kennfeld.native import Accumulator, Samples
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.threads import blas_threads
 
 
@@ -17,9 +17,9 @@ def repeated(problem, truth, noise, count, seed=0):
 
     `noise(rng, samples)` draws what is added to the model's output.
     """
-    compiled = Compiled(problem)
+    compiled = CompiledProblem(problem)
     targets = own_targets(compiled)
-    objective, limits = SumOfSquares(compiled), limits_of(problem, compiled.values)
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(problem, compiled.values)
     full, free = compiled.values.pack(truth), compiled.values.free
     visits = slice(None) if compiled.samples.order is None else compiled.samples.order
     clean = outputs(compiled, full)
@@ -30,7 +30,7 @@ def repeated(problem, truth, noise, count, seed=0):
         for _ in range(count):
             targets[:, visits] = clean + noise(rng, clean.shape[1])
             compiled.reread_targets()
-            ends.append(gauss_newton(objective, start, limits, Settings(tolerance=1e-6)).values)
+            ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
     order = [compiled.values.offsets[name] + np.arange(truth[name].size) for name in problem.free_names]
     return np.array(ends)[:, np.concatenate(order)]
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, FEWEST, NEVER, Blocks
+from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, FEWEST, NEVER, HoldoutBlocks
 
 TEXTS = {"memory": "y = PT1(C(x), T)", "none": "y = C(x) * T", "before": "y = C(PT1(x, 0.3)) * T"}
 
@@ -27,14 +27,14 @@ def recording(samples, seed=0, gaps=(), name="drive", timed=True):
 def compiled(*datasets, text="memory", **changes):
     start = kf.ParameterSet([kf.Curve("C", range(4), [0.0, 1, 3, 2]), kf.Scalar("T", 0.7)])
     model = formula(TEXTS[text], parameters=list(start))
-    return Compiled(Problem(model, datasets, start, (kf.Criterion("y", "wanted"),), **changes))
+    return CompiledProblem(Problem(model, datasets, start, (kf.Criterion("y", "wanted"),), **changes))
 
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_the_parts_add_up_to_the_whole(text):
     data = recording(300, gaps=range(40, 90)), recording(170, 1, name="other")
     made = compiled(*data, text=text)
-    blocks = Blocks.of(made)
+    blocks = HoldoutBlocks.of(made)
     found = list(blocks.linearised(made.start))
     whole = made.accumulator.normal(made.start)
     assert blocks.count == len(found) == BLOCKS
@@ -49,7 +49,7 @@ def test_a_block_adds_what_its_samples_alone_would(text):
     """The states of a block come from what went before it, although nothing of that is scored."""
     data = recording(200)
     made = compiled(data, text=text)
-    blocks = Blocks.of(made)
+    blocks = HoldoutBlocks.of(made)
     for number, block in list(enumerate(blocks.linearised(made.start)))[:: BLOCKS // 3]:
         alone = compiled(replace(data, scored=blocks.numbers == number), text=text)
         expected = alone.accumulator.normal(alone.start)
@@ -66,7 +66,7 @@ def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recor
     starts = np.cumsum([0, *lengths[:-1]])
     time = np.concatenate([0.1 * np.arange(length) for length in lengths])
     data = kf.Dataset("d", (kf.Channel("x", rng.uniform(0, 3, total)), kf.Channel("wanted", wanted)), time, starts)
-    blocks = Blocks.of(compiled(data))
+    blocks = HoldoutBlocks.of(compiled(data))
     scored = np.isfinite(wanted)
     if blocks is None:
         filled = sum(scored[a : a + n].any() for a, n in zip(starts, lengths, strict=True))
@@ -86,12 +86,12 @@ def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recor
 
 def test_steady_points_are_never_held_back():
     steady = recording(50, name="map", timed=False)
-    assert Blocks.of(compiled(steady, text="none")) is None
-    mixed = Blocks.of(compiled(steady, recording(200), text="none"))
+    assert HoldoutBlocks.of(compiled(steady, text="none")) is None
+    mixed = HoldoutBlocks.of(compiled(steady, recording(200), text="none"))
     assert (mixed.numbers[:50] == NEVER).all()
     assert mixed.sizes.sum() == 200
 
 
 def test_too_little_data_make_no_blocks():
-    assert Blocks.of(compiled(recording(2))) is None
-    assert Blocks.of(compiled(recording(30, gaps=range(1, 30)))) is None
+    assert HoldoutBlocks.of(compiled(recording(2))) is None
+    assert HoldoutBlocks.of(compiled(recording(30, gaps=range(1, 30)))) is None

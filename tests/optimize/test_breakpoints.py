@@ -7,8 +7,8 @@ from kennfeld.errors import InputError
 from kennfeld.free_axes import AxisKey
 from kennfeld.models.formula import formula
 from kennfeld.optimize import run
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import bounds_of, limits_of
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
 from kennfeld.optimize.problem import Problem, fitted_axes
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]
@@ -231,8 +231,8 @@ def test_slope_limits_hold_between_breakpoints_that_move():
 
 def test_rows_of_slope_limits_say_the_same_as_the_slopes():
     made = problem(Shape("C", 0, "slope", -1.0, 2.0))
-    compiled = Compiled(made)
-    limits = limits_of(made, compiled.values)
+    compiled = CompiledProblem(made)
+    limits = linear_limits(made, compiled.values)
     at = compiled.values.offsets["C"]
     for steep, kept in ((2.1, False), (1.9, True), (-1.1, False), (-0.9, True)):
         values = compiled.start.copy()
@@ -243,15 +243,15 @@ def test_rows_of_slope_limits_say_the_same_as_the_slopes():
 def test_a_limit_of_the_curvature_needs_breakpoints_that_stay():
     made = problem(Shape("C", 0, "curvature", 0.0))
     with pytest.raises(InputError, match="the breakpoints along this axis are free"):
-        limits_of(made, Compiled(made).values)
+        linear_limits(made, CompiledProblem(made).values)
 
 
 def test_breakpoints_around_an_equality_stay():
     made = problem(Equality([Term("C", (2.5,)), Term("C", (6.0,), -1.0)]))
     axis = fitted_axes(made.parameters, ["C"])[AxisKey("C", "x")]
-    lower, upper = bounds_of(axis, made.parameters, made.held)
+    lower, upper = breakpoint_bounds(axis, made.parameters, made.held)
     assert (lower == upper).tolist() == [True, True, True, True, True]
-    lower, upper = bounds_of(axis, made.parameters, [("C", (2.5,))])
+    lower, upper = breakpoint_bounds(axis, made.parameters, [("C", (2.5,))])
     assert (lower == upper).tolist() == [True, True, False, False, True]
 
 

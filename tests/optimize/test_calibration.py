@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 
 X = np.linspace(0.0, 3.0, 61)
 WAVE = {"x": X, "y": 2 + np.sin(2 * X)}
@@ -34,11 +34,11 @@ def iterates(member, pins=(), text="m = C(x)^3 / 9"):
         (kf.Criterion("m", "y"),),
         pins=tuple(pins),
     )
-    exact = Compiled(problem)
-    objective, limits = SumOfSquares(exact), limits_of(problem, exact.values)
+    exact = CompiledProblem(problem)
+    objective, limits = LeastSquaresObjective(exact), linear_limits(problem, exact.values)
     start, _ = project(objective.start, limits)
     seen = [start]
-    gauss_newton(objective, start, limits, Settings(), lambda line, values: seen.append(values.copy()))
+    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: seen.append(values.copy()))
     assert len(seen) > 2
     return seen
 

@@ -95,8 +95,8 @@ def test_rows_in_any_order_are_points_for_a_function_without_memory():
 def test_time_that_does_not_increase_is_told_where_time_matters(time, told):
     with pytest.raises(kf.InputError) as error:
         kf.simulate(SLOW, {"time": time, "u": [1, 2, 3]}, {"T": 1.0})
-    mend = "Sort the rows by time, and pass each recording as a dataset of its own."
-    assert str(error.value) == f"dataset data: {told}. {mend}"
+    remedy = "Sort the rows by time, and pass each recording as a dataset of its own."
+    assert str(error.value) == f"dataset data: {told}. {remedy}"
 
 
 def test_data_without_a_column_of_time_are_told_to_have_none():

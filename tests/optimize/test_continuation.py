@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.strategies.smoothing_continuation import LONG, SHORT
+from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
 GRID = np.linspace(0, 1, 6)
@@ -56,7 +56,7 @@ def test_where_creases_matter_all_ways_are_tried_with_shrinking_widths(both):
     names = [name for name, _ in stages(both)]
     plain = names.index("plain")
     assert names[plain - 1] == names[-1] == "exact"
-    for part, ladder in ((names[:plain], SHORT), (names[plain:], LONG)):
+    for part, ladder in ((names[:plain], SHORT_SCHEDULE), (names[plain:], LONG_SCHEDULE)):
         assert widths(part) == sorted(widths(part), reverse=True)
         assert set(widths(part)) <= set(ladder.widths)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.strategies.breakpoint_elimination import Dense, eliminated
+from kennfeld.optimize.strategies.breakpoint_elimination import DenseAxis, eliminate_breakpoints
 
 
 def least(matrix, values, points, kept, lines):
@@ -27,8 +27,8 @@ def problem(seed, count, lines):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_first_breakpoint_to_go_is_the_cheapest(seed, lines):
     matrix, values, points = problem(seed, 6, lines)
-    axis = Dense(points, np.arange(6 * lines).reshape(6, lines), np.arange(6) % 5 == 0, 5)
-    (left,), fitted = eliminated([axis], values, np.linalg.inv(matrix))
+    axis = DenseAxis(points, np.arange(6 * lines).reshape(6, lines), np.arange(6) % 5 == 0, 5)
+    (left,), fitted = eliminate_breakpoints([axis], values, np.linalg.inv(matrix))
     costs = {gone: least(matrix, values, points, np.delete(np.arange(6), gone), lines)[0] for gone in range(1, 5)}
     assert set(range(6)) - set(left.tolist()) == {min(costs, key=costs.get)}
     np.testing.assert_allclose(fitted, least(matrix, values, points, left, lines)[1], atol=1e-7)
@@ -36,8 +36,8 @@ def test_the_first_breakpoint_to_go_is_the_cheapest(seed, lines):
 
 def test_values_are_the_best_ones_however_many_went():
     matrix, values, points = problem(1, 12, 2)
-    axis = Dense(points, np.arange(24).reshape(12, 2), np.arange(12) % 11 == 0, 4)
-    (left,), fitted = eliminated([axis], values, np.linalg.inv(matrix))
+    axis = DenseAxis(points, np.arange(24).reshape(12, 2), np.arange(12) % 11 == 0, 4)
+    (left,), fitted = eliminate_breakpoints([axis], values, np.linalg.inv(matrix))
     assert len(left) == 4
     np.testing.assert_allclose(fitted, least(matrix, values, points, left, 2)[1], atol=1e-6)
 
@@ -46,7 +46,7 @@ def test_kinks_are_found_where_they_are():
     points = np.linspace(0, 10, 41)
     values = np.interp(points, [0, 1.25, 2.0, 6.5, 10], [0, 4, 1, 2, 8])
     stays = np.isin(points, [0, 10])
-    (left,), _ = eliminated([Dense(points, np.arange(41)[:, None], stays, 5)], values, np.eye(41))
+    (left,), _ = eliminate_breakpoints([DenseAxis(points, np.arange(41)[:, None], stays, 5)], values, np.eye(41))
     assert points[left].tolist() == [0, 1.25, 2.0, 6.5, 10]
 
 
@@ -55,8 +55,8 @@ def test_elimination_is_rarely_far_from_the_best_choice():
     for seed in range(10):
         random = np.random.default_rng(seed)
         points, values = np.arange(10.0), np.cumsum(random.standard_normal(10))
-        axis = Dense(points, np.arange(10)[:, None], np.arange(10) % 9 == 0, 5)
-        (left,), _ = eliminated([axis], values, np.eye(10))
+        axis = DenseAxis(points, np.arange(10)[:, None], np.arange(10) % 9 == 0, 5)
+        (left,), _ = eliminate_breakpoints([axis], values, np.eye(10))
         best = min(least(np.eye(10), values, points, [0, *inner, 9], 1)[0] for inner in combinations(range(1, 9), 3))
         ratios.append(least(np.eye(10), values, points, left, 1)[0] / best)
     assert np.median(ratios) < 1.2
@@ -64,15 +64,15 @@ def test_elimination_is_rarely_far_from_the_best_choice():
 
 def test_breakpoints_that_stay_stay():
     stays = np.array([True, False, True, False, True])
-    axis = Dense(np.arange(5.0), np.arange(5)[:, None], stays, 4)
-    (left,), _ = eliminated([axis], np.array([0.0, 5.0, 2.0, -5.0, 4.0]), np.eye(5))
+    axis = DenseAxis(np.arange(5.0), np.arange(5)[:, None], stays, 4)
+    (left,), _ = eliminate_breakpoints([axis], np.array([0.0, 5.0, 2.0, -5.0, 4.0]), np.eye(5))
     assert set(left.tolist()) > {0, 2, 4}
 
 
 def test_values_that_cannot_move_do_not_move():
     inverse = np.diag([0.0, 1.0, 1.0, 0.0])
-    (left,), fitted = eliminated(
-        [Dense(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 2)],
+    (left,), fitted = eliminate_breakpoints(
+        [DenseAxis(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 2)],
         np.array([0.0, 1.0, 5.0, 3.0]),
         inverse,
     )
@@ -84,8 +84,8 @@ def test_two_axes_are_thinned_out_together():
     matrix, values, points = problem(3, 16, 1)
     grid = np.arange(16).reshape(4, 4)
     ends = np.array([True, False, False, True])
-    axes = [Dense(points[:4], grid, ends, 3), Dense(points[:4], grid.T, ends, 3)]
-    left, fitted = eliminated(axes, values, np.linalg.inv(matrix))
+    axes = [DenseAxis(points[:4], grid, ends, 3), DenseAxis(points[:4], grid.T, ends, 3)]
+    left, fitted = eliminate_breakpoints(axes, values, np.linalg.inv(matrix))
     assert [len(kept) for kept in left] == [3, 3]
     for kept, table in zip(left, (fitted.reshape(4, 4), fitted.reshape(4, 4).T), strict=True):
         for line in table.T:

@@ -6,7 +6,7 @@ from constrained_fits import curve_fit, least_cost, map_fit
 
 import kennfeld as kf
 from kennfeld.constraints import Pin, Shape
-from kennfeld.optimize.api import problem_of
+from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.search.multistart import run
 
 HOLDS = 1e-9
@@ -100,7 +100,7 @@ def test_limits_do_not_slow_a_fit_whose_smoothness_outweighs_its_data(seed, unit
     x, y = (np.cumsum(random.uniform(0.1, 1, size)) for size in (6, 2))
     data = {name: random.uniform(axis[0], axis[-1], 30) for name, axis in (("u", x), ("x", x), ("y", y))}
     start = kf.ParameterSet([kf.Map("B", x, y, np.zeros((6, 2))), kf.Curve("A", x, np.zeros(6))])
-    problem = problem_of(
+    problem = build_problem(
         f"m = A(u) + B(x, y) / {unit}",
         data | {"z": random.normal(0, 1, 30)},
         start,

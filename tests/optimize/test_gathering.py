@@ -7,9 +7,9 @@ import kennfeld as kf
 from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import run
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 
 GRID = np.linspace(0, 10, 6)
@@ -43,14 +43,14 @@ class Aimed(Problem):
 def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
     model = kf.formula(text, parameters=["C"])
     made = Aimed(model, several(missing), START, (Criterion("m", "y"),))
-    compiled = Compiled(made)
+    compiled = CompiledProblem(made)
     doubled = compiled.reweighted(np.array([2.0]))
     for values in made.arrays.values():
         values += np.sin(np.arange(values.size))
     compiled.reread_targets()
-    expected = SumOfSquares(Compiled(made)).cost(compiled.start)
-    assert SumOfSquares(compiled).cost(compiled.start) == expected
-    assert SumOfSquares(doubled).cost(compiled.start) == pytest.approx(2 * expected, rel=1e-14)
+    expected = LeastSquaresObjective(CompiledProblem(made)).cost(compiled.start)
+    assert LeastSquaresObjective(compiled).cost(compiled.start) == expected
+    assert LeastSquaresObjective(doubled).cost(compiled.start) == pytest.approx(2 * expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("missing", [0, 50])

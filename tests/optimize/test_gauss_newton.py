@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.native import Cholesky
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, Stop, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, Stop, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 
 
 class Residuals:
@@ -52,7 +52,7 @@ def linear(matrix, right, small=True):
 
 def descend(objective, start, limits=None, **settings):
     start = np.array(start, dtype=float)
-    return gauss_newton(objective, start, limits or Limits.none(start.size), Settings(**settings))
+    return levenberg_marquardt(objective, start, limits or LinearLimits.none(start.size), SolverSettings(**settings))
 
 
 both_paths = pytest.mark.parametrize("small", [True, False], ids=["rows", "normal equations"])
@@ -154,7 +154,7 @@ def test_a_start_without_error_has_converged(small):
 
 def test_no_free_value_is_an_end_at_once():
     at = np.array([1.0, 2.0])
-    end = descend(linear(np.eye(2), np.zeros(2)), at, Limits(at, at))
+    end = descend(linear(np.eye(2), np.zeros(2)), at, LinearLimits(at, at))
     assert (end.status, end.message) == ("converged", "No value is free to move.")
     assert end.values.tolist() == [1.0, 2.0]
 
@@ -186,7 +186,7 @@ def test_a_request_to_stop_keeps_the_best_values(interruption):
         if line.iteration == 4:
             raise interruption
 
-    end = gauss_newton(rosenbrock(), np.array([-1.2, 1.0]), Limits.none(2), Settings(), report)
+    end = levenberg_marquardt(rosenbrock(), np.array([-1.2, 1.0]), LinearLimits.none(2), SolverSettings(), report)
     assert (end.status, end.iterations) == ("stopped", 4)
     assert end.cost == seen[-1][0] == min(cost for cost, _ in seen)
     assert np.array_equal(end.values, seen[-1][1])
@@ -197,15 +197,15 @@ def test_another_error_of_the_callback_is_passed_on():
         raise RuntimeError("disk full")
 
     with pytest.raises(RuntimeError, match="disk full"):
-        gauss_newton(rosenbrock(), np.array([-1.2, 1.0]), Limits.none(2), Settings(), report)
+        levenberg_marquardt(rosenbrock(), np.array([-1.2, 1.0]), LinearLimits.none(2), SolverSettings(), report)
 
 
 @both_paths
 def test_trial_steps_into_the_undefined_are_rejected(small):
     objective = Residuals(lambda p: np.log(p) + 3, lambda p: np.diag(1 / p), small)
     seen = []
-    end = gauss_newton(
-        objective, np.array([5.0]), Limits.none(1), Settings(), lambda line, values: seen.append(line.cost)
+    end = levenberg_marquardt(
+        objective, np.array([5.0]), LinearLimits.none(1), SolverSettings(), lambda line, values: seen.append(line.cost)
     )
     assert end.status == "converged"
     assert end.values == pytest.approx([np.exp(-3)], rel=1e-6)
@@ -215,11 +215,11 @@ def test_trial_steps_into_the_undefined_are_rejected(small):
 @both_paths
 def test_the_cost_falls_with_every_accepted_step(small):
     costs = []
-    gauss_newton(
+    levenberg_marquardt(
         rosenbrock(small),
         np.array([-1.2, 1.0]),
-        Limits.none(2),
-        Settings(),
+        LinearLimits.none(2),
+        SolverSettings(),
         lambda line, values: costs.append(line.cost),
     )
     assert all(later < earlier for earlier, later in pairwise(costs))
@@ -233,7 +233,7 @@ def test_within_bounds_the_answer_is_that_of_scipy(small, seed):
     random = np.random.default_rng([seed, 3])
     matrix, right = random.standard_normal((60, 25)), 3 * random.standard_normal(60)
     lower, upper = -random.uniform(0.01, 0.3, 25), random.uniform(0.01, 0.3, 25)
-    limits = Limits(lower, upper)
+    limits = LinearLimits(lower, upper)
     end = descend(linear(matrix, right, small), np.zeros(25), limits, tolerance=1e-12)
     judge = lsq_linear(matrix, right, (lower, upper), method="bvls", tol=1e-14)
     assert end.cost == pytest.approx(2 * judge.cost, rel=1e-9)
@@ -246,10 +246,10 @@ def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
     matrix, right = random.standard_normal((40, 12)), 5 * random.standard_normal(40)
     start = random.uniform(-0.1, 0.1, 12)
     rows = random.standard_normal((2, 12))
-    limits = Limits(np.full(12, -0.2), np.full(12, 0.2), Rows.of(rows, rows @ start, rows @ start))
+    limits = LinearLimits(np.full(12, -0.2), np.full(12, 0.2), LinearRows.of(rows, rows @ start, rows @ start))
     objective = Residuals(lambda p: np.sinh(matrix @ p) - right, lambda p: np.cosh(matrix @ p)[:, None] * matrix, small)
     seen = []
-    gauss_newton(objective, start, limits, Settings(), lambda line, values: seen.append(values.copy()))
+    levenberg_marquardt(objective, start, limits, SolverSettings(), lambda line, values: seen.append(values.copy()))
     assert seen
     for values in seen:
         assert np.all((values >= limits.lower) & (values <= limits.upper))
@@ -258,7 +258,7 @@ def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
 
 def test_a_locked_value_never_moves_at_any_trial():
     objective = rosenbrock()
-    limits = Limits(np.array([-np.inf, 0.3]), np.array([np.inf, 0.3]))
+    limits = LinearLimits(np.array([-np.inf, 0.3]), np.array([np.inf, 0.3]))
     end = descend(objective, [-1.2, 0.3], limits)
     assert {values[1] for values in objective.tried} == {0.3}
     assert end.status == "converged"

@@ -11,7 +11,7 @@ import kennfeld as kf
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.events import events
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.strategies.global_search import GlobalSettings, global_search
 from kennfeld.optimize.validation import unbounded
 
@@ -32,7 +32,7 @@ class Function:
 
 def box(*bounds):
     lower, upper = np.array(bounds, dtype=float).T
-    return Limits(lower, upper)
+    return LinearLimits(lower, upper)
 
 
 def terraces(values):
@@ -88,8 +88,8 @@ def test_the_same_seed_gives_the_same_search_whatever_others_draw():
 
 
 def test_locked_values_stay_and_equalities_hold():
-    rows = Rows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
-    limits = Limits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
+    rows = LinearRows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
+    limits = LinearLimits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
     function = Function(lambda values: (values[0] - 1.2) ** 2 + 1.0)
     found = global_search(function, np.array([0.0, 1.5, 0.25]), limits, GlobalSettings())
     assert found.values == pytest.approx([1.2, 0.3, 0.25], abs=1e-4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.preprocessing.time_shift import shifted
+from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.project.demo import torque
 
 TRANSIENT = Path(__file__).resolve().parents[3] / "shared" / "data" / "engine_transient" / "gengine1_m10.csv.gz"
@@ -60,7 +60,7 @@ def test_channels_in_step_are_left_alone():
 
 def test_an_input_may_be_late_too():
     data = bench(0)
-    late = shifted(data, {"Ignition": 2.0})
+    late = shift_channels(data, {"Ignition": 2.0})
     assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}
 
 
@@ -87,7 +87,7 @@ def moving(noise=0.02, samples=3000):
 @pytest.mark.parametrize("late", [0.0, 3.4, 0.5, -2.7, 7.0])
 def test_fractions_of_a_sample_are_found_in_time_data(late):
     text, data, start = moving()
-    delayed = shifted(data, {"wanted": late * 0.1})
+    delayed = shift_channels(data, {"wanted": late * 0.1})
     result = kf.calibrate(text, delayed, start, target="wanted", shift={"wanted": "auto"})
     assert result.shifts["drive"]["wanted"] == pytest.approx(-late * 0.1, abs=0.015)
     assert result.parameters["T"].value == pytest.approx(1.5, abs=0.05)
@@ -95,7 +95,7 @@ def test_fractions_of_a_sample_are_found_in_time_data(late):
 
 def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
     text, data, start = moving()
-    result = kf.calibrate(text, shifted(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
+    result = kf.calibrate(text, shift_channels(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
     assert "The shift of wanted in drive reached the end of the window of 20 samples" in result.message
 
 
@@ -108,7 +108,7 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
 
     def found(late):
         model = "y = PT1(M(speed, load), T)"
-        delayed = shifted(data, {"NOx": late * 0.1})
+        delayed = shift_channels(data, {"NOx": late * 0.1})
         result = kf.calibrate(model, delayed, start, target="NOx", smoothness={"M": 10.0}, shift={"NOx": "auto"})
         return result.shifts[data.name]["NOx"], result.quality[0].rmse_after
 
@@ -138,7 +138,7 @@ def recorded(shape, late, seed=0, noise=0.1, samples=300, **attributes):
     u, v = rng.uniform(0, 5, (2, samples))
     t = truth(u, v)
     data = kf.Dataset.of("d", {"u": u, "v": v, "t": t + noise * t.std() * rng.normal(size=samples)}, **attributes)
-    return text, shifted(data, {"t": late * 0.1 if "time" in attributes else late}), start
+    return text, shift_channels(data, {"t": late * 0.1 if "time" in attributes else late}), start
 
 
 def search(text, data, start, **arguments):
@@ -183,7 +183,7 @@ def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
 
 def test_two_late_channels_are_both_found():
     text, data, start = recorded("sum", 0.0, samples=400)
-    late = shifted(data, {"u": 4.0, "v": -3.0})
+    late = shift_channels(data, {"u": 4.0, "v": -3.0})
     result = kf.calibrate(text, late, start, "t", shift={"u": "auto", "v": "auto"})
     assert result.shifts == {"d": {"u": -4.0, "v": 3.0}}
 

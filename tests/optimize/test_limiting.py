@@ -14,8 +14,8 @@ from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize import Options, Problem, Seconds, run
-from kennfeld.optimize.fit import Run
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.fit import FitRun
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.roughness import Roughness
 
 FREE = (-np.inf, np.inf)
@@ -146,8 +146,8 @@ def test_a_group_axis_shared_by_two_tables_keeps_both_monotonic():
 def test_limits_hold_at_every_iterate():
     fit = Fit(1)
     problem = fit.problem([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", -0.2, 0.9)])
-    running = Run(problem, Options(), None, Seconds())
-    limits = limits_of(problem, running.exact.values)
+    running = FitRun(problem, Options(), None, Seconds())
+    limits = linear_limits(problem, running.exact.values)
     seen = []
     running._report = lambda stage, line, values: seen.append(limits.violation(values))
     running.result()

@@ -7,7 +7,7 @@ from simulink_files import Model
 import kennfeld as kf
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
-from kennfeld.preprocessing.model_step import refined
+from kennfeld.preprocessing.model_step import refine_step
 
 
 def made(time, starts=(0,), **columns):
@@ -15,7 +15,7 @@ def made(time, starts=(0,), **columns):
 
 
 def test_a_finer_step_interpolates_inputs_and_scores_the_data_alone():
-    data = refined(made([0, 0.2, 0.4], u=[0.5, 1.5, 2.5], y=[1.5, 2.5, 3.5]), 0.1, {"u"}, "here")
+    data = refine_step(made([0, 0.2, 0.4], u=[0.5, 1.5, 2.5], y=[1.5, 2.5, 3.5]), 0.1, {"u"}, "here")
     np.testing.assert_allclose(data.time, [0, 0.1, 0.2, 0.3, 0.4])
     np.testing.assert_allclose(data["u"].values, [0.5, 1.0, 1.5, 2.0, 2.5])
     np.testing.assert_allclose(data["y"].values, [1.5, np.nan, 2.5, np.nan, 3.5])
@@ -23,7 +23,7 @@ def test_a_finer_step_interpolates_inputs_and_scores_the_data_alone():
 
 
 def test_a_finer_step_keeps_pieces_apart():
-    data = refined(made([0, 1, 0, 1, 2], starts=[0, 2], u=[0.5, 1.5, 9.5, 8.5, 7.5]), 0.5, {"u"}, "here")
+    data = refine_step(made([0, 1, 0, 1, 2], starts=[0, 2], u=[0.5, 1.5, 9.5, 8.5, 7.5]), 0.5, {"u"}, "here")
     assert data.starts.tolist() == [0, 3]
     np.testing.assert_allclose(data["u"].values, [0.5, 1.0, 1.5, 9.5, 9.0, 8.5, 8.0, 7.5])
     np.testing.assert_allclose(data.time, [0, 0.5, 1, 0, 0.5, 1, 1.5, 2])
@@ -31,7 +31,7 @@ def test_a_finer_step_keeps_pieces_apart():
 
 def test_the_same_step_changes_nothing():
     data = made([0, 0.1, 0.2], u=[1.0, 2.0, 3.0])
-    assert refined(data, 0.1, {"u"}, "here") is data
+    assert refine_step(data, 0.1, {"u"}, "here") is data
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_the_same_step_changes_nothing():
 )
 def test_a_step_that_does_not_fit_is_a_finding(time, expected):
     with pytest.raises(InputError, match=expected):
-        refined(made(time, u=[1.0, 2.0, 3.0]), 0.1, {"u"}, "here")
+        refine_step(made(time, u=[1.0, 2.0, 3.0]), 0.1, {"u"}, "here")
 
 
 @pytest.fixture

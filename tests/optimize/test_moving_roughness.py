@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.free_axes import AxisKey, with_breakpoints
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map
@@ -23,7 +23,7 @@ def tables(seed, nx=5, ny=4):
 
 def order(nx=5, ny=4):
     at = nx * ny
-    return Values({"M": 0, "C": at}, at + 2 * nx + ny, 0, at + 2 * nx + ny, {X: at + nx, Y: at + 2 * nx}, PLACES)
+    return ValueLayout({"M": 0, "C": at}, at + 2 * nx + ny, 0, at + 2 * nx + ny, {X: at + nx, Y: at + 2 * nx}, PLACES)
 
 
 def still(parameters, values, factors=FACTORS):
@@ -62,7 +62,7 @@ def test_a_straight_surface_has_no_roughness_wherever_its_breakpoints_are():
     x = Axis([0.0, 1.0, 4.0, 5.0], free=True)
     held = ParameterSet([Curve("C", x, 2 * x.breakpoints + 1)])
     key = AxisKey("C", "x")
-    values = Values({"C": 0}, 8, 0, 8, {key: 4}, {key: ("C", 0)})
+    values = ValueLayout({"C": 0}, 8, 0, 8, {key: 4}, {key: ("C", 0)})
     made = roughness_of(held, values, {"C": (1.0,)})
     other = with_breakpoints(held, {AxisKey("C", "x"): np.array([0.0, 3.0, 4.5, 5.0])})
     straight = other.with_parameters(other["C"].with_values(2 * other["C"].axes[0].breakpoints + 1))
@@ -71,5 +71,5 @@ def test_a_straight_surface_has_no_roughness_wherever_its_breakpoints_are():
 
 def test_axes_that_stand_still_keep_the_plain_form():
     held = tables(0)
-    assert isinstance(roughness_of(held, Values({"M": 0, "C": 20}, 25, 0, 25), FACTORS), Roughness)
+    assert isinstance(roughness_of(held, ValueLayout({"M": 0, "C": 20}, 25, 0, 25), FACTORS), Roughness)
     assert isinstance(roughness_of(held, order(), {"M": (0.0, 0.0)}), Roughness)

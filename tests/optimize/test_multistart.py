@@ -280,13 +280,13 @@ def test_starts_keep_pins_and_locks_exactly():
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypatch):
-    from kennfeld.optimize.search.start_runner import Climber
+    from kennfeld.optimize.search.start_runner import StartRunner
     from kennfeld.optimize.search.worker_pool import _Pool
 
     def press(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Climber, "run", press)
+    monkeypatch.setattr(StartRunner, "run", press)
     monkeypatch.setattr(_Pool, "_hear", press)
     with pytest.raises(KeyboardInterrupt):
         sine(starts=3, workers=processes)

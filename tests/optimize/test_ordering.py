@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.preprocessing import samples
-from kennfeld.preprocessing.samples import Cells, scored_in_order
+from kennfeld.preprocessing.samples import CellNumbering, scored_in_order
 
 X, Y = np.linspace(0, 10, 6), np.array([0.0, 3.0, 5.0])
 TABLES = {"M": kf.Map("M", X, Y, np.zeros((6, 3))), "C": kf.Curve("C", X, np.zeros(6)), "K": kf.Scalar("K", 0.0)}
@@ -12,7 +12,7 @@ TABLES = {"M": kf.Map("M", X, Y, np.zeros((6, 3))), "C": kf.Curve("C", X, np.zer
 
 def cells(text, smooth=()):
     parameters = kf.ParameterSet(TABLES.values())
-    return Cells(lower(kf.formula(text, parameters=list(TABLES)).graph, parameters, smooth))
+    return CellNumbering(lower_lookups(kf.formula(text, parameters=list(TABLES)).graph, parameters, smooth))
 
 
 def columns(samples=1000, seed=0):

@@ -10,9 +10,9 @@ from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize import Options, Problem, run
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.strategies.output_limits import FEASIBLE
-from kennfeld.preprocessing.binding import bind
+from kennfeld.preprocessing.binding import bind_inputs
 
 GRID = np.linspace(0, 10, 11)
 
@@ -127,8 +127,8 @@ def test_an_idle_governor_stays_below_its_limit_and_no_gains_nearby_are_better()
     data, model, start = idle.mean_value()
     free = kf.calibrate(model, data, start, target="rpm_ref", node="rpm")
     kept = kf.calibrate(model, data, start, target="rpm_ref", node="rpm", limits={"rpm": (-np.inf, 2990.0)})
-    nodes = Nodes(model.graph, start, ["rpm"])
-    bound = bind(data, model.graph, {})
+    nodes = NodeSimulator(model.graph, start, ["rpm"])
+    bound = bind_inputs(data, model.graph, {})
 
     def run_with(kp, ki):
         """Cost and highest speed."""

@@ -3,11 +3,17 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.solver.levenberg_marquardt import Settings
-from kennfeld.optimize.strategies.breakpoint_placement import coarse, densified, parts_of, thickened, turns_of
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
+from kennfeld.optimize.strategies.breakpoint_placement import (
+    axis_groups,
+    cell_divisions,
+    coarse,
+    subdivide,
+    with_dense_axes,
+)
 
 
 def problem(*tables, smoothness=None):
@@ -26,12 +32,12 @@ def tables():
 
 
 def dense(made):
-    return thickened(made, parts_of(made, made.free_axes))
+    return with_dense_axes(made, cell_divisions(made, made.free_axes))
 
 
 def test_given_breakpoints_stay_in_the_dense_axis_bit_for_bit():
     points = np.array([0.1, 0.7, 2.9, 3.3])
-    made = densified(points, np.array([3, 1, 7]))
+    made = subdivide(points, np.array([3, 1, 7]))
     assert made.size == 12
     assert np.isin(points, made).all()
     assert np.all(np.diff(made) > 0)
@@ -39,9 +45,9 @@ def test_given_breakpoints_stay_in_the_dense_axis_bit_for_bit():
 
 def test_a_dense_problem_has_the_same_surfaces_and_the_same_cost():
     made = problem(*tables())
-    assert SumOfSquares(Compiled(dense(made))).cost(Compiled(dense(made)).start) == pytest.approx(
-        SumOfSquares(Compiled(made)).cost(Compiled(made).start), rel=1e-12
-    )
+    assert LeastSquaresObjective(CompiledProblem(dense(made))).cost(
+        CompiledProblem(dense(made)).start
+    ) == pytest.approx(LeastSquaresObjective(CompiledProblem(made)).cost(CompiledProblem(made).start), rel=1e-12)
     axes = [table.axes[0] for table in dense(made).parameters.parameters]
     assert axes[0] == axes[1]
     assert not axes[0].free
@@ -54,8 +60,8 @@ def test_a_smooth_surface_costs_about_as_much_roughness_when_it_is_dense():
     thick = dense(made)
     fine = thick.parameters["C"].axes[0].breakpoints
     smooth = thick.parameters.with_parameters(thick.parameters["C"].with_values(np.sin(fine / 3)))
-    compiled = Compiled(thick)
-    before = Compiled(made)
+    compiled = CompiledProblem(thick)
+    before = CompiledProblem(made)
     assert compiled.roughness.cost(compiled.values.pack(smooth)) == pytest.approx(
         before.roughness.cost(before.start), rel=0.1
     )
@@ -64,7 +70,7 @@ def test_a_smooth_surface_costs_about_as_much_roughness_when_it_is_dense():
 def test_no_cell_is_cut_finer_than_breakpoints_may_be_apart():
     x = kf.Axis([0, 1, 4, 10], free=True, min_distance=0.4)
     made = problem(kf.Curve("C", x, np.zeros(4)))
-    (parts,) = parts_of(made, made.free_axes).values()
+    (parts,) = cell_divisions(made, made.free_axes).values()
     assert parts.tolist() == [2, 7, 8]
     assert np.diff(dense(made).parameters["C"].axes[0].breakpoints).min() >= 0.4
 
@@ -73,7 +79,7 @@ def test_a_dense_problem_stays_moderate():
     for count, together in ((60, []), (25, [1, 1]), (8, [2])):
         x, z = (kf.Axis(np.linspace(0, 10, count), free=True) for _ in range(2))
         made = problem(kf.Map("M", x, z, np.zeros((count, count))), kf.Curve("C", [0, 1], [0, 0]))
-        assert [len(keys) for keys in turns_of(made)] == together
+        assert [len(keys) for keys in axis_groups(made)] == together
     x, z = (kf.Axis(np.linspace(0, 10, 8), free=True) for _ in range(2))
     made = problem(kf.Map("M", x, z, np.zeros((8, 8))), kf.Curve("C", [0, 1], [0, 0]))
     assert 400 < dense(made).parameters["M"].size <= 1000
@@ -84,12 +90,12 @@ def test_what_lies_between_two_locked_values_is_locked_and_bounds_are_the_wider_
     table = kf.Curve(
         "C", x, [0.0, 1.0, 2.0, 3.0], locked=[True, True, False, True], lower=[-np.inf, -1, -2, -3], upper=[1, 2, 3, 4]
     )
-    made = thickened(problem(table), {key: np.full(3, 2) for key in problem(table).free_axes}).parameters["C"]
+    made = with_dense_axes(problem(table), {key: np.full(3, 2) for key in problem(table).free_axes}).parameters["C"]
     assert made.locked.tolist() == [True, True, True, False, False, False, True]
     assert made.lower.tolist() == [-np.inf, -np.inf, -1, -2, -2, -3, -3]
     assert made.upper.tolist() == [1, 2, 2, 3, 3, 4, 4]
 
 
 def test_moving_breakpoints_end_where_they_only_creep():
-    assert coarse(Settings(tolerance=1e-8)).tolerance == 1e-5
-    assert coarse(Settings(tolerance=1e-3)).tolerance == 1e-3
+    assert coarse(SolverSettings(tolerance=1e-8)).tolerance == 1e-5
+    assert coarse(SolverSettings(tolerance=1e-3)).tolerance == 1e-3

@@ -7,10 +7,10 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.tuning.holdout_blocks import Block
+from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 from kennfeld.optimize.tuning.prediction_error import GAMMA, HELD_BACK, Linearised, Prediction, minimised
 
 AXES = {"M": 2, "C": 1}
@@ -28,7 +28,7 @@ def compiled():
     )
     data = kf.Dataset.of("d", {"x": x, "y": y, "z": z, "wanted": target})
     model = formula("model = M(x, y) + C(z)", parameters=list(parameters))
-    return Compiled(Problem(model, (data,), parameters, (kf.Criterion("model", "wanted"),)))
+    return CompiledProblem(Problem(model, (data,), parameters, (kf.Criterion("model", "wanted"),)))
 
 
 def unit(compiled, name, axis):
@@ -40,7 +40,7 @@ def parts(compiled, count=4):
     """The contributions of every fourth row each."""
     residual, jacobian = compiled.accumulator.rows(compiled.start)
     picked = [(residual[i::count], jacobian[i::count]) for i in range(count)]
-    return [Block(float(r @ r), j.T @ r, j.T @ j, r.size / residual.size) for r, j in picked]
+    return [HoldoutBlock(float(r @ r), j.T @ r, j.T @ j, r.size / residual.size) for r, j in picked]
 
 
 def linearised(compiled, held=(), rows=(), blocks=()):

@@ -5,9 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import lower
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem, difference
 
 GRID = np.linspace(-2, 2, 6)
@@ -43,7 +43,7 @@ def problem(*datasets, text=TEXT, node="m", **arguments):
 
 def reference(made):
     """The cost by the interpreter, dataset by dataset, in the order of the samples."""
-    low = lower(made.graph, made.parameters)
+    low = lower_lookups(made.graph, made.parameters)
     total = 0.0
     for bound in made.training:
         run = Interpreter(low, made.parameters).run(low.graph.nodes, low.graph.states, bound.columns, bound.starts)
@@ -54,8 +54,8 @@ def reference(made):
 
 
 def cost(made):
-    compiled = Compiled(made)
-    return SumOfSquares(compiled).cost(compiled.start[: compiled.values.free])
+    compiled = CompiledProblem(made)
+    return LeastSquaresObjective(compiled).cost(compiled.start[: compiled.values.free])
 
 
 @pytest.mark.parametrize("free", [("*",), ("K",), ("C", "K"), ("M",)])
@@ -87,7 +87,7 @@ def test_datasets_with_memory_in_several_pieces_cost_what_the_interpreter_says(u
 def test_an_even_step_is_folded_into_the_function():
     def reads_the_step(time):
         data = kf.Dataset.of("d", columns(50), time=time)
-        return "dt" in Compiled(problem(data, text=LAG, node="lag")).kernel.layout.inputs
+        return "dt" in CompiledProblem(problem(data, text=LAG, node="lag")).kernel.layout.inputs
 
     assert not reads_the_step(0.1 * np.arange(50))
     assert reads_the_step(np.cumsum(np.random.default_rng(0).uniform(0.1, 0.2, 50)))
@@ -127,10 +127,10 @@ def test_data_that_come_by_cell_are_visited_as_they_come():
     text = "m = C(u) + K"
     found = columns(2000)
     found["y"][:] = 1.0
-    mixed = Compiled(problem(kf.Dataset.of("d", found), text=text)).samples
+    mixed = CompiledProblem(problem(kf.Dataset.of("d", found), text=text)).samples
     tidy = {name: values[np.argsort(found["u"])] for name, values in found.items()}
     assert mixed.order is not None
-    assert Compiled(problem(kf.Dataset.of("d", tidy), text=text)).samples.order is None
+    assert CompiledProblem(problem(kf.Dataset.of("d", tidy), text=text)).samples.order is None
 
 
 @pytest.mark.parametrize("time", [None, 0.1 * np.arange(300_000)], ids=["steady", "with memory"])
@@ -140,7 +140,7 @@ def test_data_are_not_copied(time):
 
     def most(count):
         made = kf.Dataset.of("d", columns(count), time=None if time is None else time[:count])
-        return _most(lambda: Compiled(problem(made, text=text, node=node)))
+        return _most(lambda: CompiledProblem(problem(made, text=text, node=node)))
 
     most(10)
     assert most(300_000) - most(10) < 0.6 * sum(values.nbytes for values in columns(300_000).values())
@@ -168,18 +168,18 @@ def test_a_position_that_is_undefined_at_some_samples_is_no_warning():
 
 def test_thinned_data_weigh_as_much_as_all_data():
     made = problem(kf.Dataset.of("d", columns(60_000)))
-    exact = Compiled(made)
-    smooth = Compiled(made, smooth_like=exact)
+    exact = CompiledProblem(made)
+    smooth = CompiledProblem(made, smooth_like=exact)
     smooth.set_width(1e-6)
     assert smooth.samples.count < exact.samples.count
     at = exact.start[: exact.values.free]
-    assert SumOfSquares(smooth).cost(at) == pytest.approx(SumOfSquares(exact).cost(at), rel=0.1)
+    assert LeastSquaresObjective(smooth).cost(at) == pytest.approx(LeastSquaresObjective(exact).cost(at), rel=0.1)
 
 
 def test_gradient_and_matrix_of_both_paths_agree():
     made = problem(kf.Dataset.of("d", columns(500)), smoothness={"M": (0.3, 0.1), "C": 2.0})
-    compiled = Compiled(made)
-    objective, at = SumOfSquares(compiled), compiled.start[: compiled.values.free]
+    compiled = CompiledProblem(made)
+    objective, at = LeastSquaresObjective(compiled), compiled.start[: compiled.values.free]
     residual, jacobian = objective.rows(at)
     gradient, matrix = (found.copy() for found in objective.normal(at))
     assert residual @ residual == pytest.approx(objective.cost(at), rel=1e-12)

@@ -9,14 +9,14 @@ from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.solver.dual_active_set import nonnegative_dual
-from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.solver.quadratic_program import solve
 
 
 def limited(lower, upper, matrix=None, target=None):
     """Bounds and equalities."""
-    rows = Rows.none() if matrix is None or not len(matrix) else Rows.of(matrix, target, target)
-    return Limits(lower, upper, rows)
+    rows = LinearRows.none() if matrix is None or not len(matrix) else LinearRows.of(matrix, target, target)
+    return LinearLimits(lower, upper, rows)
 
 
 def equalities(limits, size):
@@ -98,7 +98,7 @@ def test_programs_with_bounds_agree_with_scipy(seed):
     rows = random.standard_normal((120, 60))
     right = random.standard_normal(120)
     at, limits = some_limits(60, random, 0)
-    limits = Limits(limits.lower - 1e-3, limits.upper + 1e-3)
+    limits = LinearLimits(limits.lower - 1e-3, limits.upper + 1e-3)
     step = solved(rows.T @ rows, rows.T @ (rows @ at - right), at, limits).step
     judge = lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
     np.testing.assert_allclose(at + step, judge.x, atol=1e-7)
@@ -128,13 +128,15 @@ def test_programs_with_bounds_and_equalities_agree_with_scipy(seed):
 def test_a_free_step_within_the_bounds_is_taken_as_it_is():
     matrix, gradient = convex(4, np.random.default_rng(0))
     free = -np.linalg.solve(matrix, gradient)
-    solution = solved(matrix, gradient, np.zeros(4), Limits.none(4))
+    solution = solved(matrix, gradient, np.zeros(4), LinearLimits.none(4))
     assert np.array_equal(solution.step, free)
     assert not solution.active.any()
 
 
 def test_active_says_which_bounds_press():
-    solution = solved(np.eye(3), np.array([-2.0, 2.0, 0.1]), np.zeros(3), Limits(np.full(3, -1.0), np.full(3, 1.0)))
+    solution = solved(
+        np.eye(3), np.array([-2.0, 2.0, 0.1]), np.zeros(3), LinearLimits(np.full(3, -1.0), np.full(3, 1.0))
+    )
     assert solution.active.tolist() == [1, -1, 0]
     assert solution.step.tolist() == pytest.approx([1.0, -1.0, -0.1])
 
@@ -176,7 +178,7 @@ def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
 def test_values_of_very_different_size_keep_their_bounds():
     size = np.array([1e-9, 1.0, 1e9])
     matrix, gradient = np.diag(1 / size**2), -10 / size
-    limits = Limits(-size, size)
+    limits = LinearLimits(-size, size)
     np.testing.assert_allclose(solved(matrix, gradient, np.zeros(3), limits).step, size, rtol=1e-9)
 
 
@@ -227,8 +229,8 @@ def limited_map(count, random):
     grid = np.arange(count * count).reshape(count, count)
     pairs = np.concatenate([np.stack(pair, -1).reshape(-1, 2) for pair in neighbours(grid)])
     below, above = random.choice([0.0, 0.3, np.inf], (2, len(pairs)))
-    rows = Rows(pairs, np.tile([-1.0, 1.0], (len(pairs), 1)), -below, np.where(below == 0, above + 0.1, above))
-    return Limits(np.full(grid.size, -2.0), np.full(grid.size, 2.0), rows)
+    rows = LinearRows(pairs, np.tile([-1.0, 1.0], (len(pairs), 1)), -below, np.where(below == 0, above + 0.1, above))
+    return LinearLimits(np.full(grid.size, -2.0), np.full(grid.size, 2.0), rows)
 
 
 def neighbours(grid):
@@ -297,5 +299,5 @@ def test_the_factor_is_used_as_it_is():
     factor = Factor.of(lower)
     kept = factor.panels.copy()
     free = -solve_triangular(lower.T, solve_triangular(lower, gradient, lower=True), lower=False)
-    solve(factor, free, np.zeros(5), Limits(np.full(5, -0.01), np.full(5, 0.01)))
+    solve(factor, free, np.zeros(5), LinearLimits(np.full(5, -0.01), np.full(5, 0.01)))
     assert np.array_equal(factor.panels, kept)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.rejected_steps import Reasons
+from kennfeld.optimize.rejected_steps import RejectionReasons
 
 STEP = 0.1
 
@@ -111,13 +111,13 @@ def test_the_sample_is_counted_in_the_recording_with_its_gaps():
 
 
 def test_several_reasons_are_counted():
-    from kennfeld.optimize.api import problem_of
-    from kennfeld.optimize.compiled import Rejected
+    from kennfeld.optimize.api import build_problem
+    from kennfeld.optimize.compiled import RejectedTrials
     from kennfeld.optimize.rejected_steps import told
 
     u = np.ones(3000)
-    problem = problem_of("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")
-    rejected = Rejected()
+    problem = build_problem("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")
+    rejected = RejectedTrials()
     for values in ([-1.0, 0.0], [-2.0, 0.0], [0.0, 3.0]):
         rejected.add(np.array(values))
 
@@ -132,11 +132,11 @@ def test_several_reasons_are_counted():
 
 
 def test_values_at_which_all_is_well_have_no_reason_of_their_own():
-    from kennfeld.optimize.api import problem_of
+    from kennfeld.optimize.api import build_problem
 
     u = levels()
-    problem = problem_of("y = PT1(u, T)", recorded(u, u), {"T": 1.0}, "m")
-    assert Reasons(problem).of(problem.parameters) == "errors were too large for numbers"
+    problem = build_problem("y = PT1(u, T)", recorded(u, u), {"T": 1.0}, "m")
+    assert RejectionReasons(problem).of(problem.parameters) == "errors were too large for numbers"
 
 
 @pytest.mark.parametrize("workers", [1, 2])

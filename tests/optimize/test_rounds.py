@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kennfeld.optimize.solver.levenberg_marquardt import Descent
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
 from kennfeld.optimize.tuning.smoothness import RANGE, Round
 
-FIT = Descent(np.zeros(1), 0.0, "converged", "", 0, 0)
+FIT = SolverResult(np.zeros(1), 0.0, "converged", "", 0, 0)
 MIDDLE = np.array([2.0, -1.0])
 
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.solver.gauss_newton_model import Secant
+from kennfeld.optimize.solver.gauss_newton_model import SecantCorrection
 
 
 def test_what_was_learnt_explains_the_last_change():
     random = np.random.default_rng(0)
-    secant = Secant(4)
+    secant = SecantCorrection(4)
     for _ in range(6):
         step = random.standard_normal(4)
         explained = random.standard_normal(4)
@@ -22,7 +22,7 @@ def test_a_constant_curvature_is_found():
     random = np.random.default_rng(1)
     root = random.standard_normal((3, 3))
     curvature = root @ root.T
-    secant = Secant(3)
+    secant = SecantCorrection(3)
     for _ in range(200):
         step = random.standard_normal(3)
         secant.learn(step, step + curvature @ step, step)
@@ -31,13 +31,13 @@ def test_a_constant_curvature_is_found():
 
 @pytest.mark.parametrize("change", [[-1.0, 0.0], [0.0, 0.0], [np.nan, 1.0], [np.inf, 1.0]])
 def test_a_change_that_says_nothing_of_curvature_is_passed_over(change):
-    secant = Secant(2)
+    secant = SecantCorrection(2)
     secant.learn(np.array([1.0, 0.0]), np.array(change), np.zeros(2))
     assert not secant.matrix.any()
 
 
 def test_numbers_too_small_to_square_are_no_error():
-    secant = Secant(2)
+    secant = SecantCorrection(2)
     tiny = np.array([1e-160, 1e-170])
     secant.learn(tiny, tiny, 0.5 * tiny)
     assert np.all(np.isfinite(secant.matrix))

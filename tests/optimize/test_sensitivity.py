@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import problem_of
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 
 RANDOM = np.random.default_rng(0)
 COUNT = 1500
@@ -125,9 +125,9 @@ def test_slopes_count_as_zero_in_the_rows_and_in_the_sums_of_a_problem(values):
     """Problems of few values are solved by rows, larger ones by sums; both leave out what has faded."""
     table = kf.Curve("C", np.linspace(-3, 3, values), np.linspace(-3, 3, values))
     start = kf.ParameterSet([table, kf.Scalar("T", 0.5), kf.Scalar("x0", 1.0)])
-    problem = problem_of("y = PT1(C(u), T, x0)", drive(300), start, "m")
-    compiled = Compiled(problem)
-    objective = SumOfSquares(compiled)
+    problem = build_problem("y = PT1(C(u), T, x0)", drive(300), start, "m")
+    compiled = CompiledProblem(problem)
+    objective = LeastSquaresObjective(compiled)
     at = compiled.values.offsets["x0"]
     assert objective.small == (values == 5)
     gradient, matrix = (sums.copy() for sums in objective.normal(objective.start))

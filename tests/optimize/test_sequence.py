@@ -9,7 +9,7 @@ import kennfeld as kf
 from kennfeld import Step
 from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.search.step_problem import standing, stepped, whole
+from kennfeld.optimize.search.step_problem import sequence_problem, step_problem, with_fixed_limits
 from kennfeld.project.demo import torque
 
 X = np.linspace(0.0, 3.0, 61)
@@ -40,33 +40,38 @@ def problem(**changes):
 
 
 def test_a_step_frees_locks_and_smooths_by_name_or_pattern():
-    made = stepped(problem(), Step(free=["C"], lock={"C*": BREAKPOINTS < 1}, smoothness={"C": 7.0}))
+    made = step_problem(problem(), Step(free=["C"], lock={"C*": BREAKPOINTS < 1}, smoothness={"C": 7.0}))
     assert made.free_names == ("C",)
     assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 1).tolist()
     assert made.factors("C") == (7.0,)
-    assert stepped(problem(), Step(smoothness=3)).factors("C") == (3.0,)
-    assert stepped(problem(), Step()).factors("C") == (2.0,)
+    assert step_problem(problem(), Step(smoothness=3)).factors("C") == (3.0,)
+    assert step_problem(problem(), Step()).factors("C") == (2.0,)
 
 
 def test_a_step_drops_the_pins_of_what_it_holds():
-    assert standing(stepped(problem(), Step(free=["k"]))).pins == ()
-    assert len(standing(stepped(problem(), Step(free=["C"]))).pins) == 1
+    assert with_fixed_limits(step_problem(problem(), Step(free=["k"]))).pins == ()
+    assert len(with_fixed_limits(step_problem(problem(), Step(free=["C"]))).pins) == 1
 
 
 def test_an_equality_counts_what_a_step_holds_as_it_stands():
     sums = Equality([Term("C", (0.75,), 2.0), Term("k", (), -1.0)], 0.3)
     shape = Shape("C", 0, "slope", lower=0.0)
     given = problem(pins=(), constraints=(sums, shape))
-    assert standing(stepped(given, Step())).constraints == (sums, shape)
-    assert standing(stepped(given, Step(free=["C"]))).constraints == (Equality([Term("C", (0.75,), 2.0)], 1.8), shape)
-    assert standing(stepped(given, Step(free=["k"]))).constraints == (Equality([Term("k", (), -1.0)], -1.7),)
+    assert with_fixed_limits(step_problem(given, Step())).constraints == (sums, shape)
+    assert with_fixed_limits(step_problem(given, Step(free=["C"]))).constraints == (
+        Equality([Term("C", (0.75,), 2.0)], 1.8),
+        shape,
+    )
+    assert with_fixed_limits(step_problem(given, Step(free=["k"]))).constraints == (
+        Equality([Term("k", (), -1.0)], -1.7),
+    )
 
 
 def test_another_weight_leaves_all_else_of_a_criterion():
     regions = [kf.Region("q > 1", 4.0)]
     own = kf.Criterion("m", "y", 3.0, "huber", 0.5, 2.0, weight_channel="q", regions=regions)
     given = problem()
-    (made,) = stepped(replace(given, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
+    (made,) = step_problem(replace(given, criteria=(own,)), Step(criteria={"m": 7.0})).criteria
     assert made == replace(own, weight=7.0)
 
 
@@ -82,16 +87,16 @@ def test_another_weight_leaves_all_else_of_a_criterion():
     ],
 )
 def test_a_step_names_its_criteria_and_their_weights(criteria, weights):
-    made = stepped(problem(), Step(criteria=criteria))
+    made = step_problem(problem(), Step(criteria=criteria))
     assert {c.node: c.weight for c in made.criteria if c.weight} == weights
 
 
 def test_the_whole_of_a_sequence_moves_what_any_step_moves():
     first, second = Step(free=["C"], lock={"C": BREAKPOINTS < 2}), Step(free=["k"])
-    made = whole(problem(), [first, second])
+    made = sequence_problem(problem(), [first, second])
     assert set(made.free_names) == {"C", "k"}
     assert made.parameters["C"].locked.tolist() == (BREAKPOINTS < 2).tolist()
-    both = whole(problem(), [first, Step(lock={"C": BREAKPOINTS > 1})])
+    both = sequence_problem(problem(), [first, Step(lock={"C": BREAKPOINTS > 1})])
     assert both.parameters["C"].locked.tolist() == ((BREAKPOINTS > 1) & (BREAKPOINTS < 2)).tolist()
 
 

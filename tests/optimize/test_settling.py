@@ -10,8 +10,8 @@ import kennfeld as kf
 from kennfeld.dataset import Settling
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 
 U = np.array([0.5, 1.5, 2.0, 3.0, 0.1, 2.7])
 MODELS = {
@@ -52,14 +52,14 @@ def test_a_point_counts_with_the_mean_of_its_window(text, average):
     data = points(average)
     assert kf.simulate(kf.formula(text, parameters=["a", "b"]), data, values())["y"].values == pytest.approx(expected)
     for loss, cost in (("square", expected**2), ("soft_l1", 0.5 * (np.sqrt(1 + (expected / 0.5) ** 2) - 1))):
-        objective = SumOfSquares(Compiled(problem(text, data, loss=loss)))
+        objective = LeastSquaresObjective(CompiledProblem(problem(text, data, loss=loss)))
         assert objective.cost(objective.start) == pytest.approx(cost.sum(), rel=1e-12)
 
 
 @by_model
 @by_window
 def test_the_derivative_of_the_mean_is_exact(text, average):
-    objective = SumOfSquares(Compiled(problem(text, points(average))))
+    objective = LeastSquaresObjective(CompiledProblem(problem(text, points(average))))
     at = objective.start
     gradient, matrix = (part.copy() for part in objective.normal(at))
     residual, jacobian = objective.rows(at)
@@ -84,7 +84,7 @@ def test_fit_and_simulation_see_the_same_values(text, seconds, share, step, coun
     u = np.linspace(0.1, 3, count)
     data = kf.Dataset.of("points", {"u": u, "z": np.cos(u)}, settling=settling)
     made = problem(text, data)
-    objective = SumOfSquares(Compiled(made))
+    objective = LeastSquaresObjective(CompiledProblem(made))
     shown = kf.simulate(made.model, data, values())["y"].values
     assert shown.size == count
     assert objective.cost(objective.start) == pytest.approx(np.sum((shown - np.cos(u)) ** 2), rel=1e-9)
@@ -112,8 +112,8 @@ def test_points_and_recordings_are_fitted_together():
     text = MODELS["PT1"]
     drive = kf.Dataset.of("drive", {"u": np.sin(np.arange(40)), "z": np.cos(np.arange(40))}, time=0.1 * np.arange(40))
     for average in (0.0, 0.4):
-        both = SumOfSquares(Compiled(problem(text, points(average, 1.0), drive)))
-        alone = [SumOfSquares(Compiled(problem(text, data))) for data in (points(average, 1.0), drive)]
+        both = LeastSquaresObjective(CompiledProblem(problem(text, points(average, 1.0), drive)))
+        alone = [LeastSquaresObjective(CompiledProblem(problem(text, data))) for data in (points(average, 1.0), drive)]
         assert both.cost(both.start) == pytest.approx(sum(one.cost(one.start) for one in alone), rel=1e-12)
         gradient = both.normal(both.start)[0].copy()
         np.testing.assert_allclose(gradient, sum(one.normal(one.start)[0].copy() for one in alone), rtol=1e-9)
@@ -133,7 +133,7 @@ def test_held_points_go_through_the_continuation():
 
 def test_a_target_node_is_averaged_too():
     text = "y = PT1(a * u, b, 0)\nother = t * u"
-    objective = SumOfSquares(Compiled(problem(text, points(0.5), target="other")))
+    objective = LeastSquaresObjective(CompiledProblem(problem(text, points(0.5), target="other")))
     shown = kf.simulate(kf.formula(text, parameters=["a", "b"]), points(0.5), values())
     assert objective.cost(objective.start) == pytest.approx(
         np.sum((shown["y"].values - shown["other"].values) ** 2), rel=1e-12
@@ -146,9 +146,9 @@ def test_points_without_an_input_or_a_target_or_a_score_fall_out():
     scored = np.arange(U.size) != 4
     data = kf.Dataset.of("points", {"u": u, "z": z}, settling=Settling(1.0, 0.2, 0.1), scored=scored)
     made = problem(MODELS["PT1"], data)
-    objective = SumOfSquares(Compiled(made))
+    objective = LeastSquaresObjective(CompiledProblem(made))
     rest = kf.Dataset.of("points", {"u": U[[0, 2, 5]], "z": np.ones(3)}, settling=Settling(1.0, 0.2, 0.1))
-    expected = SumOfSquares(Compiled(problem(MODELS["PT1"], rest)))
+    expected = LeastSquaresObjective(CompiledProblem(problem(MODELS["PT1"], rest)))
     assert objective.cost(objective.start) == pytest.approx(expected.cost(expected.start), rel=1e-12)
     assert kf.simulate(made.model, data, values())["y"].values.size == 5
 
@@ -158,7 +158,7 @@ def test_weights_are_those_of_the_points():
     data = points(0.3, 1.0).with_channels(kf.Channel("w", w))
     model = kf.formula(MODELS["PT1"], parameters=["a", "b"])
     made = Problem(model, (data,), values(), (kf.Criterion("y", "z", weight_channel="w"),))
-    objective = SumOfSquares(Compiled(made))
+    objective = LeastSquaresObjective(CompiledProblem(made))
     shown = kf.simulate(model, data, values())["y"].values
     assert objective.cost(objective.start) == pytest.approx(np.sum(w * (shown - 1) ** 2), rel=1e-12)
 

@@ -10,8 +10,8 @@ import kennfeld as kf
 from kennfeld.criteria import Region
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 
 RANDOM = np.random.default_rng(5)
 X = np.linspace(0.0, 3.0, 60)
@@ -45,7 +45,7 @@ def line(**channels):
 def test_a_weight_multiplies_the_loss_of_its_sample(kind, text):
     """Not the residual: a robust loss judges that as it is."""
     criterion = kf.Criterion("m", "y", 1.5, kind, delta=0.8, scale=2.0, weight_channel="w")
-    objective = SumOfSquares(Compiled(problem(criterion, line(), text, (1.3, 0.4))))
+    objective = LeastSquaresObjective(CompiledProblem(problem(criterion, line(), text, (1.3, 0.4))))
     model = 1.3 * X + 0.4
     if "prev" in text:
         model[0] = 0.4
@@ -58,7 +58,9 @@ def test_a_weight_multiplies_the_loss_of_its_sample(kind, text):
 def test_gradient_and_rows_are_those_of_the_weighted_cost(kind):
     criterion = kf.Criterion("m", "y", 1.5, kind, delta=0.8, scale=2.0, weight_channel="w")
     data = replace(line(), time=0.1 * np.arange(60))
-    objective = SumOfSquares(Compiled(problem(criterion, data, "m = PT1(exp(a * x / 3), b)", (0.7, 0.4))))
+    objective = LeastSquaresObjective(
+        CompiledProblem(problem(criterion, data, "m = PT1(exp(a * x / 3), b)", (0.7, 0.4)))
+    )
     values = objective.start
     gradient, matrix = (part.copy() for part in objective.normal(values))
     residual, jacobian = objective.rows(values)
@@ -132,9 +134,9 @@ def test_a_whole_weight_is_a_sample_that_occurs_so_often(counts):
     often = np.repeat(np.arange(60), counts)
     for kind in ("square", "soft_l1"):
         criterion = kf.Criterion("m", "y", loss=kind, weight_channel="w")
-        weighted = SumOfSquares(Compiled(problem(criterion, line(w=counts))))
+        weighted = LeastSquaresObjective(CompiledProblem(problem(criterion, line(w=counts))))
         repeated = kf.Dataset.of("bench", {"x": X[often], "y": Y[often]})
-        plain = SumOfSquares(Compiled(problem(kf.Criterion("m", "y", loss=kind), repeated)))
+        plain = LeastSquaresObjective(CompiledProblem(problem(kf.Criterion("m", "y", loss=kind), repeated)))
         assert weighted.cost(np.array([1.0, 2.0])) == pytest.approx(plain.cost(np.array([1.0, 2.0])), rel=1e-12)
 
 
@@ -149,9 +151,9 @@ def test_weight_zero_and_nan_switch_a_sample_off_even_where_the_model_fails():
 def test_weights_of_dataset_criterion_and_regions_multiply():
     data = kf.Dataset.of("bench", {"x": X, "y": Y, "w": W, "v": X}, weight=2.0, weight_channel="v")
     regions = [Region("x > 1", 3.0), Region("x > 2 and w > 1", 0.5)]
-    compiled = Compiled(problem(kf.Criterion("m", "y", 1.5, weight_channel="w", regions=regions), data))
+    compiled = CompiledProblem(problem(kf.Criterion("m", "y", 1.5, weight_channel="w", regions=regions), data))
     weight = 2.0 * 1.5 * X * W * np.where(X > 1, 3.0, 1.0) * np.where((X > 2) & (W > 1), 0.5, 1.0)
-    cost = SumOfSquares(compiled).cost(np.array([1.0, 2.0]))
+    cost = LeastSquaresObjective(compiled).cost(np.array([1.0, 2.0]))
     order = {name: compiled.values.offsets[name] for name in "ab"}
     a, b = (np.array([1.0, 2.0])[order[name]] for name in "ab")
     assert cost == pytest.approx(np.sum(weight * (a * X + b - Y) ** 2), rel=1e-12)
@@ -163,8 +165,10 @@ def test_a_dataset_without_weights_counts_each_sample_once_beside_one_with():
         kf.Dataset.of("plain", {"x": X, "y": Y}),
         kf.Dataset.of("weighted", {"x": X, "y": Y, "v": W}, weight_channel="v"),
     )
-    both = SumOfSquares(Compiled(problem(kf.Criterion("m", "y"), (plain, weighted))))
-    alone = [SumOfSquares(Compiled(problem(kf.Criterion("m", "y"), data))) for data in (plain, weighted)]
+    both = LeastSquaresObjective(CompiledProblem(problem(kf.Criterion("m", "y"), (plain, weighted))))
+    alone = [
+        LeastSquaresObjective(CompiledProblem(problem(kf.Criterion("m", "y"), data))) for data in (plain, weighted)
+    ]
     at = np.array([1.0, 2.0])
     assert both.cost(at) == pytest.approx(sum(one.cost(at) for one in alone), rel=1e-12)
 
@@ -178,13 +182,13 @@ def test_a_weight_follows_its_sample_through_sorting_gaps_and_smoothing():
     model = kf.formula("m = C(D(u)) + C(x)", parameters=["C", "D"])
     criterion = kf.Criterion("m", "y", weight_channel="w")
     made = Problem(model, (kf.Dataset.of("d", {"x": x, "u": inner, "y": y, "w": w}),), start, (criterion,))
-    exact = Compiled(made)
+    exact = CompiledProblem(made)
     got = kf.simulate(model, {"x": np.nan_to_num(x), "u": inner}, start)["m"].values
     expected = np.sum((w * (got - y) ** 2)[np.isfinite(x)])
-    assert SumOfSquares(exact).cost(exact.start) == pytest.approx(expected, rel=1e-12)
-    smooth = Compiled(made, smooth_like=exact)
+    assert LeastSquaresObjective(exact).cost(exact.start) == pytest.approx(expected, rel=1e-12)
+    smooth = CompiledProblem(made, smooth_like=exact)
     smooth.set_width(1e-9)
-    assert SumOfSquares(smooth).cost(smooth.start) == pytest.approx(expected, rel=1e-6)
+    assert LeastSquaresObjective(smooth).cost(smooth.start) == pytest.approx(expected, rel=1e-6)
 
 
 def test_wrong_weights_are_found_all_at_once():

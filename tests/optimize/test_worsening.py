@@ -27,7 +27,7 @@ def rough_map(seed, smoothness, text="m = A(x, z)"):
 
 def share_of(result):
     (warning,) = result.warnings
-    return float(re.search(r"by about (\S+),", warning.mend)[1])
+    return float(re.search(r"by about (\S+),", warning.remedy)[1])
 
 
 @pytest.mark.parametrize("text", ["m = A(x, z)", "m = 40 * tanh(A(x, z) / 40)"])
@@ -37,8 +37,8 @@ def test_the_share_that_is_named_makes_smoothness_yield(seed, text):
     worse = rough_map(seed, smoothness, text)
     assert worse.converged
     assert worse.quality[0].rmse_after > worse.quality[0].rmse_before
-    assert worse.warnings[0].what.startswith("Smoothness outweighs the data: the RMSE of m on training rises from ")
-    assert "of m on test (test data) rises from" in worse.warnings[0].what
+    assert worse.warnings[0].message.startswith("Smoothness outweighs the data: the RMSE of m on training rises from ")
+    assert "of m on test (test data) rises from" in worse.warnings[0].message
     assert worse.warnings[0].severity == "warning"
     share = share_of(worse)
     better = rough_map(seed, smoothness * share, text).quality[0]
@@ -50,8 +50,8 @@ def test_the_share_that_is_named_makes_smoothness_yield(seed, text):
 @pytest.mark.parametrize("smoothness", [1e8, 1e12])
 def test_a_smoothness_of_any_size_is_named_as_the_cause(smoothness):
     (warning,) = rough_map(0, smoothness).warnings
-    assert warning.what.startswith("Smoothness outweighs the data")
-    assert warning.mend.startswith("Multiply the smoothness by about ")
+    assert warning.message.startswith("Smoothness outweighs the data")
+    assert warning.remedy.startswith("Multiply the smoothness by about ")
 
 
 def test_a_fit_that_is_worse_on_test_data_alone_is_told():
@@ -61,15 +61,15 @@ def test_a_fit_that_is_worse_on_test_data_alone_is_told():
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 8), np.linspace(0.05, 1.05, 8))])
     (warning,) = kf.calibrate("m = C(x)", data, start, target="y", test=test).warnings
     assert str(warning).startswith("The fit is worse than its start on test data: the RMSE of m on test (test data)")
-    assert "Record training data there" in warning.mend
+    assert "Record training data there" in warning.remedy
 
 
 def test_a_criterion_that_others_outweigh_is_told():
     x = np.linspace(0, 1, 20)
     criteria = [kf.Criterion("m", "y", 100.0), kf.Criterion("m", "z")]
     (warning,) = kf.calibrate("m = k * x", {"x": x, "y": 2 * x, "z": x}, {"k": 1.2}, criteria=criteria).warnings
-    assert warning.what.startswith("The fit is worse than its start in part")
-    assert "Raise its weight" in warning.mend
+    assert warning.message.startswith("The fit is worse than its start in part")
+    assert "Raise its weight" in warning.remedy
 
 
 def test_a_criterion_that_does_not_count_is_not_missed():
@@ -86,7 +86,7 @@ def test_limits_that_the_start_does_not_keep_are_the_cause():
     (warning,) = kf.calibrate(
         "m = k * x", {"x": x, "y": 2.1 * x}, start, target="y", pins=[kf.Pin("k", (), 1.0)]
     ).warnings
-    assert "the start may not keep them" in warning.mend
+    assert "the start may not keep them" in warning.remedy
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])
@@ -103,4 +103,4 @@ def test_text_notebook_and_json_tell_it():
     assert "Smoothness outweighs the data" in result._repr_html_()
     (entry,) = result.as_json()["warnings"]
     assert entry["sentence"].startswith("Smoothness outweighs the data")
-    assert entry["remedy"] == result.warnings[0].mend
+    assert entry["remedy"] == result.warnings[0].remedy

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.api import problem_of
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.project.demo import torque
@@ -23,9 +23,9 @@ def curve(name, values=0.0, **attributes):
 
 
 def departed(text, *parameters, data=DATA, **arguments):
-    problem = problem_of(text, data, kf.ParameterSet(parameters), "t", node="y", **arguments)
-    compiled = Compiled(problem)
-    limits = limits_of(problem, compiled.values)
+    problem = build_problem(text, data, kf.ParameterSet(parameters), "t", node="y", **arguments)
+    compiled = CompiledProblem(problem)
+    limits = linear_limits(problem, compiled.values)
     start, _ = project(compiled.start[: compiled.values.free], limits)
     return departure(compiled, start, limits)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kennfeld.analysis.limit_margins import pressing
+from kennfeld.analysis.limit_margins import active_constraints
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project.results import write
@@ -154,7 +154,7 @@ def test_pins_and_gradients_go_with_free_breakpoints(shop):
     assert slopes.max() <= 0.0025 * (1 + 1e-8)
     assert table.values[0] == pytest.approx(1.0, abs=1e-9)
     assert "Gain.x" in result.moved
-    (pressed,) = pressing(shop.project.problem(), result.parameters)
+    (pressed,) = active_constraints(shop.project.problem(), result.parameters)
     assert len(pressed.active) == np.count_nonzero(np.abs(slopes - 0.0025) < 1e-9) > 0
 
 

@@ -52,8 +52,8 @@ def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
         ('output = ["hex"', 'output = ["s19"', ".s19 is not what ecu.hex holds, Intel HEX"),
     ],
 )
-def test_what_is_wrong_with_an_image_is_a_finding(flash, old, new, what):
-    assert what in "\n".join(flash.change(old, new).errors())
+def test_what_is_wrong_with_an_image_is_a_finding(flash, old, new, message):
+    assert message in "\n".join(flash.change(old, new).errors())
 
 
 def test_an_image_that_cannot_hold_the_values_leaves_the_other_results(flash, capsys):

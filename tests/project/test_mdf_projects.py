@@ -50,7 +50,7 @@ def test_a_project_calibrates_on_several_files_and_rasters(project):
 
 
 def test_a_missing_raster_is_said_for_each_file(project):
-    found = [str(finding) for finding in project("").check() if "rasters" in finding.what]
+    found = [str(finding) for finding in project("").check() if "rasters" in finding.message]
     assert [line.split(":")[0] for line in found] == ["bench_a.mf4", "bench_b.mf4"]
     assert "Give a raster in s, such as raster = 0.01." in found[0]
 

@@ -27,21 +27,21 @@ def test_other_data_are_unseen(shop):
 
 
 def test_the_same_file_is_told(shop):
-    what = "the test file bench.csv is a training file too"
+    message = "the test file bench.csv is a training file too"
     found = seen(with_test(shop, "bench.csv", 'name = "again"\n'))
-    assert found == [f"kennfeld.toml [[dataset]] 2: {what}. {MEND}"]
+    assert found == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
 
 
 def test_a_copy_of_a_file_is_told(shop):
     shop.write("copy.csv", (shop.folder / "bench.csv").read_bytes())
-    what = "the test file copy.csv has the same content as the training file bench.csv"
-    assert seen(with_test(shop, "copy.csv")) == [f"kennfeld.toml [[dataset]] 2: {what}. {MEND}"]
+    message = "the test file copy.csv has the same content as the training file bench.csv"
+    assert seen(with_test(shop, "copy.csv")) == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
 
 
 def test_equal_samples_of_another_file_are_told(shop):
     shop.bench("fresh.csv", speed=(1000, 1500, 2000, 2600, 2900, 1300))
-    what = "3 of 6 test samples have the same inputs and targets as samples of bench"
-    assert seen(with_test(shop)) == [f"kennfeld.toml [[dataset]] 2 (fresh): {what}. {MEND}"]
+    message = "3 of 6 test samples have the same inputs and targets as samples of bench"
+    assert seen(with_test(shop)) == [f"kennfeld.toml [[dataset]] 2 (fresh): {message}. {MEND}"]
 
 
 def test_a_file_may_be_parted_by_conditions(shop):
@@ -49,8 +49,8 @@ def test_a_file_may_be_parted_by_conditions(shop):
     with_test(shop, "bench.csv", 'name = "high"\nwhere = "n > 2200"\n')
     assert seen(shop) == []
     shop.change("n > 2200", "n > 1300")
-    what = "2 of 4 test samples have the same inputs and targets as samples of bench"
-    assert seen(shop) == [f"kennfeld.toml [[dataset]] 2: {what}. {MEND}"]
+    message = "2 of 4 test samples have the same inputs and targets as samples of bench"
+    assert seen(shop) == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
 
 
 def test_a_file_of_the_same_size_is_another_one(shop):

@@ -14,7 +14,7 @@ from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.models import started
+from kennfeld.models import merge_start_values
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.formula_export import write_formula
 from kennfeld.models.simulink.importing import simulink
@@ -92,7 +92,7 @@ def test_parameters_that_state_limits_have_their_way(bounded):
     given = ParameterSet([Scalar("Slope", 0.5, lower=np.array(0.25))])
     path, dictionary = bounded.folder / "line.slx", bounded.folder / "data.sldd"
     for found in (
-        started(simulink(path, parameters=[dictionary]).values, given),
+        merge_start_values(simulink(path, parameters=[dictionary]).values, given),
         simulink(path, parameters=[dictionary, given]).values,
     ):
         assert (float(found["Slope"].lower), float(found["Slope"].upper)) == (0.25, np.inf)
@@ -123,7 +123,7 @@ def test_limits_of_a_table_hold_for_values_over_other_breakpoints(tmp_path):
     (tmp_path / "data.sldd").write_bytes(content)
     own = simulink(drawn.write(tmp_path, DRAWN), parameters=[tmp_path / "data.sldd"]).values
     read_from_file = ParameterSet([Curve("Eta", [0, 1, 3, 4], [2, 3, 7, 8])])
-    found = started(own, read_from_file)["Eta"]
+    found = merge_start_values(own, read_from_file)["Eta"]
     np.testing.assert_array_equal([found.lower, found.upper], [[0.0] * 4, [8.0] * 4])
 
 
@@ -257,8 +257,8 @@ def test_a_table_from_a_calibration_file_goes_on_beyond_its_ends_as_in_the_model
     model = simulink(drawn.write(tmp_path, DRAWN), parameters=[{"Eta": [1.0, 2.0, 6.0]}])
     write_parameters(ParameterSet([Curve("Eta", [0, 1, 3], [2, 3, 7])]), tmp_path / f"start.{ending}")
     start = read(tmp_path / f"start.{ending}")
-    assert started(model.values, start)["Eta"].extrapolation == "linear"
-    found = evaluate(model.graph, {"u": np.array([-2.0, 4.0])}, started(model.values, start))
+    assert merge_start_values(model.values, start)["Eta"].extrapolation == "linear"
+    found = evaluate(model.graph, {"u": np.array([-2.0, 4.0])}, merge_start_values(model.values, start))
     np.testing.assert_allclose(found["y"], [0, 9])
 
 

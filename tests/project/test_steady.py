@@ -130,7 +130,7 @@ def test_a_calculated_channel_can_be_the_steady_one(ridden):
     ridden.add('[calculated]\nkrpm = "n / 1000"')
     again(ridden, 'channel = "n", window = 5.0, tolerance = 10', 'channel = "krpm", window = 5.0, tolerance = 0.01')
     assert points(ridden).samples == 4
-    assert not [f for f in ridden.findings() if "nothing uses" in f.what]
+    assert not [f for f in ridden.findings() if "nothing uses" in f.message]
 
 
 def test_plateaus_do_not_cross_files(ridden):
@@ -228,5 +228,5 @@ initial = 0.0
         low = min(np.nanmin(one[name].values) for one in recorded)
         high = max(np.nanmax(one[name].values) for one in recorded)
         assert low <= data[name].values.min() < data[name].values.max() <= high
-    [remark] = [f.what for f in shop.findings() if f.severity == "remark"]
+    [remark] = [f.message for f in shop.findings() if f.severity == "remark"]
     assert remark.startswith(f"{data.samples} plateaus of ")

@@ -71,7 +71,7 @@ def test_a_unit_is_stated_where_the_file_has_none_or_a_wrong_one(shop):
 def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
     in_radians(shop).add('[units]\nn = "-"')
     assert data(shop)["n"].values.tolist() == OMEGA.tolist()
-    assert not [f for f in shop.findings() if "unit" in f.what or "rad/s" in f.what]
+    assert not [f for f in shop.findings() if "unit" in f.message or "rad/s" in f.message]
 
 
 def test_a_unit_stated_for_a_channel_that_nothing_uses_is_an_error(shop):
@@ -102,7 +102,7 @@ def test_a_channel_of_calculated_ones_alone_keeps_the_unit_of_the_file(shop):
 def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
     in_radians(shop).change('files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "n > 2100"')
     assert data(shop).scored.tolist() == (SPEED > 2100).tolist()
-    assert [f.what for f in shop.findings() if f.severity == "remark"] == [
+    assert [f.message for f in shop.findings() if f.severity == "remark"] == [
         "channel n is in rad/s and is converted to rpm, the unit of the input Speed; formulas over n see rpm"
     ]
     shop.add('[calculated]\ndouble = "2 * n"')
@@ -184,9 +184,9 @@ def test_a_unit_of_time_in_the_file_gives_the_right_time_constant(shop):
 
 
 def test_time_that_looks_like_milliseconds_is_a_warning(shop):
-    what = "the time stamps look like milliseconds: Time has no unit and is taken as s, and its steps are long"
-    mend = 'If they are, write [units] Time = "ms", else "s"; in Python kennfeld.read(..., units={"Time": "ms"}).'
-    assert f"kennfeld.toml [[dataset]] 1 (drive): {what}. {mend}" in lagging(shop).warnings()
+    message = "the time stamps look like milliseconds: Time has no unit and is taken as s, and its steps are long"
+    remedy = 'If they are, write [units] Time = "ms", else "s"; in Python kennfeld.read(..., units={"Time": "ms"}).'
+    assert f"kennfeld.toml [[dataset]] 1 (drive): {message}. {remedy}" in lagging(shop).warnings()
     assert lagging(shop).add('[units]\nTime = "s"').findings() == []
 
 

@@ -174,7 +174,7 @@ def test_smoothness_that_outweighs_the_data_is_told_and_no_noise_is_blamed(shop,
     for page in (opened(document(project, result)), opened(from_folder(project, tmp_path / "results"))):
         words = page.words_in_a_row
         assert "Smoothness outweighs the data: the RMSE of y on bench rises from 0.1 to" in words
-        assert result.warnings[0].mend in words
+        assert result.warnings[0].remedy in words
         assert "follow noise" not in words
         assert "learnt holds" not in words
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from kennfeld.report.figures import Envelope, histogram, some
+from kennfeld.report.figures import TraceEnvelope, histogram, some
 from kennfeld.report.markup import element, percent, rounded, shown, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
@@ -39,7 +39,7 @@ def test_every_number_can_be_shown(value):
 
 @given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60))
 def test_an_envelope_keeps_extremes_within_its_size(values, most):
-    groups = Envelope(values.size, most)
+    groups = TraceEnvelope(values.size, most)
     trace = groups.trace(values)
     assert trace.size <= max(most + 2, 2)
     assert groups.places(np.arange(float(values.size))).size == trace.size

@@ -8,7 +8,7 @@ from kennfeld.project.results import write
 from kennfeld.report import from_folder
 from kennfeld.report.page import page
 from kennfeld.report.report_data import subject
-from kennfeld.report.stored_result import TrustView, view
+from kennfeld.report.stored_result import TrustSummary, view
 
 
 @dataclass
@@ -39,12 +39,12 @@ class Trust:
 
 def test_a_mapping_marks_the_informed_values_alone():
     informed = {"a": np.array([True, False])}
-    assert view(informed) == TrustView(informed=informed)
+    assert view(informed) == TrustSummary(informed=informed)
 
 
 @pytest.mark.parametrize("trust", [None, object()])
 def test_what_is_not_there_is_not_shown(trust):
-    assert view(trust) == TrustView()
+    assert view(trust) == TrustSummary()
 
 
 def calibrated(shop):

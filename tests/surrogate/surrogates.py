@@ -4,7 +4,7 @@ import numpy as np
 
 from kennfeld.dataset import Dataset
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate import DynamicSurrogate, Quality, StaticSurrogate, Validity
+from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, SurrogateQuality, Validity
 
 
 def random_expansion(seed, inputs, centres, size=0.2):
@@ -25,8 +25,8 @@ def validity(inputs):
 
 
 QUALITY = (
-    Quality("bench", "training", "one step", 12, 0.1, 0.99, 0.3),
-    Quality("flat", "test", "free run", 3, 1 / 3, float("nan"), 1e-17),
+    SurrogateQuality("bench", "training", "one step", 12, 0.1, 0.99, 0.3),
+    SurrogateQuality("flat", "test", "free run", 3, 1 / 3, float("nan"), 1e-17),
 )
 
 

@@ -3,15 +3,22 @@ import pytest
 from surrogates import random_expansion
 
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.narx_training import Settings, _evaluate, _normal, _Values, free_run_rmse, train_free_run
-from kennfeld.surrogate.recursion import Lags, Run, Runs, simulate
+from kennfeld.surrogate.narx_training import (
+    TrainingSettings,
+    _evaluate,
+    _normal,
+    _Values,
+    free_run_rmse,
+    train_free_run,
+)
+from kennfeld.surrogate.recursion import Lags, Recording, Runs, simulate
 
 LAGS = Lags((1, 3), ((0, 2),))
 
 
 def pieces(seed=0, lengths=(30, 30, 12)):
     rng = np.random.default_rng(seed)
-    return [Run(rng.normal(size=(n, 1)), 0.3 * rng.normal(size=n)) for n in lengths]
+    return [Recording(rng.normal(size=(n, 1)), 0.3 * rng.normal(size=n)) for n in lengths]
 
 
 def by_hand(expansion, lags, run, limits=(-np.inf, np.inf)):
@@ -47,7 +54,7 @@ def test_blocks_do_not_change_a_run(monkeypatch):
 def test_sensitivities_through_the_recursion_agree_with_differences(moves_centres, limits, monkeypatch):
     monkeypatch.setattr("kennfeld.surrogate.narx_training.BLOCK", 500)
     runs = Runs.of(pieces(), LAGS)
-    settings = Settings(moves_centres=moves_centres, limits=limits, hold=0.5)
+    settings = TrainingSettings(moves_centres=moves_centres, limits=limits, hold=0.5)
     values = _Values(random_expansion(2, 4, 4), runs, settings)
     at = values.first + 0.01
     expansion, run, _ = _evaluate(values, at, runs, settings)
@@ -61,7 +68,7 @@ def test_sensitivities_through_the_recursion_agree_with_differences(moves_centre
 
 def test_training_starts_at_the_expansion_that_it_is_given():
     runs, start = Runs.of(pieces(), LAGS), random_expansion(3, 4, 4)
-    values = _Values(start, runs, Settings(moves_centres=True))
+    values = _Values(start, runs, TrainingSettings(moves_centres=True))
     same = values.expansion(values.first)
     x = np.random.default_rng(0).normal(size=(20, 4))
     np.testing.assert_allclose(same(x), start(x), rtol=1e-6, atol=1e-8)
@@ -73,13 +80,13 @@ def test_training_recovers_a_model_from_its_own_free_run(moves_centres):
     made = []
     for run in pieces(4, (150, 150)):
         y = np.concatenate([run.y[:3], by_hand(truth, LAGS, run)])
-        made.append(Run(run.u, y))
+        made.append(Recording(run.u, y))
     runs = Runs.of(made, LAGS)
     start = type(truth)(
         truth.offset, truth.slopes, truth.weights + 0.05 * rng.normal(size=6), truth.centres, truth.widths
     )
     before = free_run_rmse(start, runs)
-    settings = Settings(hold=1e-9, moves_centres=moves_centres, iterations=25, tolerance=1e-12)
+    settings = TrainingSettings(hold=1e-9, moves_centres=moves_centres, iterations=25, tolerance=1e-12)
     told = []
     trained = train_free_run(start, runs, settings, lambda step, rmse: told.append(rmse))
     assert free_run_rmse(trained, runs) < 1e-3 * before
@@ -88,24 +95,24 @@ def test_training_recovers_a_model_from_its_own_free_run(moves_centres):
 
 def test_what_is_held_firmly_becomes_its_goal():
     runs, start = Runs.of(pieces(), LAGS), random_expansion(3, 4, 4)
-    stays = train_free_run(start, runs, Settings(hold=1e9, toward_plane=False))
+    stays = train_free_run(start, runs, TrainingSettings(hold=1e9, toward_plane=False))
     np.testing.assert_allclose(stays.weights, start.weights, atol=1e-6)
-    flat = train_free_run(start, runs, Settings(hold=1e9, toward_plane=True))
+    flat = train_free_run(start, runs, TrainingSettings(hold=1e9, toward_plane=True))
     np.testing.assert_allclose(flat.weights, 0.0, atol=1e-6)
 
 
 def test_a_model_that_runs_away_costs_infinitely_and_raises_nothing():
     wild = random_expansion(0, 4, 3)
     wild = type(wild)(wild.offset, [30.0, 0, 0, 0], wild.weights, wild.centres, wild.widths)
-    runs = Runs.of([Run(np.ones((900, 1)), np.ones(900))], LAGS)
+    runs = Runs.of([Recording(np.ones((900, 1)), np.ones(900))], LAGS)
     assert free_run_rmse(wild, runs) == np.inf
-    assert train_free_run(wild, runs, Settings()) is not None
+    assert train_free_run(wild, runs, TrainingSettings()) is not None
 
 
 def test_samples_that_do_not_count_are_run_through():
     run = pieces()[0]
     counted = np.arange(30) % 2 == 0
-    runs = Runs.of([Run(run.u, run.y, counted)], LAGS)
+    runs = Runs.of([Recording(run.u, run.y, counted)], LAGS)
     assert runs.scored.sum() == len(runs.points) == counted[3:].sum()
     np.testing.assert_array_equal(
         simulate(random_expansion(0, 4, 5), runs).y, simulate(random_expansion(0, 4, 5), Runs.of([run], LAGS)).y
@@ -120,4 +127,4 @@ def test_lags_that_cannot_be_are_named():
     with pytest.raises(ArgumentError, match="at least one lag"):
         Lags((), ((0,),))
     with pytest.raises(ArgumentError, match="longer than 3 samples"):
-        Runs.of([Run(np.zeros((3, 1)), np.zeros(3))], LAGS)
+        Runs.of([Recording(np.zeros((3, 1)), np.zeros(3))], LAGS)

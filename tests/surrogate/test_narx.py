@@ -3,7 +3,7 @@ import pytest
 from surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.recursion import Lags, Run, Runs
+from kennfeld.surrogate.recursion import Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
 
 
@@ -99,7 +99,7 @@ def linear(slope, limits=(-np.inf, np.inf)):
     rng = np.random.default_rng(0)
     expansion = random_expansion(0, 3, 2, size=0.0)
     expansion = type(expansion)(0.0, [*slope, 0.1], expansion.weights, expansion.centres, expansion.widths)
-    runs = Runs.of([Run(rng.normal(size=(50, 1)), rng.normal(size=50))], lags)
+    runs = Runs.of([Recording(rng.normal(size=(50, 1)), rng.normal(size=50))], lags)
     return check_stability(expansion, runs, limits)
 
 

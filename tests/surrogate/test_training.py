@@ -6,7 +6,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
 from kennfeld.surrogate.model_selection import _lowest, select_lags
-from kennfeld.surrogate.narx_training import Settings
+from kennfeld.surrogate.narx_training import TrainingSettings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import runs_of
 
@@ -100,7 +100,7 @@ def test_a_dead_time_is_found_among_the_lags():
     for k in range(6, 240):
         y[k] = 0.7 * y[k - 1] + u[k - 6]
     data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=240)}, time=0.1 * np.arange(240))
-    lags = select_lags(runs_of(data, ("u",), "y", 0.1), 1, Settings(), longest=7, output_lags=(1,))
+    lags = select_lags(runs_of(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=7, output_lags=(1,))
     assert lags.output == (1,)
     assert 6 in lags.inputs[0]
 

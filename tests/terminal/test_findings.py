@@ -1,44 +1,44 @@
 from dataclasses import replace
 
-from kennfeld.optimize.trust import Direction, Holding, NullSpace, Trust
-from kennfeld.terminal.result_lines import left_open
+from kennfeld.optimize.trust import ActiveLimit, Direction, NullSpace, Trust
+from kennfeld.terminal.result_lines import undetermined_lines
 
 ONE = Direction("Scaling A by 1.01 changes nothing.", "Pin a value of A.", {}, True, 0.0, float("inf"))
 
 
 def test_nothing_is_said_where_nothing_is_open():
-    assert left_open(Trust()) == []
+    assert undetermined_lines(Trust()) == []
 
 
 def test_each_direction_is_a_line_with_its_mend():
-    heading, line = left_open(Trust(directions=(ONE,)))
+    heading, line = undetermined_lines(Trust(directions=(ONE,)))
     assert heading == "What the data leave open:"
     assert line == "  Scaling A by 1.01 changes nothing. Pin a value of A."
 
 
 def test_the_number_of_undetermined_changes_comes_first_with_what_settles_all_of_them():
     space = NullSpace(7, sentence="Nothing determines 7 independent changes of A and B.", advice="Pin all of B.")
-    _, first, second = left_open(Trust(directions=(ONE,), null_space=space))
+    _, first, second = undetermined_lines(Trust(directions=(ONE,), null_space=space))
     assert first == "  Nothing determines 7 independent changes of A and B. Pin all of B."
     assert second == f"  {ONE}"
 
 
 def test_the_only_change_is_told_once():
     space = NullSpace(1, sentence="Nothing determines one independent change of A.", advice="Pin A.")
-    assert left_open(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
+    assert undetermined_lines(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
 
 
 def test_at_most_three_are_shown_and_the_rest_is_counted():
     many = tuple(replace(ONE, sentence=f"Number {i}.") for i in range(8))
-    _, *lines, last = left_open(Trust(directions=many))
+    _, *lines, last = undetermined_lines(Trust(directions=many))
     assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(3)]
     assert last == "  and 5 more; see result.json"
 
 
 def test_what_limits_of_outputs_hold_comes_last():
-    held = Holding("y <= 2", "The limit y <= 2 is met at 3 samples.", 3, 1, ("k",))
-    close = Holding("least distance of C.x", "Breakpoints 2 and 3 of C.x stand at their least distance.", 0, 1)
-    assert left_open(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
+    held = ActiveLimit("y <= 2", "The limit y <= 2 is met at 3 samples.", 3, 1, ("k",))
+    close = ActiveLimit("least distance of C.x", "Breakpoints 2 and 3 of C.x stand at their least distance.", 0, 1)
+    assert undetermined_lines(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
         "What limits hold:",
         "  The limit y <= 2 is met at 3 samples.",
     ]
@@ -46,5 +46,6 @@ def test_what_limits_of_outputs_hold_comes_last():
 
 def test_a_search_that_did_not_come_to_its_end_says_so_first():
     assert (
-        left_open(Trust(remark="The search ended as stopped.", directions=(ONE,)))[0] == "The search ended as stopped."
+        undetermined_lines(Trust(remark="The search ended as stopped.", directions=(ONE,)))[0]
+        == "The search ended as stopped."
     )

@@ -7,22 +7,22 @@ import pytest
 from kennfeld import cli
 from kennfeld.errors import Finding
 from kennfeld.terminal.diff_lines import _RED, _paint
-from kennfeld.terminal.output import aligned, complain, say
+from kennfeld.terminal.output import aligned, print_findings, print_lines
 
 EVIL = "Sp\x1b]0;title\x07e\x1b[2Jed\r\u202e[red]\x9b"
 SHOWN = r"Sp\u001b]0;title\u0007e\u001b[2Jed\u000d\u202e[red]\u009b"
 
 
 def test_lines_show_control_characters_as_escapes(capsys):
-    say(f"channel {EVIL}", "plain äöü °C µ 转速")
-    complain(Finding(f"{EVIL}.csv line 4", "is odd", excerpt=f"{EVIL};1"), f"no file {EVIL}")
+    print_lines(f"channel {EVIL}", "plain äöü °C µ 转速")
+    print_findings(Finding(f"{EVIL}.csv line 4", "is odd", excerpt=f"{EVIL};1"), f"no file {EVIL}")
     out, err = capsys.readouterr()
     assert out == f"channel {SHOWN}\nplain äöü °C µ 转速\n"
     assert err == f"{SHOWN}.csv line 4: is odd\n    {SHOWN};1\nno file {SHOWN}\n"
 
 
 def test_colours_of_our_own_stay(capsys):
-    say(_paint(aligned([("name",), (EVIL,)])[1], _RED))
+    print_lines(_paint(aligned([("name",), (EVIL,)])[1], _RED))
     assert capsys.readouterr().out == f"\x1b[31m{SHOWN}\x1b[0m\n"
 
 
@@ -52,7 +52,7 @@ def test_info_shows_names_of_channels_units_and_files_as_escapes(tmp_path, capsy
 
 
 def test_json_that_is_not_ascii_stays_json(capsys):
-    say(json.dumps({"name": EVIL + "\U000e0041ä"}, ensure_ascii=False))
+    print_lines(json.dumps({"name": EVIL + "\U000e0041ä"}, ensure_ascii=False))
     out = capsys.readouterr().out
     assert json.loads(out) == {"name": EVIL + "\U000e0041ä"}
     assert not {"\x9b", "\u202e", "\U000e0041"} & set(out)

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 from kennfeld.optimize import TraceLine
 from kennfeld.terminal import progress
-from kennfeld.terminal.output import complain, say
+from kennfeld.terminal.output import print_findings, print_lines
 from kennfeld.terminal.progress import display
 
 LINE = TraceLine(1, 1, "plain", 1234.5, 1.5, 0.1, 1e-3, 0, 0.2)
@@ -39,6 +39,6 @@ def test_elsewhere_each_of_several_starts_has_a_line(capsys, monkeypatch):
 
 
 def test_lines_go_where_they_belong(capsys):
-    say("one", "two")
-    complain("three\nfour")
+    print_lines("one", "two")
+    print_findings("three\nfour")
     assert capsys.readouterr() == ("one\ntwo\n", "three four\n")

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.analysis.evaluation import Series
+from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["Cells", "tally"]
+__all__ = ["CellErrors", "tally"]
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class CellErrors:
     """The errors of one criterion in each cell of a table, between its breakpoints; NaN where no sample lies.
 
     A sample beyond an axis counts in the cell at its end; one that looks a table up twice counts twice.
@@ -36,11 +36,11 @@ class Tally:
     Without states only scored samples count as touching a grid point; with states every one may matter to a later one.
     """
 
-    cells: tuple[Cells, ...]
+    cells: tuple[CellErrors, ...]
     touching: Mapping[str, Int]  # Int of the table's shape
 
 
-def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Series]) -> Tally:
+def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[CriterionSeries]) -> Tally:
     """Go through all lookups once: errors of every criterion by cell, training and test apart, and samples touching."""
     sums: dict[tuple[str, int, Use], Float] = {}
     touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
@@ -68,7 +68,7 @@ def _touch(total: Int, lookup: Lookup, counts: Bool) -> None:
         total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
 
 
-def _sum(total: Float, lookup: Lookup, series: Series) -> None:
+def _sum(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
     """Add number, sum and sum of squares of the errors to each cell."""
     errors = series.model[lookup.samples] - series.measured[lookup.samples]
     counts = lookup.known & np.isfinite(errors)
@@ -79,15 +79,15 @@ def _sum(total: Float, lookup: Lookup, series: Series) -> None:
         total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
 
 
-def _by_dataset(series: Sequence[Series]) -> Mapping[tuple[str, Use], list[Series]]:
-    grouped: dict[tuple[str, Use], list[Series]] = {}
+def _by_dataset(series: Sequence[CriterionSeries]) -> Mapping[tuple[str, Use], list[CriterionSeries]]:
+    grouped: dict[tuple[str, Use], list[CriterionSeries]] = {}
     for one in series:
         grouped.setdefault((one.bound.dataset.name, one.bound.dataset.use), []).append(one)
     return grouped
 
 
-def _cells(name: str, criterion: int, use: Use, shape: tuple[int, ...], total: Float) -> Cells:
+def _cells(name: str, criterion: int, use: Use, shape: tuple[int, ...], total: Float) -> CellErrors:
     count, first, second = total.reshape(3, *shape)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean, square = first / count, second / count
-    return Cells(name, criterion, use, count.astype(np.int64), mean, np.sqrt(square))
+    return CellErrors(name, criterion, use, count.astype(np.int64), mean, np.sqrt(square))

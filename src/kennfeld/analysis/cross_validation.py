@@ -17,7 +17,7 @@ from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.optimize import Options, Problem, Progress, Quality, Result, TraceLine, run
-from kennfeld.optimize.api import problem_of
+from kennfeld.optimize.api import build_problem
 
 __all__ = ["CrossValidation", "FoldQuality", "cross_validate", "cross_validated", "folds_of"]
 
@@ -56,12 +56,12 @@ def folds_of(
         timed = memory or any(data.time is not None for data in datasets)
         kind = "files" if len(pieces) >= count else "blocks" if timed else "random"
     if kind == "random" and memory:
-        what = "a model with memory cannot be cross-validated on samples picked at random"
-        raise InputError.of("cross-validation", what, "Use blocks.")
+        message = "a model with memory cannot be cross-validated on samples picked at random"
+        raise InputError.of("cross-validation", message, "Use blocks.")
     available = len(pieces) if kind == "files" else sum(data.samples for data in datasets)
     if available < count:
-        what = f"{count} folds of {available} {'pieces' if kind == 'files' else 'samples'}"
-        raise InputError.of("cross-validation", what, "Ask for fewer folds.")
+        message = f"{count} folds of {available} {'pieces' if kind == 'files' else 'samples'}"
+        raise InputError.of("cross-validation", message, "Ask for fewer folds.")
     if kind == "files":
         return _whole(datasets, pieces, count)
     return _blocks(datasets, pieces, count) if kind == "blocks" else _random(datasets, count, seed)
@@ -246,7 +246,7 @@ def cross_validate(
             raise ArgumentError("a problem has its data and its start; give nothing beside it but how to validate")
         problem = model
     else:
-        problem = problem_of(model, data, start, target, **arguments)
+        problem = build_problem(model, data, start, target, **arguments)
     return cross_validated(problem, folds, kind, seed, options or Options(), progress)
 
 

@@ -10,19 +10,19 @@ from kennfeld.criteria import Criterion
 from kennfeld.graph.traversal import extended
 from kennfeld.optimize import Problem
 from kennfeld.optimize.problem import difference
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["Evaluator", "Series"]
+__all__ = ["CriterionSeries", "Evaluator"]
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class CriterionSeries:
     """One criterion over the kept samples of one dataset; `measured` is NaN where a sample is not scored."""
 
     criterion: int
-    bound: Bound
+    bound: BoundDataset
     unit: str
     model: Float  # Float[samples]
     measured: Float  # Float[samples]
@@ -66,20 +66,20 @@ class Evaluator:
         self._names = [difference(i) for i in range(len(problem.criteria))]
         self._names += [c.node for c, node in zip(problem.criteria, self._against_node, strict=True) if node]
         self._names += self._extra.values()
-        self._nodes: tuple[ParameterSet, Nodes] | None = None
+        self._nodes: tuple[ParameterSet, NodeSimulator] | None = None
 
-    def series(self, parameters: ParameterSet) -> tuple[Series, ...]:
+    def series(self, parameters: ParameterSet) -> tuple[CriterionSeries, ...]:
         """Every criterion on every dataset that scores it, dataset by dataset."""
         nodes = self._compiled(parameters)
         self.values = []
         return tuple(series for bound in self.bounds for series in self._of(bound, nodes, parameters))
 
-    def _compiled(self, parameters: ParameterSet) -> Nodes:
+    def _compiled(self, parameters: ParameterSet) -> NodeSimulator:
         if self._nodes is None or not same_axes(self._nodes[0], parameters):
-            self._nodes = parameters, Nodes(self._graph, parameters, self._names)
+            self._nodes = parameters, NodeSimulator(self._graph, parameters, self._names)
         return self._nodes[1]
 
-    def _of(self, bound: Bound, nodes: Nodes, parameters: ParameterSet) -> Sequence[Series]:
+    def _of(self, bound: BoundDataset, nodes: NodeSimulator, parameters: ParameterSet) -> Sequence[CriterionSeries]:
         values = nodes.values(bound, parameters)
         count = len(self._problem.criteria)
         own = iter(values[count:])
@@ -91,10 +91,10 @@ class Evaluator:
             # where the target is a node the difference is what is scored, and the target is what it leaves
             measured = model - (values[i] - target) if self._against_node[i] else target
             if np.isfinite(target).any():
-                made.append(Series(i, bound, self._unit(criterion, bound), model, measured))
+                made.append(CriterionSeries(i, bound, self._unit(criterion, bound), model, measured))
         return made
 
-    def _unit(self, criterion: Criterion, bound: Bound) -> str:
+    def _unit(self, criterion: Criterion, bound: BoundDataset) -> str:
         own = self._problem.model.graph.units.get(criterion.node, "")
         channel = criterion.target.name
         recorded = bound.dataset[channel].unit if channel in bound.dataset else ""

@@ -10,14 +10,14 @@ from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.graph.traversal import extended
 from kennfeld.optimize import Problem
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate, Validity
 
-__all__ = ["Leaving", "leaving"]
+__all__ = ["Extrapolation", "find_extrapolation"]
 
 BLOCK = 65536  # samples at once, so that memory does not grow with the data
 
@@ -50,7 +50,7 @@ class Farthest:
 
 
 @dataclass(frozen=True)
-class Leaving:
+class Extrapolation:
     """How often a surrogate is looked up outside its validity over the samples of a dataset.
 
     `outside` is None where it does not say for which data it holds, `worst` is None where it stays inside; `several`
@@ -58,7 +58,7 @@ class Leaving:
     they are then.
 
     >>> worst = Farthest(616, 1, 12.3, "throttle", 15.2, 15.0)
-    >>> print(Leaving("engine", "set values", "training", 1500, 132, worst))  # doctest: +NORMALIZE_WHITESPACE
+    >>> print(Extrapolation("engine", "set values", "training", 1500, 132, worst))  # doctest: +NORMALIZE_WHITESPACE
     engine is used outside the data it was trained on at 132 of 1500 samples of set values (8.8 %),
     worst at 12.3 s, where throttle is 15.2, above 15
     """
@@ -104,7 +104,7 @@ class Leaving:
         return {"name": self.name, **rest, "worst": worst}
 
 
-def leaving(problem: Problem, parameters: ParameterSet) -> tuple[Leaving, ...]:
+def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extrapolation, ...]:
     """For each surrogate that the model of a problem calls and each dataset: where it is used outside its validity.
 
     `parameters` are all that the model looks up, the expansions of its surrogates included, as in a `Result`. A sample
@@ -124,26 +124,26 @@ class _Calls:
         self.inputs = {at: str(nodes[at].payload) for at in places if nodes[at].op == "input"}
         self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
 
-    def rows(self) -> Iterator[Leaving]:
+    def rows(self) -> Iterator[Extrapolation]:
         """A row a dataset."""
         validity, nodes = self.surrogate.validity, None
         if validity is not None and self.computed:
             grown = extended(self.problem.graph, self.computed)
-            nodes = Nodes(grown, self.parameters, list(self.computed.values()))
+            nodes = NodeSimulator(grown, self.parameters, list(self.computed.values()))
         for data in self.problem.datasets:
             bound = self.problem.bind(data)
             samples = bound.shown.count
             if validity is None:
-                yield Leaving(self.surrogate.name, data.name, data.use, samples, None)
+                yield Extrapolation(self.surrogate.name, data.name, data.use, samples, None)
                 continue
-            search = _Search(validity)
+            search = _FarthestPoint(validity)
             for at, points in self._points(bound, nodes):
                 search.add(at, points)
             worst = self._farthest(bound, search)
             several = bound.shown.starts.size > 1
-            yield Leaving(self.surrogate.name, data.name, data.use, samples, search.outside, worst, several)
+            yield Extrapolation(self.surrogate.name, data.name, data.use, samples, search.outside, worst, several)
 
-    def _points(self, bound: Bound, nodes: Nodes | None) -> Iterator[tuple[Int, Sequence[Float]]]:
+    def _points(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[Int, Sequence[Float]]]:
         """Numbers of kept samples, and the points Float[samples, inputs] of each call there; block by block."""
         columns = bound.columns
         for here, values in self._blocks(bound, nodes):
@@ -153,7 +153,7 @@ class _Calls:
             counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
             yield at[counted], [np.column_stack([found[a] for a in args])[counted] for args in self.calls]
 
-    def _blocks(self, bound: Bound, nodes: Nodes | None) -> Iterator[tuple[slice, Float]]:
+    def _blocks(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[slice, Float]]:
         if nodes is not None:
             yield from nodes.blocks(bound, self.parameters)
             return
@@ -161,7 +161,7 @@ class _Calls:
             here = slice(first, min(first + BLOCK, bound.count))
             yield here, np.empty((0, here.stop - here.start))
 
-    def _farthest(self, bound: Bound, search: "_Search") -> Farthest | None:
+    def _farthest(self, bound: BoundDataset, search: "_FarthestPoint") -> Farthest | None:
         if not search.outside:
             return None
         sample, time = int(bound.kept[search.at]), bound.dataset.time
@@ -176,7 +176,7 @@ class _Calls:
         return Farthest(sample + 1, piece, stamp, _coordinates(self.surrogate)[d], float(point[d]), float(end))
 
 
-class _Search:
+class _FarthestPoint:
     """Counts the samples outside, and keeps the farthest: beyond an end, or else by the measure of the validity."""
 
     def __init__(self, validity: "Validity") -> None:

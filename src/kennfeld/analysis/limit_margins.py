@@ -7,21 +7,21 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.constraints import Equality, Limit, Shape
-from kennfeld.free_axes import free_axes, standing
-from kennfeld.graph.value_layout import Values
+from kennfeld.free_axes import free_axes, with_fixed_axes
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.models.formula import extend
 from kennfeld.optimize import Problem
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["OutputRange", "Pressing", "output_ranges", "pressing"]
+__all__ = ["ActiveConstraint", "OutputRange", "active_constraints", "output_ranges"]
 
 CLOSE = 1e-7  # of what is summed in a row: nearer than this is at the limit
 
 
 @dataclass(frozen=True)
-class Pressing:
+class ActiveConstraint:
     """A linear limit at given values: of its `rows`, those that hold with equality, in words."""
 
     constraint: Shape | Equality
@@ -29,19 +29,19 @@ class Pressing:
     active: tuple[str, ...]
 
 
-def pressing(problem: Problem, parameters: ParameterSet) -> tuple[Pressing, ...]:
+def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[ActiveConstraint, ...]:
     """For each shape and each equality of a problem, the rows that press on the values."""
     offsets = np.cumsum([0, *(problem.parameters[name].size for name in problem.free_names)]).tolist()
-    values = Values(dict(zip(problem.free_names, offsets, strict=False)), offsets[-1], 0, offsets[-1])
+    values = ValueLayout(dict(zip(problem.free_names, offsets, strict=False)), offsets[-1], 0, offsets[-1])
     flat = np.concatenate([np.zeros(0), *(parameters[name].values.ravel() for name in problem.free_names)])
-    still = standing(parameters, free_axes(parameters))  # the breakpoints are those of now
+    still = with_fixed_axes(parameters, free_axes(parameters))  # the breakpoints are those of now
     found = []
     for constraint in problem.constraints:
         alone = replace(problem, parameters=still, pins=(), constraints=(constraint,), limits=())
-        rows = limits_of(alone, values).rows
+        rows = linear_limits(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
         at = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
-        found.append(Pressing(constraint, rows.count, tuple(rows.names[i] for i in at)))
+        found.append(ActiveConstraint(constraint, rows.count, tuple(rows.names[i] for i in at)))
     return tuple(found)
 
 
@@ -68,7 +68,7 @@ def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRan
     texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}
     wheres = {f"\0where {i}": limit.where for i, limit in enumerate(problem.limits) if limit.where}
     grown = replace(problem, model=extend(problem.model, texts | wheres, "limit"), limits=(), parameters=parameters)
-    nodes = Nodes(grown.model.graph, parameters, [*texts, *wheres])
+    nodes = NodeSimulator(grown.model.graph, parameters, [*texts, *wheres])
     parts: list[list[Float]] = [[] for _ in problem.limits]
     for bound in grown.training:
         values = dict(zip([*texts, *wheres], nodes.values(bound, parameters), strict=True))

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
-from kennfeld.analysis.cell_errors import Cells, tally
-from kennfeld.analysis.evaluation import Evaluator, Series
+from kennfeld.analysis.cell_errors import CellErrors, tally
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize import Problem
@@ -28,7 +28,7 @@ Scaling = Literal["studentized", "standardised"]
 
 
 def sample_leverage(
-    problem: Problem, lookups: Lookups, series: Sequence[Series], leverage: Mapping[str, Float]
+    problem: Problem, lookups: Lookups, series: Sequence[CriterionSeries], leverage: Mapping[str, Float]
 ) -> dict[int, Float]:
     """The leverage of each training sample, by the number of its series.
 
@@ -53,7 +53,7 @@ def sample_leverage(
     return {i: np.clip(np.nan_to_num(values), 0.0, MOST) for i, values in found.items()}
 
 
-def _weight(problem: Problem, series: Series) -> Float:
+def _weight(problem: Problem, series: CriterionSeries) -> Float:
     criterion = problem.criteria[series.criterion]
     weight = criterion.weight * series.bound.dataset.weight / criterion.scale**2
     own = sample_weights(criterion, series.bound.dataset)
@@ -66,7 +66,7 @@ def _share(weight: Float, of_sample: Float) -> Float:
 
 
 def _reaching(
-    lookups: Lookups, training: Mapping[int, Series], wanted: Mapping[str, Float]
+    lookups: Lookups, training: Mapping[int, CriterionSeries], wanted: Mapping[str, Float]
 ) -> Iterator[tuple[int, Lookup]]:
     """Lookups of the wanted tables, with the number of each series that depends on them."""
     for i, one in training.items():
@@ -145,7 +145,7 @@ class Residuals:
     deviation: float
     errors: tuple[Errors, ...]
     summaries: tuple[Summary, ...]
-    cells: tuple[Cells, ...]
+    cells: tuple[CellErrors, ...]
     worst: tuple[WorstSample, ...]
 
 
@@ -155,9 +155,9 @@ def residuals(
     *,
     trust: Any = None,
     worst: int = 20,
-    series: Sequence[Series] | None = None,
+    series: Sequence[CriterionSeries] | None = None,
     lookups: Lookups | None = None,
-    cells: tuple[Cells, ...] | None = None,
+    cells: tuple[CellErrors, ...] | None = None,
 ) -> tuple[Residuals, ...]:
     """Analyse the errors of a parameter set, one entry a criterion.
 
@@ -197,9 +197,9 @@ def residuals(
 def _of_criterion(
     problem: Problem,
     number: int,
-    series: Sequence[Series],
+    series: Sequence[CriterionSeries],
     leverage: Mapping[int, Float] | None,
-    cells: tuple[Cells, ...],
+    cells: tuple[CellErrors, ...],
     worst: int,
 ) -> Residuals:
     criterion = problem.criteria[number]
@@ -220,7 +220,7 @@ def _of_criterion(
     )
 
 
-def _deviation(series: Sequence[Series], pulls: Sequence[Float]) -> float:
+def _deviation(series: Sequence[CriterionSeries], pulls: Sequence[Float]) -> float:
     """Standard deviation of the errors: sum r^2 / (n - sum h) over the training samples, or over all there are."""
     pairs = list(zip(series, pulls, strict=True))
     used = [(s, h) for s, h in pairs if s.bound.dataset.use == "training" and s.bound.dataset.weight > 0] or pairs
@@ -230,7 +230,7 @@ def _deviation(series: Sequence[Series], pulls: Sequence[Float]) -> float:
     return float(np.sqrt(total / free)) if free > 0 else float("nan")
 
 
-def _errors(series: Series, deviation: Float) -> Errors:
+def _errors(series: CriterionSeries, deviation: Float) -> Errors:
     error, data = series.error, series.bound.dataset
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         size = np.abs(series.measured)
@@ -239,7 +239,7 @@ def _errors(series: Series, deviation: Float) -> Errors:
     return Errors(data.name, data.use, error, relative, scaled)
 
 
-def _summary(series: Series, errors: Errors) -> Summary:
+def _summary(series: CriterionSeries, errors: Errors) -> Summary:
     error = errors.absolute[np.isfinite(errors.absolute)]
     known = error.size > 0
     with np.errstate(over="ignore", invalid="ignore"):
@@ -271,14 +271,14 @@ def _median(values: Float) -> float:
     return float(np.median(known)) if known.size else float("nan")
 
 
-def _r2(series: Series, error: Float) -> float:
+def _r2(series: CriterionSeries, error: Float) -> float:
     measured = series.measured[series.scored]
     variation = spread(measured)
     whole = error.size == measured.size
     return 1.0 - float(np.sum(error**2)) / variation if variation > 0 and whole else float("nan")
 
 
-def _memory(series: Series) -> Autocorrelation | None:
+def _memory(series: CriterionSeries) -> Autocorrelation | None:
     """The autocorrelation of the errors of a recording, in s where its time step is even."""
     if series.time is None:
         return None
@@ -288,7 +288,9 @@ def _memory(series: Series) -> Autocorrelation | None:
     return autocorrelation(series.error, series.bound.starts, step if even else None)
 
 
-def _worst(problem: Problem, series: Sequence[Series], errors: Sequence[Errors], count: int) -> tuple[WorstSample, ...]:
+def _worst(
+    problem: Problem, series: Sequence[CriterionSeries], errors: Sequence[Errors], count: int
+) -> tuple[WorstSample, ...]:
     """The largest errors of all datasets, the largest first; an error that is not finite is the largest.
 
     Of neighbours in time whose errors have one sign only the worst is taken: they are one event.
@@ -316,7 +318,7 @@ def _peaks(size: Float, error: Float, starts: Int) -> Int:
     return places[np.unique(run[places], return_index=True)[1]]
 
 
-def _sample(problem: Problem, series: Series, errors: Errors, at: int) -> WorstSample:
+def _sample(problem: Problem, series: CriterionSeries, errors: Errors, at: int) -> WorstSample:
     number = int(series.bound.kept[at])
     time = series.time
     return WorstSample(

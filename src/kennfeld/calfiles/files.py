@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
-from kennfeld.calfiles.format import Content, Format, Source
+from kennfeld.calfiles.format import CalibrationSource, Format, ReadResult
 from kennfeld.calfiles.unsupported_files import foreign_calibration, look_of
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
@@ -145,7 +145,7 @@ def read_several(
 
     `a2l` describes the images among them. Raises `InputError` with the findings of all files that cannot be read.
     """
-    contents: list[Content] = []
+    contents: list[ReadResult] = []
     findings: list[Finding] = []
     for path in paths:
         try:
@@ -239,8 +239,8 @@ def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
     return ParameterSummary(member.name, member.kind, shape, *said, low, high, member.functions, variants)
 
 
-def _content(path: Path, a2l: str | Path | None = None) -> Content:
-    source = Source(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
+def _content(path: Path, a2l: str | Path | None = None) -> ReadResult:
+    source = CalibrationSource(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
     for known in _in_order(path):
         if known.recognises(source):
             with _no_collection():
@@ -270,15 +270,15 @@ def _bytes(path: Path) -> bytes:
     """What the file holds; a large file of another kind is refused by its head."""
     try:
         with path.open("rb") as file:
-            head = Source(path.name, file.read(_HEAD), path)
+            head = CalibrationSource(path.name, file.read(_HEAD), path)
             if head.is_binary and not any(known.recognises(head) for known in _FORMATS if known.binary):
                 raise InputError([_foreign(path, head.raw, "holds binary data")])
             return head.raw + file.read()
     except FileNotFoundError:
         raise InputError([_missing(path)]) from None
     except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError.of(str(path), what) from None
+        message = f"cannot be read: {error.strerror or error}"
+        raise InputError.of(str(path), message) from None
 
 
 def _missing(path: Path) -> Finding:
@@ -286,7 +286,7 @@ def _missing(path: Path) -> Finding:
     return Finding(str(path), "there is no such file", nearest(path.name, beside))
 
 
-def _unknown(path: Path, source: Source) -> Finding:
+def _unknown(path: Path, source: CalibrationSource) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
         return Finding(path.name, "is empty", f"Expected {_known()}.")
@@ -294,18 +294,18 @@ def _unknown(path: Path, source: Source) -> Finding:
     if fragment:
         return Finding(path.name, *fragment)
     if recognises_a2l(source.text):
-        what = "is an A2L description, which holds no values"
-        return Finding(path.name, what, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
+        message = "is an A2L description, which holds no values"
+        return Finding(path.name, message, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
     return _foreign(path, source.raw, f"begins with {lines[0][:60]!r}")
 
 
-def _foreign(path: Path, head: bytes, what: str) -> Finding:
+def _foreign(path: Path, head: bytes, message: str) -> Finding:
     known = foreign_calibration(path)
     if known is not None:
         return known
     look = look_of(head)
     return Finding(
-        path.name, f"is no calibration file: it {f'looks like {look}' if look else what}", f"Expected {_known()}."
+        path.name, f"is no calibration file: it {f'looks like {look}' if look else message}", f"Expected {_known()}."
     )
 
 
@@ -326,5 +326,5 @@ def _replace(target: Path, raw: bytes) -> None:
     try:
         write_whole(target, raw)
     except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(os.path.realpath(target), what, "Name another file.") from None
+        message = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(os.path.realpath(target), message, "Name another file.") from None

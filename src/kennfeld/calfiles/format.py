@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kennfeld.calfiles.a2l.objects import A2l
     from kennfeld.calfiles.flash.image import Image
 
-__all__ = ["Content", "Flash", "Format", "Notes", "Source", "Written"]
+__all__ = ["CalibrationSource", "Findings", "FlashOrigin", "Format", "ReadResult", "WriteResult"]
 
 _DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
@@ -32,7 +32,7 @@ _EXCERPT = 120  # characters of a line shown with a finding
 
 
 @dataclass(frozen=True, eq=False)
-class Flash:
+class FlashOrigin:
     """Where a set of parameters was read from: an image, and the A2L file that describes it."""
 
     a2l: "A2l"
@@ -40,19 +40,19 @@ class Flash:
 
 
 @dataclass
-class Notes:
+class Findings:
     """Everything noticed while one file is read: errors refuse it, remarks are shown by `kennfeld info`."""
 
     file: str
     _taken: list[tuple[int, Finding]] = field(default_factory=list)
 
-    def error(self, line: int, thing: str, what: str, mend: str = "", excerpt: str = "") -> None:
+    def error(self, line: int, thing: str, message: str, remedy: str = "", excerpt: str = "") -> None:
         """Note what makes the file unusable; line 0 stands for the file as a whole."""
-        self._taken.append((line, Finding(self._place(line, thing), what, mend, excerpt.strip()[:_EXCERPT])))
+        self._taken.append((line, Finding(self._place(line, thing), message, remedy, excerpt.strip()[:_EXCERPT])))
 
-    def remark(self, line: int, thing: str, what: str, mend: str = "") -> None:
+    def remark(self, line: int, thing: str, message: str, remedy: str = "") -> None:
         """Note what was left aside."""
-        self._taken.append((line, Finding(self._place(line, thing), what, mend, severity="warning")))
+        self._taken.append((line, Finding(self._place(line, thing), message, remedy, severity="warning")))
 
     def take(self, finding: Finding) -> None:
         """Note what another room found, in the order of its lines."""
@@ -73,7 +73,7 @@ class Notes:
 
 
 @dataclass(frozen=True)
-class Source:
+class CalibrationSource:
     """A calibration file as it lies on the disk.
 
     For formats whose files come in pairs, `path` tells where it is, and `partner` is the other file where it was named.
@@ -141,7 +141,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Content:
+class ReadResult:
     """What a reader found: the values, the dialect of the file, and what it left aside."""
 
     kind: str
@@ -150,7 +150,7 @@ class Content:
 
 
 @dataclass(frozen=True)
-class Written:
+class WriteResult:
     """The bytes of a file to be written, and what should be said about them."""
 
     raw: bytes
@@ -175,21 +175,21 @@ class Format:
     binary: bool = False
     lacks: tuple[str, ...] = ()
 
-    def recognises(self, source: Source) -> bool:
+    def recognises(self, source: CalibrationSource) -> bool:
         """Whether a file is of this format."""
         if self.binary:
             return bool(_loaded(self._recognises)(source))
         return not source.is_binary and bool(_loaded(self._recognises)(source.text))
 
-    def read(self, source: Source) -> Content:
+    def read(self, source: CalibrationSource) -> ReadResult:
         """What a file holds; raises `InputError` with every finding."""
-        content: Content = _loaded(self._read)(source)
+        content: ReadResult = _loaded(self._read)(source)
         return content
 
-    def write(self, parameters: ParameterSet, file: str) -> Written:
+    def write(self, parameters: ParameterSet, file: str) -> WriteResult:
         """The file that holds a set; raises `InputError` naming what the format cannot hold."""
-        made: str | Written = _loaded(self._write)(parameters, file)
-        return Written(made.encode("utf-8", errors="replace")) if isinstance(made, str) else made
+        made: str | WriteResult = _loaded(self._write)(parameters, file)
+        return WriteResult(made.encode("utf-8", errors="replace")) if isinstance(made, str) else made
 
 
 def _loaded(name: str) -> Callable[..., Any]:

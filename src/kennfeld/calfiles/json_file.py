@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
@@ -53,7 +53,7 @@ def write_json(parameters: ParameterSet, file: str) -> str:
         for thing in parameters.chosen
     ]
     entries += [(axis.name, _axis_entry(axis)) for axis in parameters.axes if axis.name not in used]
-    notes, seen = Notes(file), set[str]()
+    notes, seen = Findings(file), set[str]()
     for name, _ in entries:
         if name in seen:
             notes.error(0, name, "is given twice", "Rename one of the two.")
@@ -117,26 +117,26 @@ def _compact(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def read_json(source: Source) -> Content:
+def read_json(source: CalibrationSource) -> ReadResult:
     """The parameters of a `parameters.json`; null is read as NaN.
 
     Raises `InputError` with every finding and its path, like `MapX.values[3]`.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     entries = _loaded(source.text, notes)
-    reader = _Reader(notes)
+    reader = _JsonReader(notes)
     if entries and not any(isinstance(entry, _Pairs) and "kind" in entry for _, entry in entries):
-        mend = 'Each entry needs a kind and values: {"K": {"kind": "scalar", "unit": "", "value": 1.0}}'
-        notes.error(0, "", "is JSON, but holds no parameters", mend)
+        remedy = 'Each entry needs a kind and values: {"K": {"kind": "scalar", "unit": "", "value": 1.0}}'
+        notes.error(0, "", "is JSON, but holds no parameters", remedy)
         entries = []
     for name, entry in entries:
         reader.take(name, entry)
     members = reader.agreed()
     remarks = notes.settle()
-    return Content("JSON", ParameterSet(members, reader.texts, reader.axes.values(), reader.others), remarks)
+    return ReadResult("JSON", ParameterSet(members, reader.texts, reader.axes.values(), reader.others), remarks)
 
 
-def _loaded(text: str, notes: Notes) -> list[tuple[str, Any]]:
+def _loaded(text: str, notes: Findings) -> list[tuple[str, Any]]:
     """The entries in their order, each key of which a finding could be told twice."""
     try:
         pairs = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_Pairs, parse_int=float)
@@ -167,8 +167,8 @@ class _Pairs(dict[str, Any]):
         return [key for key in self._given if key in seen or seen.add(key)]  # type: ignore[func-returns-value]
 
 
-class _Reader:
-    def __init__(self, notes: Notes) -> None:
+class _JsonReader:
+    def __init__(self, notes: Findings) -> None:
         self.notes = notes
         self.members: list[Parameter] = []
         self.texts: list[Text] = []
@@ -202,7 +202,7 @@ class _Reader:
         given = entry.get("others", [])
         if not isinstance(given, list):
             return self._wrong(f"{name}.others", f"{_shown(given)} is no list of entries")
-        inner = _Reader(self.notes)
+        inner = _JsonReader(self.notes)
         for other in given:
             inner.take(name, other)
         found: list[Parameter | Text] = [*inner.members, *inner.texts]
@@ -221,8 +221,8 @@ class _Reader:
         self._wrong(f"{name}.functions", f"{_shown(functions)} is no list of names")
         return labels
 
-    def _wrong(self, path: str, what: str, mend: str = "") -> None:
-        self.notes.error(0, "", f"{path}: {what}", mend)
+    def _wrong(self, path: str, message: str, remedy: str = "") -> None:
+        self.notes.error(0, "", f"{path}: {message}", remedy)
 
     def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
         special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
@@ -316,8 +316,8 @@ class _Reader:
     def _points(self, name: str, entry: _Pairs, letter: str) -> Float | None:
         path, given = f"{name}.{letter}", entry.get(letter)
         if not isinstance(given, list) or not given:
-            what = "is missing" if letter not in entry else f"{_shown(given)} is no list of breakpoints"
-            self._wrong(path, what)
+            message = "is missing" if letter not in entry else f"{_shown(given)} is no list of breakpoints"
+            self._wrong(path, message)
             return None
         points = np.array(list(self._numbers(given, [len(given)], path)), dtype=np.float64)
         if len(points) < len(given):

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.calfiles.verbal_values import remark_on_kinds
 from kennfeld.errors import Finding
-from kennfeld.formatting import holds_control_characters, listed
+from kennfeld.formatting import holds_control_characters, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -58,16 +58,16 @@ _ASPECTS: dict[str, tuple[Callable[[Thing], bool], str, str]] = {
 
 def loss_remarks(parameters: ParameterSet, lacks: Iterable[str], file: str) -> tuple[Finding, ...]:
     """Return a remark on each aspect of a set that a format lacks: a key of `_ASPECTS`, "kinds" or "group units"."""
-    notes = Notes(file)
+    notes = Findings(file)
     things = list(parameters.everything.values())
     for aspect in lacks:
         if aspect == "kinds":
             remark_on_kinds(parameters, notes)
             continue
-        has, becomes, mend = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _IN_JSON))
+        has, becomes, remedy = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _IN_JSON))
         names = list(dict.fromkeys(thing.name for thing in things if has(thing)))
         if names:
-            notes.remark(0, "", f"{becomes}: {listed(names)}", mend)
+            notes.remark(0, "", f"{becomes}: {join_limited(names)}", remedy)
     return notes.settle()
 
 

@@ -12,12 +12,12 @@ from typing import Any, cast
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes
-from kennfeld.formatting import counted
+from kennfeld.calfiles.format import Findings
+from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
-__all__ = ["INFO", "Opaque", "Struct", "Value", "holds_samples", "parameters_of"]
+__all__ = ["INFO", "StructValue", "UnreadableObject", "Value", "holds_samples", "parameters_of"]
 
 INFO = "kennfeld_info"  # the struct that says more about variables which are plain numbers
 _LETTERS = "xyzw"
@@ -44,14 +44,14 @@ _FEW = 4096  # values; a matrix that a person calibrates has no more
 
 
 @dataclass(frozen=True)
-class Opaque:
+class UnreadableObject:
     """A variable that only MATLAB can read, with the name of its class."""
 
     kind: str
 
 
 @dataclass
-class Struct:
+class StructValue:
     """A struct: its fields by name."""
 
     fields: dict[str, "Value"] = field(default_factory=dict)
@@ -66,21 +66,23 @@ class Struct:
         return next((self.fields[known[name]] for name in names if name in known), None)
 
 
-Value = Float | str | Struct | Opaque | list[Any]  # a list is a cell array, or an array of structs
+Value = Float | str | StructValue | UnreadableObject | list[Any]  # a list is a cell array, or an array of structs
 
 
 def _fold(name: str) -> str:
     return name.replace("_", "").casefold()
 
 
-def parameters_of(variables: Mapping[str, Value], notes: Notes, lines: Mapping[str, int] | None = None) -> ParameterSet:
+def parameters_of(
+    variables: Mapping[str, Value], notes: Findings, lines: Mapping[str, int] | None = None
+) -> ParameterSet:
     """The parameters of all variables in their order; what none is made of is remarked.
 
     `lines` gives the line in which a variable begins, where there are lines. Of several variants the first counts.
     """
-    reader = _Reader(notes, lines or {})
+    reader = _StructReader(notes, lines or {})
     info = variables.get(INFO)
-    reader.info = info.fields if isinstance(info, Struct) else {}
+    reader.info = info.fields if isinstance(info, StructValue) else {}
     for name, value in variables.items():
         if name != INFO:
             reader.take(name, value, reader.lines.get(name, 0))
@@ -96,14 +98,14 @@ def holds_samples(variables: Mapping[str, Value]) -> str:
 
 
 def _samples(name: str, value: Value, depth: int) -> str:
-    if isinstance(value, Opaque):
+    if isinstance(value, UnreadableObject):
         return name if value.kind.casefold() in ("timeseries", "timetable", "dataset") else ""
     if isinstance(value, np.ndarray):
         flat = value.ravel()
         rising = value.size > 1 and bool(np.all(flat[1:] > flat[:-1]))
         is_time = _fold(name.rpartition(".")[2]) in _TIMES and rising
         return name if value.size > _FEW or is_time else ""
-    if not isinstance(value, Struct) or depth > 5:
+    if not isinstance(value, StructValue) or depth > 5:
         return ""
     if {"time", "signals"} <= value.folded().keys():
         return name
@@ -111,7 +113,7 @@ def _samples(name: str, value: Value, depth: int) -> str:
 
 
 def _is_table(value: Value) -> bool:
-    if not isinstance(value, Struct):
+    if not isinstance(value, StructValue):
         return False
     known = value.folded().keys()
     axes = any(set(names) & known for names in _AXES) or "breakpoints" in known
@@ -119,8 +121,8 @@ def _is_table(value: Value) -> bool:
 
 
 @dataclass
-class _Reader:
-    notes: Notes
+class _StructReader:
+    notes: Findings
     lines: Mapping[str, int]
     info: dict[str, Value] = field(default_factory=dict)
     things: dict[tuple[str, str], Parameter | Text] = field(default_factory=dict)
@@ -145,15 +147,17 @@ class _Reader:
 
     def take(self, name: str, value: Value, line: int, depth: int = 0) -> None:
         """Make a parameter of a variable, or of each field of a struct that only groups them."""
-        if isinstance(value, Struct):
+        if isinstance(value, StructValue):
             self._struct(name, value, line, depth)
         elif isinstance(value, str):
             self._text(name, value, self.info.get(name), line)
         elif isinstance(value, np.ndarray):
             self._plain(name, value, self._labels(name, self.info.get(name)), line)
-        elif isinstance(value, Opaque):
-            what = f"is a {value.kind or 'object'}, which only MATLAB itself can read; left aside"
-            self.notes.remark(line, name, what, "Save its numbers, such as p.Value, as plain variables or in a script.")
+        elif isinstance(value, UnreadableObject):
+            message = f"is a {value.kind or 'object'}, which only MATLAB itself can read; left aside"
+            self.notes.remark(
+                line, name, message, "Save its numbers, such as p.Value, as plain variables or in a script."
+            )
         else:
             self.notes.remark(line, name, "is a cell array, which no parameter is made of; left aside")
 
@@ -164,13 +168,13 @@ class _Reader:
         elif values.size == 1:
             self._hold(Scalar(name, float(values.ravel()[0]), **labels), line)
         elif values.ndim > _MOST_DIMENSIONS:
-            what = f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}; left aside"
-            self.notes.remark(line, name, what)
+            message = f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}; left aside"
+            self.notes.remark(line, name, message)
         else:
             self._hold(Block(name, values, **labels), line)
 
     def _text(self, name: str, text: str, more: Value | None, line: int) -> None:
-        said = _text(more.get(["kind"])) if isinstance(more, Struct) else ""
+        said = _text(more.get(["kind"])) if isinstance(more, StructValue) else ""
         kind: TextKind = next((known for known in _TEXT_KINDS if known == said), "text")
         self._hold(Text(name, text, kind=kind, **self._labels(name, more)), line)
 
@@ -181,7 +185,7 @@ class _Reader:
             self.notes.error(line, thing.name, f"{thing.name} is given twice", "Keep one of the two.")
         self.things[key] = thing
 
-    def _struct(self, variable: str, struct: Struct, line: int, depth: int) -> None:
+    def _struct(self, variable: str, struct: StructValue, line: int, depth: int) -> None:
         known = struct.folded()
         name = _text(struct.get(["name"])) or variable
         if _text(struct.get(["kind"])) == "axis":
@@ -197,7 +201,7 @@ class _Reader:
                 self.take(f"{variable}.{inner}", value, line, depth + 1)
 
     def _labels(self, name: str, more: Value | None) -> dict[str, Any]:
-        if not isinstance(more, Struct):
+        if not isinstance(more, StructValue):
             return {}
         functions = more.get(["functions"])
         listed = functions if isinstance(functions, list) else [functions] if functions else []
@@ -209,7 +213,7 @@ class _Reader:
             "variant": _text(more.get(["variant"])),
         }
 
-    def _table(self, name: str, struct: Struct, line: int) -> None:
+    def _table(self, name: str, struct: StructValue, line: int) -> None:
         labels = self._labels(name, struct)
         values, points = _parts(struct)
         self._note_unknown(struct)
@@ -225,12 +229,12 @@ class _Reader:
             if len(known) == len(axes):
                 self._over_axes(name, values, known, labels, line)
 
-    def _note_unknown(self, struct: Struct) -> None:
+    def _note_unknown(self, struct: StructValue) -> None:
         known = _KNOWN | set(_VALUES) | {name for names in _AXES for name in names}
         known |= {f"{letter}{word}" for letter in _LETTERS for word in ("name", "unit", "input")}
         self.unknown |= {name: None for folded, name in struct.folded().items() if folded not in known}
 
-    def _sized(self, name: str, values: Float, struct: Struct, labels: dict[str, Any], line: int) -> None:
+    def _sized(self, name: str, values: Float, struct: StructValue, labels: dict[str, Any], line: int) -> None:
         """A struct with values alone; `size` tells a block from a scalar, and shapes that MATLAB has no place for."""
         size = struct.get(["size"])
         if not isinstance(size, np.ndarray):
@@ -242,8 +246,8 @@ class _Reader:
             or not 0 < len(shape) <= _MOST_DIMENSIONS
             or np.prod(shape, dtype=object) != values.size
         ):
-            what = f"{name}.size does not fit its {counted(values.size, 'value')}"
-            self.notes.error(line, name, what)
+            message = f"{name}.size does not fit its {count_noun(values.size, 'value')}"
+            self.notes.error(line, name, message)
             return
         self._hold(Block(name, values.reshape(shape, order="F"), **labels), line)
 
@@ -253,14 +257,14 @@ class _Reader:
         if (len(shape) == 1 and values.size == shape[0]) or _without_ones(found) == _without_ones(shape):
             self._hold(parameter(name, values.reshape(shape, order="F"), axes, **labels), line)
         elif len(shape) == 2 and found == shape[::-1]:
-            what = f"has a row for each of the {shape[1]} y breakpoints; it is read turned"
-            self.notes.remark(line, name, what, "Transpose the values: a row for each x.")
+            message = f"has a row for each of the {shape[1]} y breakpoints; it is read turned"
+            self.notes.remark(line, name, message, "Transpose the values: a row for each x.")
             self._hold(parameter(name, values.T, axes, **labels), line)
         else:
             wanted, given = (" x ".join(map(str, sizes)) for sizes in (shape, values.shape))
             self.notes.error(line, name, f"has values of size {given}, its axes ask for {wanted}")
 
-    def _axis(self, name: str, struct: Struct, at: int, points: Float, line: int) -> Axis | None:
+    def _axis(self, name: str, struct: StructValue, at: int, points: Float, line: int) -> Axis | None:
         letter = _LETTERS[at]
         said = {word: _text(struct.get([letter + word])) for word in ("name", "unit", "input")}
         axis = self._checked(f"{name}.{letter}", points.ravel(), said["input"], said["unit"], said["name"], line)
@@ -268,24 +272,24 @@ class _Reader:
             return axis
         user, known = self.groups.setdefault(axis.name, (name, axis))
         if not np.array_equal(known.breakpoints, axis.breakpoints):
-            what = f"{name}.{letter} has other breakpoints than the group axis {axis.name} has in {user}"
-            self.notes.error(line, name, what, "A group axis is the same everywhere.")
+            message = f"{name}.{letter} has other breakpoints than the group axis {axis.name} has in {user}"
+            self.notes.error(line, name, message, "A group axis is the same everywhere.")
             return None
         return axis
 
     def _checked(self, path: str, points: Float, quantity: str, unit: str, name: str, line: int) -> Axis | None:
         falling = np.flatnonzero(~(points[1:] > points[:-1]))
         if not points.size or not np.isfinite(points).all():
-            what = "has no breakpoints" if not points.size else "has breakpoints that are not finite"
+            message = "has no breakpoints" if not points.size else "has breakpoints that are not finite"
         elif falling.size:
             at = int(falling[0])
-            what = f"does not increase: breakpoint {at + 2} is {points[at + 1]:g} after {points[at]:g}"
+            message = f"does not increase: breakpoint {at + 2} is {points[at + 1]:g} after {points[at]:g}"
         else:
             return Axis(points, quantity, unit, name)
-        self.notes.error(line, path.rpartition(".")[0], f"{path} {what}")
+        self.notes.error(line, path.rpartition(".")[0], f"{path} {message}")
         return None
 
-    def _spare_axis(self, name: str, struct: Struct, line: int) -> None:
+    def _spare_axis(self, name: str, struct: StructValue, line: int) -> None:
         points = _numbers(struct.get(["x"]))
         said = {word: _text(struct.get(["x" + word])) for word in ("unit", "input")}
         axis = self._checked(
@@ -297,7 +301,7 @@ class _Reader:
                 self.notes.error(line, name, f"the group axis {name} has other breakpoints in a table")
 
 
-def _parts(struct: Struct) -> tuple[Float | None, list[Float | None]]:
+def _parts(struct: StructValue) -> tuple[Float | None, list[Float | None]]:
     """The values of a table and its axes, in whichever fields they are."""
     known = struct.folded().keys()
     if not set(_VALUES) & known:  # x and y, or x, y and z
@@ -320,7 +324,7 @@ def _parts(struct: Struct) -> tuple[Float | None, list[Float | None]]:
 def _numbers(value: "Value | None") -> Float | None:
     """The numbers of a value, or of the field that holds them in a struct."""
     for _ in range(5):
-        if not isinstance(value, Struct):
+        if not isinstance(value, StructValue):
             break
         value = value.get(_VALUES)
     return value if isinstance(value, np.ndarray) and value.size else None

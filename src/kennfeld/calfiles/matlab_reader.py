@@ -10,14 +10,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.calfiles.format import Content, Notes, Source
-from kennfeld.calfiles.matlab_parameters import INFO, Opaque, Struct, Value, holds_samples, parameters_of
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
+from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
 from kennfeld.errors import InputError
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import nodes_of, value_of
 from kennfeld.matlab.script_runner import Files, run_script
-from kennfeld.matlab.simulink_objects import Breakpoint, LookupTable, Parameter, parameter_of
+from kennfeld.matlab.simulink_objects import Breakpoint, LookupTable, SimulinkParameter, to_calibration_parameter
 
 __all__ = ["TITLE", "comment_of", "is_calibration_mat", "recognises_mat", "recognises_script", "said_by"]
 
@@ -54,14 +54,20 @@ def plain_of(value: m.Value, depth: int = 0) -> Value:
     """A value as a calibration reads it; objects such as Simulink.Parameter as structs of what they say."""
     if isinstance(value, np.ndarray):
         return _array(value)
-    if depth > _DEEPEST or isinstance(value, m.Handle | m.Opaque):
-        kind = "function" if isinstance(value, m.Handle) else getattr(value, "kind", "value too deep within others")
-        return Opaque(_WORDS.get(kind, kind))
-    if isinstance(value, m.Cell):
+    if depth > _DEEPEST or isinstance(value, m.MatlabFunctionHandle | m.OpaqueValue):
+        kind = (
+            "function"
+            if isinstance(value, m.MatlabFunctionHandle)
+            else getattr(value, "kind", "value too deep within others")
+        )
+        return UnreadableObject(_WORDS.get(kind, kind))
+    if isinstance(value, m.MatlabCell):
         return [plain_of(one, depth + 1) for one in value.values.ravel(order="F")]
     if value.kind:
         return _object(value)
-    elements = [Struct({k: plain_of(v, depth + 1) for k, v in one.items()}) for one in value.elements.ravel(order="F")]
+    elements = [
+        StructValue({k: plain_of(v, depth + 1) for k, v in one.items()}) for one in value.elements.ravel(order="F")
+    ]
     return elements[0] if len(elements) == 1 else list(elements)
 
 
@@ -73,19 +79,19 @@ def _array(value: m.Array) -> Value:
     return value.astype(np.float64)
 
 
-def _object(value: m.Struct) -> Value:
-    meant = parameter_of(value)
+def _object(value: m.MatlabStruct) -> Value:
+    meant = to_calibration_parameter(value)
     if meant is None:
-        return Opaque(value.kind)
+        return UnreadableObject(value.kind)
     if not isinstance(meant, LookupTable):
-        return Struct({"Value": meant.value, **_said(meant)})
+        return StructValue({"Value": meant.value, **_said(meant)})
     axes = dict(zip(_LETTERS, meant.breakpoints, strict=False))
     units: dict[str, Value] = {f"{letter}_unit": axis.unit for letter, axis in axes.items() if axis.unit}
     points: dict[str, Value] = {letter: axis.value for letter, axis in axes.items()}
-    return Struct({**points, **units, "values": meant.value, **_said(meant)})
+    return StructValue({**points, **units, "values": meant.value, **_said(meant)})
 
 
-def _said(meant: Parameter | LookupTable | Breakpoint) -> dict[str, Value]:
+def _said(meant: SimulinkParameter | LookupTable | Breakpoint) -> dict[str, Value]:
     said = {"Unit": meant.unit, "Description": meant.description}
     return {name: word for name, word in said.items() if word}
 
@@ -104,13 +110,13 @@ def recognises_script(text: str) -> bool:
     return False
 
 
-def read_script(source: Source) -> Content:
+def read_script(source: CalibrationSource) -> ReadResult:
     """The parameters that a script assigns: numbers, matrices, texts, structs with axes and values.
 
     The comment behind a value, `% [Nm] torque at full load`, gives its unit and description. Other statements are told
     with their line and left aside, with the variables they would change. Raises `InputError` with every finding.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     text = source.text.lstrip("\ufeff")
     outcome = run_script(text, source.name, files=_beside(source), budget=Budget(elements=_MOST_VALUES))
     for finding in outcome.findings:
@@ -120,10 +126,10 @@ def read_script(source: Source) -> Content:
     parameters = parameters_of(variables, notes, outcome.lines)
     if not parameters.chosen and not text.startswith(TITLE):
         notes.error(0, "", "assigns no numbers", "A parameter looks like: K = 0.08;")
-    return Content("MATLAB script", parameters, notes.settle())
+    return ReadResult("MATLAB script", parameters, notes.settle())
 
 
-def _beside(source: Source) -> Files:
+def _beside(source: CalibrationSource) -> Files:
     """The scripts and data files in the folder of a script, which it may call and load."""
     folder = None if source.path is None else source.path.parent
 
@@ -138,20 +144,20 @@ def _beside(source: Source) -> Files:
 
 def _heed(variables: dict[str, Value], comments: Mapping[str, str]) -> None:
     """What the comments behind values say, unless fields say it: unit and description of a value, units of axes."""
-    info = variables.setdefault(INFO, Struct())
+    info = variables.setdefault(INFO, StructValue())
     for path, comment in comments.items():
         name, _, step = path.partition(".")
         unit, description = said_by(comment)
         value = variables.get(name)
         if not step or step.casefold() in _VALUES:
-            own = info.fields.setdefault(name, Struct()) if isinstance(info, Struct) else value
-            _add(value if isinstance(value, Struct) else own, {"unit": unit, "description": description})
-        elif step in tuple("xyzw") and isinstance(value, Struct) and f"{step}unit" not in value.folded():
+            own = info.fields.setdefault(name, StructValue()) if isinstance(info, StructValue) else value
+            _add(value if isinstance(value, StructValue) else own, {"unit": unit, "description": description})
+        elif step in tuple("xyzw") and isinstance(value, StructValue) and f"{step}unit" not in value.folded():
             _add(value, {f"{step}_unit": unit})
 
 
 def _add(target: Value | None, said: Mapping[str, str]) -> None:
-    if isinstance(target, Struct):
+    if isinstance(target, StructValue):
         known = target.folded()
         target.fields.update({key: word for key, word in said.items() if word and key not in known})
 
@@ -174,7 +180,7 @@ def comment_of(unit: str, description: str) -> str | None:
     return made if plain and said_by(made) == (unit, description) else None
 
 
-def recognises_mat(source: Source) -> bool:
+def recognises_mat(source: CalibrationSource) -> bool:
     """Whether a file, of which the beginning may suffice, is a MATLAB data file."""
     raw = source.raw
     return raw.startswith(b"MATLAB 5.0 MAT-file") or _is_hdf5(raw) or _is_old(raw)
@@ -198,39 +204,39 @@ def _is_old(raw: bytes) -> bool:
     return False
 
 
-def read_mat(source: Source) -> Content:
+def read_mat(source: CalibrationSource) -> ReadResult:
     """The parameters of a data file: plain numbers, vectors, matrices, texts, structs with axes and values.
 
     Raises `InputError` where it is damaged or holds recorded samples; objects that only MATLAB reads are remarked.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     version, variables = _variables(source)
     samples = holds_samples(variables)
     if samples:
-        what = f"holds recorded samples ({samples}), not a calibration"
-        notes.error(0, "", what, "Name it as a file of a dataset.")
+        message = f"holds recorded samples ({samples}), not a calibration"
+        notes.error(0, "", message, "Name it as a file of a dataset.")
         notes.settle()
-    return Content(f"MATLAB {version}", parameters_of(variables, notes), notes.settle())
+    return ReadResult(f"MATLAB {version}", parameters_of(variables, notes), notes.settle())
 
 
-def is_calibration_mat(source: Source) -> bool:
+def is_calibration_mat(source: CalibrationSource) -> bool:
     """Whether a data file holds a calibration rather than recorded samples."""
     try:
         variables = _variables(source)[1]
     except InputError:
         return False
-    plain = any(isinstance(value, (Struct, np.ndarray)) for value in variables.values())
+    plain = any(isinstance(value, (StructValue, np.ndarray)) for value in variables.values())
     return plain and not holds_samples(variables)
 
 
-def _variables(source: Source) -> tuple[str, dict[str, Value]]:
+def _variables(source: CalibrationSource) -> tuple[str, dict[str, Value]]:
     raw = source.raw
     try:
         nodes = nodes_of(raw, _MOST_BYTES)
     except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
-        what = " ".join(str(error).split())[:160] or type(error).__name__
+        message = " ".join(str(error).split())[:160] or type(error).__name__
     else:
         version = "7.3" if _is_hdf5(raw) else "5" if raw.startswith(b"MATLAB") else "4"
         return version, {name: plain_of(value_of(node)) for name, node in nodes.items()}
-    mend = "The file may be cut off or damaged: save it anew in MATLAB."
-    raise InputError.of(source.name, f"cannot be read as MATLAB data: {what}", mend) from None
+    remedy = "The file may be cut off or damaged: save it anew in MATLAB."
+    raise InputError.of(source.name, f"cannot be read as MATLAB data: {message}", remedy) from None

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes, Written
-from kennfeld.calfiles.matlab_parameters import INFO, Struct, Value
+from kennfeld.calfiles.format import Findings, WriteResult
+from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import TITLE, comment_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text
@@ -38,7 +38,7 @@ def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
     for axis in parameters.axes:
         name, called = names.of(axis.name)
         said = {"kind": "axis", "name": called, "x_unit": axis.unit, "x_input": axis.input}
-        yield name, Struct({**_given(said), "x": axis.breakpoints})
+        yield name, StructValue({**_given(said), "x": axis.breakpoints})
     info: dict[str, Value] = {}
     for thing in (*parameters.chosen, *parameters.others):
         name, called = names.of(thing.name)
@@ -49,9 +49,9 @@ def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
         else:
             yield name, value
             if labels:
-                info[name] = Struct(labels)
+                info[name] = StructValue(labels)
     if info:
-        yield INFO, Struct(info)
+        yield INFO, StructValue(info)
 
 
 class _Names:
@@ -104,17 +104,17 @@ def _plain_value(thing: Parameter | Text) -> "Value | None":
     return thing.values
 
 
-def _struct_of(thing: Parameter | Text, labels: dict[str, Value]) -> Struct:
+def _struct_of(thing: Parameter | Text, labels: dict[str, Value]) -> StructValue:
     fields = {key: label for key, label in labels.items() if label}
     if isinstance(thing, Text):
-        return Struct({**fields, "text": thing.text})
+        return StructValue({**fields, "text": thing.text})
     for letter, axis in zip(_LETTERS, thing.axes, strict=False):
         fields[letter] = axis.breakpoints
         said = {f"{letter}_name": axis.name, f"{letter}_unit": axis.unit, f"{letter}_input": axis.input}
         fields |= _given(said)
     if thing.kind == "block":
         fields["size"] = np.array(thing.values.shape, dtype=np.float64)
-    return Struct({**fields, "value" if thing.kind == "scalar" else "values": thing.values})
+    return StructValue({**fields, "value" if thing.kind == "scalar" else "values": thing.values})
 
 
 def write_script(parameters: ParameterSet, file: str) -> str:
@@ -125,31 +125,31 @@ def write_script(parameters: ParameterSet, file: str) -> str:
     """
     _refuse(parameters, file)
     variables = dict(variables_of(parameters))
-    info = variables.pop(INFO, Struct())
-    said = info.fields if isinstance(info, Struct) else {}
+    info = variables.pop(INFO, StructValue())
+    said = info.fields if isinstance(info, StructValue) else {}
     groups = {axis.name: name for axis, name in zip(parameters.axes, variables, strict=False)}
     parts = [_HEAD]
     for name, value in variables.items():
         parts.append(_assigned(name, value, said, groups))
     if said:
-        parts.append("\n" + "".join(_fields(INFO, Struct(said))))
+        parts.append("\n" + "".join(_fields(INFO, StructValue(said))))
     return "".join(parts)
 
 
 def _assigned(name: str, value: Value, said: dict[str, Value], groups: dict[str, str]) -> str:
     """The lines that assign a variable; unit and description of a plain one stand in a comment where they can."""
-    if isinstance(value, Struct):
+    if isinstance(value, StructValue):
         return "\n" + "".join(_fields(name, _referring(value, groups)))
     labels = said.get(name)
     comment = ""
-    if isinstance(labels, Struct):
+    if isinstance(labels, StructValue):
         unit, description = (str(labels.fields.get(key, "")) for key in ("unit", "description"))
         made = comment_of(unit, description)
         if made:
             comment = f" % {made}"
             kept = {key: word for key, word in labels.fields.items() if key not in ("unit", "description")}
             said.pop(name)
-            said.update({name: Struct(kept)} if kept else {})
+            said.update({name: StructValue(kept)} if kept else {})
     return f"{name} = {_expression(value)};{comment}\n"
 
 
@@ -159,19 +159,19 @@ class _Reference(str):
     __slots__ = ()
 
 
-def _referring(struct: Struct, groups: dict[str, str]) -> Struct:
+def _referring(struct: StructValue, groups: dict[str, str]) -> StructValue:
     """A table whose group axes are those of the variables that hold them: they are changed once."""
     fields = dict(struct.fields)
     for letter in "xyzw":
         group = fields.get(f"{letter}_name")
         if isinstance(group, str) and group in groups:
             fields[letter] = _Reference(f"{groups[group]}.x")
-    return Struct(fields)
+    return StructValue(fields)
 
 
-def _fields(name: str, struct: Struct) -> Iterator[str]:
+def _fields(name: str, struct: StructValue) -> Iterator[str]:
     for key, value in struct.fields.items():
-        if isinstance(value, Struct):
+        if isinstance(value, StructValue):
             yield from _fields(f"{name}.{key}", value)
         else:
             yield f"{name}.{key} = {_expression(value)};\n"
@@ -217,7 +217,7 @@ def _number(number: float) -> str:
     return repr(number).removesuffix(".0")
 
 
-def write_mat(parameters: ParameterSet, file: str) -> Written:
+def write_mat(parameters: ParameterSet, file: str) -> WriteResult:
     """A set as a data file of MATLAB, version 5, with the variables of the script.
 
     What a comment says there stands in the struct `kennfeld_info`. Raises `InputError` as `write_script` does.
@@ -229,11 +229,11 @@ def write_mat(parameters: ParameterSet, file: str) -> Written:
     variables = {name: _plain(value) for name, value in variables_of(parameters)}
     savemat(stream, variables, long_field_names=True, do_compression=True, oned_as="row")
     # The text at its beginning states a date; the same set shall give the same bytes.
-    return Written(_MAT_TITLE + stream.getvalue()[len(_MAT_TITLE) :])
+    return WriteResult(_MAT_TITLE + stream.getvalue()[len(_MAT_TITLE) :])
 
 
 def _plain(value: Value) -> Any:
-    if isinstance(value, Struct):
+    if isinstance(value, StructValue):
         return {key: _plain(inner) for key, inner in value.fields.items()}
     if isinstance(value, list):
         made = np.empty(len(value), dtype=object)
@@ -243,7 +243,7 @@ def _plain(value: Value) -> Any:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    notes, seen = Notes(file), set[str]()
+    notes, seen = Findings(file), set[str]()
     for name in [*parameters, *(text.name for text in parameters.texts), *(axis.name for axis in parameters.axes)]:
         if name in seen:
             notes.error(0, name, "is given twice; parameters, texts and group axes share their names", "Rename one.")
@@ -252,6 +252,6 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
         seen.add(name)
     for thing in (*parameters.parameters, *parameters.others):
         if thing.kind == "rbf" or (thing.kind == "block" and not getattr(thing, "size", 1)):
-            what = "an expansion in radial basis functions" if thing.kind == "rbf" else "a block without values"
-            notes.error(0, thing.name, f"{what} has no place in MATLAB files", "Write it as .json.")
+            message = "an expansion in radial basis functions" if thing.kind == "rbf" else "a block without values"
+            notes.error(0, thing.name, f"{message} has no place in MATLAB files", "Write it as .json.")
     notes.settle()

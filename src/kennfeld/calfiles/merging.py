@@ -109,5 +109,5 @@ def _conflicts(things: dict[str, tuple[Parameter | Text, str]], axes: dict[str, 
 
 def _conflict(axis: str, winner: str, source: str, names: list[str]) -> Finding:
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-    what = f"group axis {axis} has other breakpoints than in {source}, from where {shown} would stay"
-    return Finding(winner, what, f"Give these tables in {winner} too, or make the breakpoints agree.")
+    message = f"group axis {axis} has other breakpoints than in {source}, from where {shown} would stay"
+    return Finding(winner, message, f"Give these tables in {winner} too, or make the breakpoints agree.")

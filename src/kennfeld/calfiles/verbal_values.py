@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text, TextKind
 
@@ -32,13 +32,13 @@ def of_one_kind(things: Mapping[tuple[str, str], _Thing]) -> dict[tuple[str, str
     }
 
 
-def remark_on_kinds(parameters: ParameterSet, notes: Notes) -> None:
+def remark_on_kinds(parameters: ParameterSet, notes: Findings) -> None:
     """Remark on each enumeration and boolean whose words read back as the other kind."""
     texts = [thing for thing in parameters.everything.values() if isinstance(thing, Text)]
     kinds = _kinds(texts)
     for name, text in {text.name: text for text in texts if text.kind not in ("text", kinds.get(text.name))}.items():
-        what = f"is of the kind {text.kind}; {text.text[:40]!r} reads back as {kinds[name]}"
-        notes.remark(0, name, what, "Write it as .cdfx or .json to keep the kind.")
+        message = f"is of the kind {text.kind}; {text.text[:40]!r} reads back as {kinds[name]}"
+        notes.remark(0, name, message, "Write it as .cdfx or .json to keep the kind.")
 
 
 def _kinds(texts: Iterable[Text]) -> dict[str, TextKind]:

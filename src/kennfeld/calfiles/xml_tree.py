@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from xml.parsers import expat
 
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 
 __all__ = ["PARTED", "Element", "collection_paused", "parsed"]
 
@@ -48,7 +48,7 @@ class Element:
         return " ".join(found.text.split()) if "\n" in found.text else found.text
 
 
-def parsed(raw: bytes, notes: Notes, joined: str = "") -> Element | None:
+def parsed(raw: bytes, notes: Findings, joined: str = "") -> Element | None:
     """The root of an XML document; None with an error noted where it is broken or declares entities.
 
     External documents are never loaded: a document type is accepted, an entity (which could name a file of this
@@ -56,15 +56,15 @@ def parsed(raw: bytes, notes: Notes, joined: str = "") -> Element | None:
     millions, are read as one where they follow each other; `Element.words` gives the text of each.
     """
     made, separator = _joined(raw, joined.encode("ascii")) if joined else (raw, "")
-    builder = _Builder(notes, joined, separator)
+    builder = _TreeBuilder(notes, joined, separator)
     try:
         builder.parser.Parse(made, True)
     except _RefusedError:
         return None
     except (expat.ExpatError, ValueError, LookupError) as error:
-        what = expat.errors.messages.get(getattr(error, "code", 0), str(error))
-        mend = "The file may be cut off or damaged: take a complete copy."
-        notes.error(getattr(error, "lineno", 1), "", f"is no well-formed XML: {what}", mend)
+        message = expat.errors.messages.get(getattr(error, "code", 0), str(error))
+        remedy = "The file may be cut off or damaged: take a complete copy."
+        notes.error(getattr(error, "lineno", 1), "", f"is no well-formed XML: {message}", remedy)
         return None
     return builder.root
 
@@ -105,8 +105,8 @@ class _RefusedError(Exception):
     """Ends the parser; what is wrong is noted already."""
 
 
-class _Builder:
-    def __init__(self, notes: Notes, joined: str, separator: str) -> None:
+class _TreeBuilder:
+    def __init__(self, notes: Findings, joined: str, separator: str) -> None:
         self.notes = notes
         self.joined = joined if separator else ""
         self.separator = separator
@@ -161,6 +161,6 @@ class _Builder:
     def _skipped(self, name: str, _: bool) -> None:
         self._refuse(f"uses the entity {name[:60]}, which it does not declare", "Write the characters themselves.")
 
-    def _refuse(self, what: str, mend: str = "") -> None:
-        self.notes.error(self.parser.CurrentLineNumber, "", what, mend)
+    def _refuse(self, message: str, remedy: str = "") -> None:
+        self.notes.error(self.parser.CurrentLineNumber, "", message, remedy)
         raise _RefusedError

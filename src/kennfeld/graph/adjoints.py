@@ -15,9 +15,9 @@ from typing import NamedTuple
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Node
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.traversal import cone
+from kennfeld.graph.traversal import ancestors
 
-__all__ = ["PullBack", "of_breakpoints", "partials", "pull_back"]
+__all__ = ["AdjointProgram", "of_breakpoints", "partials", "pull_back"]
 
 SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
 
@@ -53,7 +53,7 @@ def of_breakpoints(b: GraphBuilder, at: int) -> int:
     return b.call("neg", b.node("density", args, payload))
 
 
-class Pull(NamedTuple):
+class AdjointStep(NamedTuple):
     """The adjoint of node `onto` grows by the adjoint of node `of` times the value of node `factor`."""
 
     of: int
@@ -62,7 +62,7 @@ class Pull(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PullBack:
+class AdjointProgram:
     """The slopes of the nodes `roots`, a row each, as pulls to be run in their order.
 
     Afterwards the adjoint of an atom or a state is the row's slope, for a position on a free axis times the value of
@@ -70,11 +70,11 @@ class PullBack:
     """
 
     roots: tuple[int, ...]
-    pulls: tuple[Pull, ...]
+    pulls: tuple[AdjointStep, ...]
     reach: tuple[frozenset[int], ...]
     scales: Mapping[int, int]
 
-    def only(self, rows: Sequence[int]) -> "PullBack":
+    def only(self, rows: Sequence[int]) -> "AdjointProgram":
         """That of some rows; the others must have no pulls of their own."""
         return replace(self, roots=tuple(self.roots[row] for row in rows), reach=tuple(self.reach[row] for row in rows))
 
@@ -93,31 +93,31 @@ class PullBack:
 
 def pull_back(
     b: GraphBuilder, roots: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]
-) -> PullBack:
+) -> AdjointProgram:
     """The pull-back of these rows to the atoms and states they reach within one step; writes the factors."""
     reached: dict[int, int] = defaultdict(int)  # the rows that reach a node, a bit each
     for row, root in enumerate(roots):
         reached[root] |= (root in active) << row
-    pulls: list[Pull] = []
+    pulls: list[AdjointStep] = []
     leaves: list[int] = []
-    for at in reversed(cone(b, [root for root in roots if root in active], active)):
+    for at in reversed(ancestors(b, [root for root in roots if root in active], active)):
         if not reached[at]:  # needed by steps alone, as a comparison
             continue
         if b.nodes[at].op == "state" or is_atom(b.nodes[at]):
             leaves.append(at)
         for argument, factor, switches in partials(b, at, active):
-            pulls.append(Pull(at, argument, _share(b, factor) if switches else factor))
+            pulls.append(AdjointStep(at, argument, _share(b, factor) if switches else factor))
             reached[argument] |= reached[at]
     reach = tuple(frozenset(leaf for leaf in leaves if reached[leaf] >> row & 1) for row in range(len(roots)))
     scales = {leaf: of_breakpoints(b, leaf) for leaf in leaves if b.nodes[leaf].op == "position"}
-    return PullBack(tuple(roots), tuple(_joined(b, pulls, {*roots, *leaves})), reach, scales)
+    return AdjointProgram(tuple(roots), tuple(_joined(b, pulls, {*roots, *leaves})), reach, scales)
 
 
 def _share(b: GraphBuilder, condition: int) -> int:
     return b.call("select", condition, b.const(1.0), b.const(0.0))
 
 
-def _joined(b: GraphBuilder, pulls: Sequence[Pull], kept: Collection[int]) -> Iterator[Pull]:
+def _joined(b: GraphBuilder, pulls: Sequence[AdjointStep], kept: Collection[int]) -> Iterator[AdjointStep]:
     """The pulls without those that only copy an adjoint, as a sum does to what nothing else uses."""
     users = Counter(pull.onto for pull in pulls)
     one = b.const(1.0)
@@ -126,4 +126,4 @@ def _joined(b: GraphBuilder, pulls: Sequence[Pull], kept: Collection[int]) -> It
         if factor == one and users[onto] == 1 and onto not in kept:
             same[onto] = same.get(of, of)
         else:
-            yield Pull(same.get(of, of), onto, factor)
+            yield AdjointStep(same.get(of, of), onto, factor)

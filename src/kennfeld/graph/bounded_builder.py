@@ -4,19 +4,19 @@ from typing import Any
 
 from kennfeld.graph.builder import GraphBuilder
 
-__all__ = ["BoundedGraphBuilder", "TooLargeError"]
+__all__ = ["BoundedGraphBuilder", "GraphTooLargeError"]
 
 _MOST_NODES = 500_000  # different operations in a step
 _MOST_ASKED = 5_000_000  # operations that are asked for, equal ones and constants counted
 
 
-class TooLargeError(Exception):
+class GraphTooLargeError(Exception):
     """The blocks ask for more operations than any model has that is calibrated; `place` is the block."""
 
-    def __init__(self, place: str, what: str) -> None:
-        super().__init__(what)
-        self.place, self.what = place, what
-        self.mend = "Import a subsystem, or make the arrays in it smaller."
+    def __init__(self, place: str, message: str) -> None:
+        super().__init__(message)
+        self.place, self.message = place, message
+        self.remedy = "Import a subsystem, or make the arrays in it smaller."
 
 
 class BoundedGraphBuilder(GraphBuilder):
@@ -35,5 +35,7 @@ class BoundedGraphBuilder(GraphBuilder):
         """The number of this node, made where it does not exist yet."""
         self.asked += 1
         if self.asked > self.most or len(self.nodes) > _MOST_NODES:
-            raise TooLargeError(self.place, f"the blocks up to here ask for more than {_MOST_NODES} operations a step")
+            raise GraphTooLargeError(
+                self.place, f"the blocks up to here ask for more than {_MOST_NODES} operations a step"
+            )
         return super().node(op, args, payload)

@@ -12,15 +12,16 @@ adjoint meets a slope, `guard` keeps 0 times infinity at 0. Where many do, they 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.adjoints import PullBack, of_breakpoints, partials, pull_back
+from kennfeld.graph.adjoints import AdjointProgram, of_breakpoints, partials, pull_back
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.lookup_lowering import Free, enters
+from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.traversal import cone, dependent
+from kennfeld.graph.traversal import ancestors, dependent
 
 __all__ = ["Linearization", "Slopes", "Written", "differentiate"]
 
@@ -44,7 +45,7 @@ class Written:
         return Written(tuple(self.rows[row] for row in rows))
 
 
-Slopes: TypeAlias = Written | PullBack
+Slopes: TypeAlias = Written | AdjointProgram
 
 
 @dataclass(frozen=True)
@@ -82,22 +83,19 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
 
     Raises `ArgumentError` where the first value of a state depends on itself.
     """
-
-    def is_atom(node: Node) -> bool:
-        return enters(node, free)
-
-    live = dependent(graph, is_atom)
+    atom = partial(is_atom, free=free)
+    live = dependent(graph, atom)
     b = GraphBuilder.of(graph)
     carried = tuple(i for i, s in enumerate(graph.states) if s.init in live or s.next in live)
     seeds = tuple(b.node("state", (), i) for i in carried)
     rows = (*outputs, *(graph.states[i].next for i in carried))
-    slopes = _slopes(b, rows, live | set(seeds), is_atom)
+    slopes = _slopes(b, rows, live | set(seeds), atom)
     starts = _starts(b, graph.states)
-    moving = {at for at, node in enumerate(b.nodes) if is_atom(node)}
+    moving = {at for at, node in enumerate(b.nodes) if atom(node)}
     for at, node in enumerate(b.nodes):
         if not moving.isdisjoint(node.args):
             moving.add(at)
-    start_slopes = _slopes(b, [starts[i] for i in carried], moving, is_atom)
+    start_slopes = _slopes(b, [starts[i] for i in carried], moving, atom)
     return Linearization(
         tuple(b.nodes), graph.states, tuple(outputs), carried, seeds, slopes, tuple(starts), start_slopes
     )
@@ -115,7 +113,7 @@ def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tu
     seen: dict[int, int] = defaultdict(int)  # the rows that see a node, a bit each
     for number, row in enumerate(rows):
         seen[row] |= 1 << number
-    for at in reversed(cone(b, rows, active)):
+    for at in reversed(ancestors(b, rows, active)):
         for a in b.nodes[at].args:
             if a in active:
                 seen[a] |= seen[at]
@@ -144,7 +142,7 @@ def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Calla
     sums = _Adjoints(b)
     sums.add(root, b.const(1.0), switched=False)
     found: dict[int, int] = {}
-    for at in reversed(cone(b, [root], active)):
+    for at in reversed(ancestors(b, [root], active)):
         if at not in sums.total:  # reached through steps alone, as a comparison
             continue
         adjoint, switched = sums.total[at], at in sums.switched
@@ -170,7 +168,7 @@ def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:
     open_states: set[int] = set()
 
     def at_start(root: int) -> int:
-        for at in cone(b, [root], without=number):
+        for at in ancestors(b, [root], without=number):
             if at not in number:
                 number[at] = first_value(at)
         return number[root]

@@ -16,7 +16,7 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
-from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, Lowered, TableRef, lower
+from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef, lower_lookups
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.parameter_set import ParameterSet
@@ -33,7 +33,7 @@ def evaluate(
     `columns` holds the inputs, of equal length, and `dt` and `t` where the graph uses them.
     """
     arrays = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
-    lowered = lower(graph, parameters)
+    lowered = lower_lookups(graph, parameters)
     run = Interpreter(lowered, parameters).run(lowered.graph.nodes, lowered.graph.states, arrays, starts)
     return {name: run[at] for name, at in lowered.graph.names.items()}
 
@@ -52,7 +52,7 @@ class Rows:
 class Interpreter:
     """Evaluates lowered graphs and linearizations; `widths[axis]` smooths the smoothed lookups of that axis."""
 
-    def __init__(self, lowered: Lowered, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
+    def __init__(self, lowered: LoweredGraph, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
         self.axes = lowered.axes
         self.parameters = parameters
         self.moving = {key: free.axis.breakpoints for key, free in free_axes(parameters).items()}

@@ -18,7 +18,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
 from kennfeld.rbf import RBF
 
-__all__ = ["AxisRef", "ExpansionRef", "Free", "Lowered", "TableRef", "enters", "lower"]
+__all__ = ["AxisRef", "ExpansionRef", "Free", "LoweredGraph", "TableRef", "is_atom", "lower_lookups"]
 
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
@@ -48,7 +48,7 @@ class ExpansionRef(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Lowered:
+class LoweredGraph:
     """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches.
 
     Breakpoints that may move are values like those of the tables; here stands where they start.
@@ -59,7 +59,7 @@ class Lowered:
     shapes: Mapping[str, tuple[int, ...]]
 
 
-def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> Lowered:
+def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> LoweredGraph:
     """The graph with its lookups resolved on the axes of `parameters`.
 
     Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are marked as
@@ -99,7 +99,7 @@ def lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) 
         return b.node("interpolate", places, TableRef(payload, refs, smoothed))
 
     shapes = {name: parameters[name].values.shape for name in graph.parameters}
-    return Lowered(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
+    return LoweredGraph(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
 
 
 def _check(graph: Graph, parameters: ParameterSet) -> None:
@@ -112,10 +112,10 @@ def _check(graph: Graph, parameters: ParameterSet) -> None:
             raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} {has}")
 
 
-def enters(node: Node, free: Free) -> bool:
+def is_atom(node: Node, free: Free) -> bool:
     """Whether free values enter a step at this node: values of a table, or breakpoints of an axis.
 
-    >>> enters(Node("position", (0,), AxisRef(0, "clip", AxisKey("AxisSpeed"))), [AxisKey("AxisSpeed")])
+    >>> is_atom(Node("position", (0,), AxisRef(0, "clip", AxisKey("AxisSpeed"))), [AxisKey("AxisSpeed")])
     True
     """
     if node.op == "position":

@@ -4,12 +4,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.lookup_lowering import Free, enters
+from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import dependent, rewrite
 
-__all__ = ["Split", "split"]
+__all__ = ["GraphPartition", "partition_graph"]
 
 _COST = {
     "const": 0,
@@ -26,7 +26,7 @@ _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
 
 
 @dataclass(frozen=True)
-class Split:
+class GraphPartition:
     """The part of a graph that depends on free parameters, and the columns it now reads.
 
     `columns` maps the name of each new input to the node of the old graph that it holds; `prepared` is the part of the
@@ -38,7 +38,7 @@ class Split:
     prepared: Graph
 
 
-def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
+def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> GraphPartition:
     """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
 
     Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
@@ -47,10 +47,10 @@ def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
     >>> b = Builder()
     >>> slow = b.call("exp", b.input("x"))
     >>> y = b.call("mul", slow, b.node("interpolate", (), type("T", (), {"name": "K"})))
-    >>> sorted(split(b.finish({"y": y}), ["y"], ["K"]).columns)
+    >>> sorted(partition_graph(b.finish({"y": y}), ["y"], ["K"]).columns)
     ['#0']
     """
-    live = dependent(graph, lambda node: enters(node, free))
+    live = dependent(graph, lambda node: is_atom(node, free))
     kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
     used = _entering(graph, [graph.names[name] for name in outputs], kept)
     costs = _costs(graph)
@@ -67,7 +67,7 @@ def split(graph: Graph, outputs: Collection[str], free: Free) -> Split:
         graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
     )
     prepared = extract(graph.nodes, graph.states, columns, {}, ())
-    return Split(rewrite(reduced, resolve), columns, prepared)
+    return GraphPartition(rewrite(reduced, resolve), columns, prepared)
 
 
 def _entering(graph: Graph, roots: Collection[int], kept: Collection[int]) -> set[int]:

@@ -12,10 +12,10 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node, State, extract
 
-__all__ = ["cone", "dependent", "extended", "rewrite"]
+__all__ = ["ancestors", "dependent", "extended", "rewrite"]
 
 
-def cone(
+def ancestors(
     b: GraphBuilder, roots: Sequence[int], active: Collection[int] | None = None, without: Collection[int] = ()
 ) -> list[int]:
     """The nodes that the roots are computed from within a step, each after its arguments.

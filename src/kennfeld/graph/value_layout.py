@@ -12,11 +12,11 @@ from kennfeld.graph.lookup_lowering import Free
 from kennfeld.graph.node import Node
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["Values", "order_values"]
+__all__ = ["ValueLayout", "order_values"]
 
 
 @dataclass(frozen=True)
-class Values:
+class ValueLayout:
     """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
 
     Parameters that can reach a state come before the others; `reach` counts their values. Breakpoints of axes marked as
@@ -61,7 +61,7 @@ class Values:
         return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 
 
-def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> Values:
+def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> ValueLayout:
     """Offsets of the parameters, and of the axes marked as free, in the array of values."""
     states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
     reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
@@ -84,7 +84,7 @@ def order_values(line: Linearization, parameters: ParameterSet, used: Collection
     offsets = {name: at for name, at in first.items() if isinstance(name, str)}
     moving = {key: at for key, at in first.items() if not isinstance(key, str)}
     places = {key: axes[key].places[0] for key in moving}
-    return Values(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
+    return ValueLayout(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
 
 
 def _owner(atom: Node) -> str | AxisKey:

@@ -6,7 +6,7 @@ How much a script may do before it is stopped: nothing that is read may take the
 from dataclasses import dataclass
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.matlab.syntax import Place
+from kennfeld.matlab.syntax import SourcePosition
 
 __all__ = ["Budget", "LimitError", "MatlabError", "located"]
 
@@ -15,12 +15,12 @@ class MatlabError(InputError):
     """Text that is no MATLAB, or an expression without a value; its findings name line and column."""
 
     @classmethod
-    def at(cls, name: str, place: Place, what: str, mend: str = "", excerpt: str = "") -> "MatlabError":
+    def at(cls, name: str, place: SourcePosition, message: str, remedy: str = "", excerpt: str = "") -> "MatlabError":
         """The error with one finding at a place of a text called `name`."""
-        return cls([Finding(located(name, place), what, mend, excerpt)])
+        return cls([Finding(located(name, place), message, remedy, excerpt)])
 
 
-def located(name: str, place: Place) -> str:
+def located(name: str, place: SourcePosition) -> str:
     """How a place is told; an expression of one line without a name needs no line.
 
     >>> located("init.m", Place(3, 7))

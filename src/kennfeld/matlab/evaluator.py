@@ -9,32 +9,41 @@ import numpy as np
 from kennfeld.formatting import nearest
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
-from kennfeld.matlab.functions import REGISTERED, Arguments
-from kennfeld.matlab.indexing import ALL, Index, part
-from kennfeld.matlab.operators import as_class, binary, cells, joined, span, transposed, truth, unary
+from kennfeld.matlab.functions import NUMERIC_FUNCTIONS, NumericArguments
+from kennfeld.matlab.indexing import ALL, Index, index_array
+from kennfeld.matlab.operators import (
+    binary,
+    cast_to_class,
+    cells,
+    colon_range,
+    concatenate_rows,
+    is_true,
+    transposed,
+    unary,
+)
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.simulink_objects import is_constructor, made
+from kennfeld.matlab.simulink_objects import construct_object, is_constructor
 from kennfeld.matlab.values import (
-    Cell,
-    Handle,
-    NoValueError,
-    Opaque,
-    Struct,
+    MatlabCell,
+    MatlabFunctionHandle,
+    MatlabStruct,
+    MatlabValueError,
+    OpaqueValue,
     Value,
     characters,
-    class_of,
-    data_of,
-    like,
+    class_name,
+    elements_of,
+    from_python,
     logical,
     scalar,
     strings,
     text,
-    value_from,
+    with_class_of,
 )
 
-__all__ = ["Evaluator", "Given", "chain_of", "evaluate", "names"]
+__all__ = ["HostFunction", "NumericEvaluator", "access_chain", "evaluate", "free_names"]
 
-Given = Callable[..., Any]
+HostFunction = Callable[..., Any]
 _SHORT = ("&&", "||")
 _CLASSES = {
     f"{sign}{bits}": f"{name}{bits}" for sign, name in (("u", "uint"), ("s", "int")) for bits in (8, 16, 32, 64)
@@ -45,7 +54,7 @@ _FAILURES = (ValueError, IndexError, TypeError, OverflowError, ZeroDivisionError
 def evaluate(
     expression: m.Expression | str,
     variables: Mapping[str, Any] | None = None,
-    functions: Mapping[str, Given] | None = None,
+    functions: Mapping[str, HostFunction] | None = None,
     name: str = "",
     budget: Budget | None = None,
 ) -> Value:
@@ -59,8 +68,8 @@ def evaluate(
     [[0.0, 1.0, 3.0]]
     """
     tree = parse_expression(expression, name) if isinstance(expression, str) else expression
-    known = {key: value_from(given) for key, given in (variables or {}).items()}
-    evaluator = Evaluator(known, functions or {}, budget or Budget(), name)
+    known = {key: from_python(given) for key, given in (variables or {}).items()}
+    evaluator = NumericEvaluator(known, functions or {}, budget or Budget(), name)
     try:
         return evaluator.value(tree)
     except LimitError as error:
@@ -69,22 +78,24 @@ def evaluate(
         raise MatlabError.at(name, tree.place, "functions call each other without end") from None
 
 
-def names(expression: m.Expression) -> frozenset[str]:
+def free_names(expression: m.Expression) -> frozenset[str]:
     """The names that an expression takes from outside: its variables, and the functions that it calls.
 
-    >>> sorted(names(parse_expression("K*interp1(x, y, u) + arrayfun(@(a) a*b, u)")))
+    >>> sorted(free_names(parse_expression("K*interp1(x, y, u) + arrayfun(@(a) a*b, u)")))
     ['K', 'arrayfun', 'b', 'interp1', 'u', 'x', 'y']
     """
     if isinstance(expression, m.Name):
         return frozenset({expression.name})
-    found = frozenset[str]().union(*(names(child) for child in m.children(expression)))
+    found = frozenset[str]().union(*(free_names(child) for child in m.children(expression)))
     return found - set(expression.parameters) if isinstance(expression, m.AnonymousFunction) else found
 
 
-class Evaluator:
+class NumericEvaluator:
     """Evaluates expressions over `variables`; those in `undefined` have lost their value, for the reason told."""
 
-    def __init__(self, variables: dict[str, Value], functions: Mapping[str, Given], budget: Budget, name: str) -> None:
+    def __init__(
+        self, variables: dict[str, Value], functions: Mapping[str, HostFunction], budget: Budget, name: str
+    ) -> None:
         self.variables = variables
         self.functions = functions
         self.budget = budget
@@ -97,8 +108,8 @@ class Evaluator:
         """The one value of an expression."""
         found = self.values(node)
         if len(found) != 1:
-            what = "has no value" if not found else f"has {len(found)} values where one is needed"
-            raise MatlabError.at(self.name, node.place, f"this {what}")
+            message = "has no value" if not found else f"has {len(found)} values where one is needed"
+            raise MatlabError.at(self.name, node.place, f"this {message}")
         return found[0]
 
     def values(self, node: m.Expression, outputs: int = 1) -> list[Value]:
@@ -108,14 +119,14 @@ class Evaluator:
             if isinstance(node, m.Name | m.Field | m.DynamicField | m.Call | m.CellIndex):
                 return self._accessed(node, outputs)
             return [self._plain(node)]
-        except NoValueError as error:
+        except MatlabValueError as error:
             raise MatlabError.at(self.name, node.place, str(error)) from None
 
     def holds(self, node: m.Expression) -> bool:
         """Whether a condition holds."""
         try:
-            return truth(self.value(node))
-        except NoValueError as error:
+            return is_true(self.value(node))
+        except MatlabValueError as error:
             raise MatlabError.at(self.name, node.place, str(error)) from None
 
     def _plain(self, node: m.Expression) -> Value:
@@ -130,20 +141,20 @@ class Evaluator:
                 return unary(node.operator, self.value(node.operand))
             case m.Range():
                 step = None if node.step is None else self.value(node.step)
-                return span(self.value(node.first), step, self.value(node.last), self.budget)
+                return colon_range(self.value(node.first), step, self.value(node.last), self.budget)
             case m.Matrix():
                 return self._matrix(node)
             case m.CellArray():
                 return cells([self._listed(row) for row in node.rows if row], self.budget)
             case m.Transpose():
                 operand = self.value(node.operand)
-                return like(operand, transposed(data_of(operand)))
+                return with_class_of(operand, transposed(elements_of(operand)))
             case m.AnonymousFunction():
-                kept = {name: self.variables[name] for name in names(node) if name in self.variables}
+                kept = {name: self.variables[name] for name in free_names(node) if name in self.variables}
                 self.owned.clear()
-                return Handle("", node.parameters, node.body, kept)
+                return MatlabFunctionHandle("", node.parameters, node.body, kept)
             case m.FunctionHandle():
-                return Handle(node.name)
+                return MatlabFunctionHandle(node.name)
             case m.End():
                 return self._end()
             case _:
@@ -152,8 +163,8 @@ class Evaluator:
     @staticmethod
     def _number(node: m.Number) -> Value:
         if node.suffix == "i":
-            raise NoValueError("complex numbers are not known here")
-        return as_class(scalar(node.value), _CLASSES[node.suffix]) if node.suffix else scalar(node.value)
+            raise MatlabValueError("complex numbers are not known here")
+        return cast_to_class(scalar(node.value), _CLASSES[node.suffix]) if node.suffix else scalar(node.value)
 
     def _matrix(self, node: m.Matrix) -> Value:
         rows = node.rows
@@ -162,7 +173,7 @@ class Evaluator:
             if all(one is not None for row in plain for one in row):
                 self.budget.make(len(rows) * len(rows[0]))
                 return np.array(plain, dtype=np.float64)
-        return joined([self._listed(row) for row in rows], self.budget)
+        return concatenate_rows([self._listed(row) for row in rows], self.budget)
 
     def _listed(self, nodes: Sequence[m.Expression]) -> list[Value]:
         return [value for node in nodes for value in self.values(node)]
@@ -180,7 +191,7 @@ class Evaluator:
             if one.operator in _SHORT:
                 is_and = one.operator == "&&"
                 value = logical(
-                    truth(value) and self.holds(one.right) if is_and else truth(value) or self.holds(one.right)
+                    is_true(value) and self.holds(one.right) if is_and else is_true(value) or self.holds(one.right)
                 )
             else:
                 value = binary(one.operator, value, self.value(one.right), self.budget)
@@ -188,16 +199,16 @@ class Evaluator:
 
     def _end(self) -> Value:
         if not self._ends:
-            raise NoValueError("end stands in no index of an array")
+            raise MatlabValueError("end stands in no index of an array")
         holder, at, count = self._ends[-1]
-        shape = data_of(holder).shape
+        shape = elements_of(holder).shape
         if at < count - 1:
             return scalar(shape[at] if at < len(shape) else 1)
         return scalar(math.prod(shape[at:]))
 
     def _accessed(self, node: m.Expression, outputs: int) -> list[Value]:
         """A variable or a call, and the parts taken of it."""
-        base, steps = chain_of(node)
+        base, steps = access_chain(node)
         at = 0
         if not isinstance(base, m.Name):
             found = [self.value(base)]
@@ -209,7 +220,7 @@ class Evaluator:
             found, at = self._called(base, steps, outputs)
         for k in range(at, len(steps)):
             if len(found) != 1:
-                raise NoValueError(f"{len(found)} values stand where one is needed")
+                raise MatlabValueError(f"{len(found)} values stand where one is needed")
             found = self.step(found[0], steps[k], outputs if k == len(steps) - 1 else 1)
         return found
 
@@ -220,19 +231,19 @@ class Evaluator:
                 return _fields(value, self.field_name(step))
             case m.CellIndex():
                 indices = self.indices(step.arguments, value)
-                if isinstance(value, Cell):
-                    return list(part(value.values, indices, self.budget).ravel(order="F"))
+                if isinstance(value, MatlabCell):
+                    return list(index_array(value.values, indices, self.budget).ravel(order="F"))
                 if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-                    return [characters(str(one)) for one in part(value, indices, self.budget).ravel(order="F")]
-                raise NoValueError(f"a {class_of(value)} has no cells")
+                    return [characters(str(one)) for one in index_array(value, indices, self.budget).ravel(order="F")]
+                raise MatlabValueError(f"a {class_name(value)} has no cells")
             case m.Call():
-                if isinstance(value, Handle):
+                if isinstance(value, MatlabFunctionHandle):
                     return self.apply(value, self._arguments(step.arguments), outputs)
                 indices = self.indices(step.arguments, value)
-                if isinstance(value, Opaque):
-                    raise NoValueError(f"a {value.kind} is read by MATLAB alone")
-                return [like(value, part(data_of(value), indices, self.budget))]
-        raise NoValueError("this is no part of a value")
+                if isinstance(value, OpaqueValue):
+                    raise MatlabValueError(f"a {value.kind} is read by MATLAB alone")
+                return [with_class_of(value, index_array(elements_of(value), indices, self.budget))]
+        raise MatlabValueError("this is no part of a value")
 
     def field_name(self, step: m.Field | m.DynamicField) -> str:
         """The name of a field, which an expression may give."""
@@ -265,7 +276,7 @@ class Evaluator:
             if is_constructor(path):
                 behind = steps[at] if at < len(steps) else None
                 given = self._arguments(behind.arguments) if isinstance(behind, m.Call) else []
-                return [made(path, given)], at + isinstance(behind, m.Call)
+                return [construct_object(path, given)], at + isinstance(behind, m.Call)
         first = steps[0] if steps else None
         arguments = self._arguments(first.arguments) if isinstance(first, m.Call) else []
         is_call = isinstance(first, m.Call)
@@ -275,40 +286,44 @@ class Evaluator:
         return self.call(base.name, arguments, wanted, base.place), int(is_call)
 
     def _unknown(self, base: m.Name, path: str, is_call: bool) -> None:
-        mend = nearest(base.name, [*self.variables, *REGISTERED])
-        what = f"{path} is no function that is known here" if is_call or "." in path else f"{path} is not defined"
-        raise MatlabError.at(self.name, base.place, what, mend)
+        remedy = nearest(base.name, [*self.variables, *NUMERIC_FUNCTIONS])
+        message = f"{path} is no function that is known here" if is_call or "." in path else f"{path} is not defined"
+        raise MatlabError.at(self.name, base.place, message, remedy)
 
     def knows(self, name: str) -> bool:
         """Whether there is such a function."""
-        return name in self.functions or name in REGISTERED
+        return name in self.functions or name in NUMERIC_FUNCTIONS
 
-    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.Place) -> list[Value]:
+    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.SourcePosition) -> list[Value]:
         """What a function gives, by its name."""
         if name in self.functions:
             result = self.functions[name](*arguments)
-            return [value_from(one) for one in result] if isinstance(result, tuple) else [value_from(result)]
-        known = REGISTERED.get(name)
+            return [from_python(one) for one in result] if isinstance(result, tuple) else [from_python(result)]
+        known = NUMERIC_FUNCTIONS.get(name)
         if known is None:
             raise MatlabError.at(
-                self.name, place, f"{name} is no function that is known here", nearest(name, REGISTERED)
+                self.name, place, f"{name} is no function that is known here", nearest(name, NUMERIC_FUNCTIONS)
             )
         if not known.least <= len(arguments) <= known.most:
             wanted = str(known.least) if known.least == known.most else f"{known.least} to {known.most}"
             wanted = wanted if known.most < 100 else f"{known.least} or more"
             raise MatlabError.at(self.name, place, f"{name} takes {wanted} arguments, not {len(arguments)}")
-        given = Arguments(arguments, outputs, self.budget, self.apply, self.variables.__contains__)
+        given = NumericArguments(arguments, outputs, self.budget, self.apply, self.variables.__contains__)
         return self._run(name, known.run, given, place)
 
-    def _run(self, name: str, run: Callable[[Arguments], Any], given: Arguments, place: m.Place) -> list[Value]:
+    def _run(
+        self, name: str, run: Callable[[NumericArguments], Any], given: NumericArguments, place: m.SourcePosition
+    ) -> list[Value]:
         try:
             result = run(given)
-        except NoValueError as error:
+        except MatlabValueError as error:
             raise MatlabError.at(self.name, place, f"{name}: {error}") from None
         except _FAILURES:
-            sizes = ", ".join(f"{class_of(one)} of {' x '.join(map(str, data_of(one).shape))}" for one in given.values)
-            what = f"{name} has no value for these arguments ({sizes or 'none'})"
-            raise MatlabError.at(self.name, place, what) from None
+            sizes = ", ".join(
+                f"{class_name(one)} of {' x '.join(map(str, elements_of(one).shape))}" for one in given.values
+            )
+            message = f"{name} has no value for these arguments ({sizes or 'none'})"
+            raise MatlabError.at(self.name, place, message) from None
         found = list(result) if isinstance(result, tuple) else [result]
         if len(found) < given.outputs:
             raise MatlabError.at(self.name, place, f"{name} gives {len(found)} values, not {given.outputs}")
@@ -317,18 +332,18 @@ class Evaluator:
     def apply(self, function: Value, arguments: Sequence[Value], outputs: int) -> list[Value]:
         """What a function gives that is itself a value."""
         if isinstance(function, np.ndarray):
-            function = Handle(text(function))
-        if not isinstance(function, Handle):
-            raise NoValueError(f"a {class_of(function)} is no function")
+            function = MatlabFunctionHandle(text(function))
+        if not isinstance(function, MatlabFunctionHandle):
+            raise MatlabValueError(f"a {class_name(function)} is no function")
         if function.body is None:
-            return self.call(function.name, arguments, outputs, m.Place())
+            return self.call(function.name, arguments, outputs, m.SourcePosition())
         with self.deeper():
             inner = self.inner(_bound(function, arguments))
             return inner.values(function.body, outputs)
 
-    def inner(self, variables: dict[str, Value]) -> "Evaluator":
+    def inner(self, variables: dict[str, Value]) -> "NumericEvaluator":
         """An evaluator for the body of a function."""
-        return Evaluator(variables, self.functions, self.budget, self.name)
+        return NumericEvaluator(variables, self.functions, self.budget, self.name)
 
     def deeper(self) -> "_Deeper":
         """Counts functions within functions."""
@@ -349,7 +364,7 @@ class _Deeper:
         self.budget.calls += 1
 
 
-def chain_of(node: m.Expression) -> tuple[m.Expression, list[m.Expression]]:
+def access_chain(node: m.Expression) -> tuple[m.Expression, list[m.Expression]]:
     """What stands at the beginning of a chain of parts, and the parts, from left to right."""
     steps: list[m.Expression] = []
     while isinstance(node, m.Field | m.DynamicField | m.Call | m.CellIndex):
@@ -365,24 +380,24 @@ def _literal(node: m.Expression) -> float | None:
     return node.value if isinstance(node, m.Number) and not node.suffix else None
 
 
-def _bound(function: Handle, arguments: Sequence[Value]) -> dict[str, Value]:
+def _bound(function: MatlabFunctionHandle, arguments: Sequence[Value]) -> dict[str, Value]:
     parameters = function.parameters
     if parameters and parameters[-1] == "varargin":
         count = len(parameters) - 1
         rest = cells([list(arguments[count:])], Budget()) if arguments[count:] else cells([], Budget())
         arguments = [*arguments[:count], rest]
     if len(arguments) > len(parameters):
-        raise NoValueError(f"the function takes {len(parameters)} arguments, not {len(arguments)}")
+        raise MatlabValueError(f"the function takes {len(parameters)} arguments, not {len(arguments)}")
     given = dict(zip(parameters, arguments, strict=False))
     given.pop("~", None)
     return {**function.variables, **given}
 
 
 def _fields(value: Value, name: str) -> list[Value]:
-    if isinstance(value, Opaque):
-        raise NoValueError(f"a {value.kind} is read by MATLAB alone")
-    if not isinstance(value, Struct):
-        raise NoValueError(f"a {class_of(value)} has no field {name}")
+    if isinstance(value, OpaqueValue):
+        raise MatlabValueError(f"a {value.kind} is read by MATLAB alone")
+    if not isinstance(value, MatlabStruct):
+        raise MatlabValueError(f"a {class_name(value)} has no field {name}")
     if name not in value.names:
-        raise NoValueError(f"there is no field {name}. {nearest(name, value.names)}".strip())
+        raise MatlabValueError(f"there is no field {name}. {nearest(name, value.names)}".strip())
     return [element[name] for element in value.elements.ravel(order="F")]

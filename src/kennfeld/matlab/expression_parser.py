@@ -5,7 +5,7 @@ transposes; all of them from left to right.
 """
 
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.lexer import Kind, Lines, Token
+from kennfeld.matlab.lexer import Lines, MatlabToken, TokenKind
 from kennfeld.matlab.syntax import (
     AnonymousFunction,
     Binary,
@@ -21,15 +21,15 @@ from kennfeld.matlab.syntax import (
     Matrix,
     Name,
     Number,
-    Place,
     Range,
+    SourcePosition,
     Text,
     Transpose,
     Unary,
     children,
 )
 
-__all__ = ["Expressions"]
+__all__ = ["ExpressionParser"]
 
 DEEPEST = 150  # levels of a tree
 _BRACKETS = 30  # within each other
@@ -39,13 +39,13 @@ _SIGNS = ("+", "-", "~", "!")
 _POWERS = ("^", ".^")
 _BASES = ("0x", "0X", "0b", "0B")
 _OPENS_OPERAND = frozenset("([{@")
-_OPERANDS = (Kind.NUMBER, Kind.NAME, Kind.TEXT, Kind.STRING)
+_OPERANDS = (TokenKind.NUMBER, TokenKind.NAME, TokenKind.TEXT, TokenKind.STRING)
 
 
-class Expressions:
+class ExpressionParser:
     """Reads expressions from tokens, beginning at `at`; raises `MatlabError` at the first that does not fit."""
 
-    def __init__(self, text: str, tokens: list[Token], name: str) -> None:
+    def __init__(self, text: str, tokens: list[MatlabToken], name: str) -> None:
         self.lines = Lines(text)
         self.tokens = tokens
         self.name = name
@@ -56,25 +56,25 @@ class Expressions:
         self.spaced = False  # within [] or {}, where blanks part elements
 
     @property
-    def token(self) -> Token:
+    def token(self) -> MatlabToken:
         return self.tokens[self.at]
 
-    def place(self, token: Token | None = None) -> Place:
+    def place(self, token: MatlabToken | None = None) -> SourcePosition:
         return self.lines.place((token or self.token).at)
 
-    def fail(self, what: str, mend: str = "", token: Token | None = None) -> MatlabError:
+    def fail(self, message: str, remedy: str = "", token: MatlabToken | None = None) -> MatlabError:
         """The error at a token; by default the next one."""
         token = token or self.token
-        what, mend = (token.text, "") if token.kind == Kind.BAD else (what, mend)
-        return MatlabError.at(self.name, self.place(token), what, mend, self.lines.line(token.at).strip()[:200])
+        message, remedy = (token.text, "") if token.kind == TokenKind.BAD else (message, remedy)
+        return MatlabError.at(self.name, self.place(token), message, remedy, self.lines.line(token.at).strip()[:200])
 
-    def take(self) -> Token:
+    def take(self) -> MatlabToken:
         token = self.token
-        self.at += token.kind != Kind.OVER
+        self.at += token.kind != TokenKind.OVER
         return token
 
     def is_operator(self, *words: str) -> bool:
-        return self.token.kind == Kind.OPERATOR and self.token.text in words
+        return self.token.kind == TokenKind.OPERATOR and self.token.text in words
 
     def expect(self, word: str) -> None:
         if not self.is_operator(word):
@@ -84,7 +84,11 @@ class Expressions:
     def said(self) -> str:
         """The next token, for a message."""
         token = self.token
-        ends = {Kind.STOP: "the end of the statement", Kind.OVER: "the end", Kind.ROW: "the end of the row"}
+        ends = {
+            TokenKind.STOP: "the end of the statement",
+            TokenKind.OVER: "the end",
+            TokenKind.ROW: "the end of the row",
+        }
         return ends.get(token.kind, repr(token.text[:40]))
 
     def expression(self) -> Expression:
@@ -107,10 +111,10 @@ class Expressions:
             left = self._joined(left, self.take(), self._binary(level + 1))
         return left
 
-    def _too_long(self, token: Token) -> MatlabError:
+    def _too_long(self, token: MatlabToken) -> MatlabError:
         return self.fail(f"more than {DEEPEST} operators follow each other", "Break the expression up.", token)
 
-    def _joined(self, left: Expression, token: Token, right: Expression) -> Expression:
+    def _joined(self, left: Expression, token: MatlabToken, right: Expression) -> Expression:
         self.steps += 1
         return Binary("~=" if token.text == "!=" else token.text, left, right, place=left.place)
 
@@ -145,14 +149,14 @@ class Expressions:
         signs = self._signs()
         return self._under(signs, self._power())
 
-    def _signs(self) -> list[Token]:
+    def _signs(self) -> list[MatlabToken]:
         signs = []
         while self.is_operator(*_SIGNS):
             signs.append(self.take())
         self.steps += len(signs)
         return signs
 
-    def _under(self, signs: list[Token], operand: Expression) -> Expression:
+    def _under(self, signs: list[MatlabToken], operand: Expression) -> Expression:
         for sign in reversed(signs):
             word = "~" if sign.text == "!" else sign.text
             operand = Unary(word, operand, place=self.place(sign))
@@ -193,7 +197,7 @@ class Expressions:
             self.at += 1
             name = self._enclosed(")")
             return DynamicField(of, name, place=of.place)
-        if self.token.kind != Kind.NAME:
+        if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a field name is missing before {self.said()}")
         return Field(of, self.take().text, place=of.place)
 
@@ -225,22 +229,22 @@ class Expressions:
 
     def _argument(self, closing: str) -> Expression:
         after = self.tokens[self.at + 1] if self.is_operator(":") else None
-        if after is not None and after.kind == Kind.OPERATOR and after.text in (",", closing):
+        if after is not None and after.kind == TokenKind.OPERATOR and after.text in (",", closing):
             return Colon(place=self.place(self.take()))
         return self.expression()
 
     def _atom(self) -> Expression:
         token = self.token
         place = self.place()
-        if token.kind == Kind.NUMBER:
+        if token.kind == TokenKind.NUMBER:
             return self._number(self.take(), place)
-        if token.kind == Kind.NAME:
+        if token.kind == TokenKind.NAME:
             return Name(self.take().text, place=place)
-        if token.kind == Kind.TEXT:
+        if token.kind == TokenKind.TEXT:
             return Text(self.take().text[1:-1].replace("''", "'"), place=place)
-        if token.kind == Kind.STRING:
+        if token.kind == TokenKind.STRING:
             return Text(self.take().text[1:-1].replace('""', '"'), True, place=place)
-        if token.kind == Kind.KEYWORD and token.text == "end" and self.indices:
+        if token.kind == TokenKind.KEYWORD and token.text == "end" and self.indices:
             self.at += 1
             return End(place=place)
         if self.is_operator("("):
@@ -254,7 +258,7 @@ class Expressions:
             return self._function()
         raise self.fail(f"a value is missing before {self.said()}")
 
-    def _number(self, token: Token, place: Place) -> Expression:
+    def _number(self, token: MatlabToken, place: SourcePosition) -> Expression:
         text = token.text
         if text[:2] in _BASES:
             base = 16 if text[1] in "xX" else 2
@@ -276,11 +280,11 @@ class Expressions:
         spaced, self.spaced = self.spaced, True
         indices, rows, row = self.indices, [], list[Expression]()
         while not self.is_operator(closing):
-            if self.token.kind == Kind.ROW:
+            if self.token.kind == TokenKind.ROW:
                 self.at += 1
                 rows.append(tuple(row))
                 row = []
-            elif self.token.kind == Kind.COMMENT:
+            elif self.token.kind == TokenKind.COMMENT:
                 self.at += 1
             elif (literal := self._literal()) is not None:
                 row.append(literal)
@@ -295,13 +299,13 @@ class Expressions:
     def _literal(self) -> Expression | None:
         """A number that is an element by itself, passed with its comma: tables of thousands hold little else."""
         token, after = self.token, self.tokens[self.at + 1] if self.at + 1 < len(self.tokens) else self.token
-        if token.kind != Kind.NUMBER or not token.text[-1].isdigit() or token.text[:2] in _BASES:
+        if token.kind != TokenKind.NUMBER or not token.text[-1].isdigit() or token.text[:2] in _BASES:
             return None
-        is_comma = after.kind == Kind.OPERATOR and after.text == ","
-        if not (is_comma or after.kind == Kind.ROW or (after.kind == Kind.NUMBER and after.blank)):
+        is_comma = after.kind == TokenKind.OPERATOR and after.text == ","
+        if not (is_comma or after.kind == TokenKind.ROW or (after.kind == TokenKind.NUMBER and after.blank)):
             return None
         follows = self.tokens[self.at + 2] if is_comma else after
-        if is_comma and follows.kind == Kind.OPERATOR and follows.text == ",":
+        if is_comma and follows.kind == TokenKind.OPERATOR and follows.text == ",":
             return None
         place = self.place()
         self.at += 1 + is_comma
@@ -315,18 +319,18 @@ class Expressions:
                 raise self.fail("an element is missing before ','")
             return
         token = self.token
-        begins = token.kind in (*_OPERANDS, Kind.KEYWORD) or (
-            token.kind == Kind.OPERATOR and (token.text in _OPENS_OPERAND or token.text in _SIGNS)
+        begins = token.kind in (*_OPERANDS, TokenKind.KEYWORD) or (
+            token.kind == TokenKind.OPERATOR and (token.text in _OPENS_OPERAND or token.text in _SIGNS)
         )
-        ends = token.kind in (Kind.ROW, Kind.COMMENT) or self.is_operator(closing)
+        ends = token.kind in (TokenKind.ROW, TokenKind.COMMENT) or self.is_operator(closing)
         if not ends and not (begins and token.blank):
             raise self.fail(f"{closing} is missing before {self.said()}")
 
     def _function(self) -> Expression:
         place = self.place(self.take())
-        if self.token.kind == Kind.NAME:
+        if self.token.kind == TokenKind.NAME:
             name = self.take().text
-            while self.is_operator(".") and self.tokens[self.at + 1].kind == Kind.NAME:
+            while self.is_operator(".") and self.tokens[self.at + 1].kind == TokenKind.NAME:
                 name += "." + self.tokens[self.at + 1].text
                 self.at += 2
             return FunctionHandle(name, place=place)
@@ -341,7 +345,7 @@ class Expressions:
         self.expect("(")
         found = []
         while not self.is_operator(")"):
-            if self.token.kind != Kind.NAME and not self.is_operator("~"):
+            if self.token.kind != TokenKind.NAME and not self.is_operator("~"):
                 raise self.fail(f"the name of a parameter is missing before {self.said()}")
             found.append(self.take().text)
             if self.is_operator(","):

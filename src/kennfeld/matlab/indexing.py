@@ -8,9 +8,9 @@ import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, NoValueError, Value, numbers, plain
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, numbers
 
-__all__ = ["ALL", "Index", "part", "replaced", "without"]
+__all__ = ["ALL", "Index", "assign_elements", "index_array", "without"]
 
 
 class _All:
@@ -21,7 +21,7 @@ ALL = _All()
 Index = Value | _All
 
 
-def part(array: Array, indices: Sequence[Index], budget: Budget) -> Array:
+def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array:
     """`array(indices)`, always a copy."""
     if not indices:
         return array
@@ -47,7 +47,7 @@ def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
     """The size of what one index reads: that of the index, unless both are vectors."""
     if isinstance(index, _All):
         return (count, 1)
-    given = plain(index)
+    given = array_value(index)
     is_mask = given.dtype == np.bool_
     if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and _is_vector(given):
         return (1, count)
@@ -81,7 +81,7 @@ def _positions(index: Index, size: int) -> Int:
     """The positions, from 0, that an index names."""
     if isinstance(index, _All):
         return np.arange(size)
-    given = plain(index)
+    given = array_value(index)
     if given.dtype.kind == "U" and given.size == 1 and given.flat[0] == ":":
         return np.arange(size)
     if given.dtype == np.bool_:
@@ -89,16 +89,18 @@ def _positions(index: Index, size: int) -> Int:
     values = numbers(given).ravel(order="F")
     wrong = values[~((values >= 1) & (values == np.floor(values)) & (values < 2**53))]
     if wrong.size:
-        raise NoValueError(f"{wrong[0]:g} is no index; indices are whole numbers from 1")
+        raise MatlabValueError(f"{wrong[0]:g} is no index; indices are whole numbers from 1")
     return values.astype(np.int64) - 1
 
 
-def _within(positions: Int, size: int, what: str) -> None:
+def _within(positions: Int, size: int, message: str) -> None:
     if positions.size and positions.max() >= size:
-        raise NoValueError(f"{what} is {positions.max() + 1}, of {size}")
+        raise MatlabValueError(f"{message} is {positions.max() + 1}, of {size}")
 
 
-def replaced(array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool) -> Array:
+def assign_elements(
+    array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool
+) -> Array:
     """The array after `array(indices) = values`, grown with `fill` where it has to be.
 
     Only an array that is `owned` may be changed in place.
@@ -114,7 +116,7 @@ def replaced(array: Array, indices: Sequence[Index], values: Array, fill: Any, b
         for size, positions in zip(shape, chosen, strict=True)
     )
     if needed != shape and len(indices) < array.ndim:
-        raise NoValueError("an array of more dimensions than indices cannot grow")
+        raise MatlabValueError("an array of more dimensions than indices cannot grow")
     grown = _grown(array.reshape(shape, order="F"), needed, fill, budget, owned)
     count = tuple(map(len, chosen))
     target = grown.reshape(needed, order="F")
@@ -141,7 +143,7 @@ def _arranged(values: Array, count: tuple[int, ...]) -> Array:
     """Values in the size in which they are assigned; dimensions of one element do not count."""
     if [size for size in values.shape if size != 1] != [size for size in count if size != 1]:
         sizes = (" x ".join(map(str, shape)) for shape in (values.shape, count))
-        raise NoValueError("values of size {} do not fit in a part of size {}".format(*sizes))
+        raise MatlabValueError("values of size {} do not fit in a part of size {}".format(*sizes))
     return values.reshape(count, order="F")
 
 
@@ -167,7 +169,7 @@ def _replaced_linear(array: Array, index: Index, values: Array, fill: Any, budge
     positions = _positions(index, array.size)
     last = int(positions.max()) + 1 if positions.size else 0
     if values.size not in (1, positions.size):
-        raise NoValueError(f"{values.size} values do not fit in {positions.size} places")
+        raise MatlabValueError(f"{values.size} values do not fit in {positions.size} places")
     shape = array.shape
     if last > array.size:
         if not array.size:
@@ -175,7 +177,7 @@ def _replaced_linear(array: Array, index: Index, values: Array, fill: Any, budge
         elif array.ndim == 2 and 1 in array.shape:
             shape = (last, 1) if array.shape[1] == 1 and array.shape[0] != 1 else (1, last)
         else:
-            raise NoValueError("a matrix cannot grow by a single index")
+            raise MatlabValueError("a matrix cannot grow by a single index")
     if not array.size and shape != array.shape:
         array = array.reshape(1, 0)
     grown = _grown(array, shape, fill, budget, owned)
@@ -198,7 +200,7 @@ def without(array: Array, indices: Sequence[Index]) -> Array:
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     partial = [at for at, positions in enumerate(chosen) if len(set(positions.tolist())) < shape[at]]
     if len(partial) > 1:
-        raise NoValueError("only whole rows or columns can be removed")
+        raise MatlabValueError("only whole rows or columns can be removed")
     at = partial[0] if partial else next(k for k, index in enumerate(indices) if not isinstance(index, _All))
     _within(chosen[at], shape[at], f"index {at + 1}")
     return np.delete(array.reshape(shape, order="F"), chosen[at], axis=at)

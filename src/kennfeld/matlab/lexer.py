@@ -9,9 +9,9 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from kennfeld.matlab.syntax import Place
+from kennfeld.matlab.syntax import SourcePosition
 
-__all__ = ["Kind", "Lines", "Token", "tokens_of"]
+__all__ = ["Lines", "MatlabToken", "TokenKind", "tokenize"]
 
 KEYWORDS = frozenset(
     {"if", "elseif", "else", "end", "for", "parfor", "while", "switch", "case", "otherwise", "try", "catch"}
@@ -40,14 +40,14 @@ _PARAMETERS = ("parameters",)  # no operand ends where those of a function do
 _ENDS_OPERAND = frozenset({")", "]", "}", "'", ".'"})
 
 
-class Kind:
+class TokenKind:
     """What a token is."""
 
     NUMBER, NAME, KEYWORD, OPERATOR, TEXT, STRING = "number", "name", "keyword", "operator", "text", "string"
     ROW, STOP, COMMAND, COMMENT, BAD, OVER = "row", "stop", "command", "comment", "bad", "over"
 
 
-class Token(NamedTuple):
+class MatlabToken(NamedTuple):
     """One word; `blank` tells whether a blank stands before it, which parts elements within brackets."""
 
     kind: str
@@ -65,10 +65,10 @@ class Lines:
         self.text = text
         self.begins = [0, *(found.end() for found in re.finditer("\n", text))]
 
-    def place(self, at: int) -> Place:
+    def place(self, at: int) -> SourcePosition:
         """Line and column, from 1."""
         line = bisect_right(self.begins, at)
-        return Place(line, at - self.begins[line - 1] + 1)
+        return SourcePosition(line, at - self.begins[line - 1] + 1)
 
     def line(self, at: int) -> str:
         """The line around a place."""
@@ -80,7 +80,7 @@ class Lines:
         return self.text[begin : len(self.text) if end < 0 else end]
 
 
-def tokens_of(text: str, commands: bool = True) -> list[Token]:
+def tokenize(text: str, commands: bool = True) -> list[MatlabToken]:
     """The words of a text, ended by one of kind OVER; what is none has kind BAD and says why.
 
     Where there are statements, `commands` of the form `name word word` are one token each.
@@ -107,9 +107,9 @@ class _Lexer:
         self.commands = commands
         self.at = 0
         self.open: list[tuple[str, int, bool]] = []  # with whether it is that of a function's parameters
-        self.last: Token | None = None  # of this statement
+        self.last: MatlabToken | None = None  # of this statement
 
-    def run(self) -> Iterator[Token]:
+    def run(self) -> Iterator[MatlabToken]:
         blank = False
         while (skipped := self._skip()) is not None or self.at < len(self.text):
             if skipped is not None:
@@ -118,13 +118,13 @@ class _Lexer:
                     yield self._comment(skipped)
                 continue
             for token in self._token(blank):
-                self.last = None if token.kind == Kind.STOP else token
+                self.last = None if token.kind == TokenKind.STOP else token
                 yield token
             blank = False
         for bracket, at, _ in self.open[:1]:
-            yield Token(Kind.BAD, f"{bracket} is never closed", at, at + 1)
-        yield Token(Kind.STOP, "\n", self.at, self.at)
-        yield Token(Kind.OVER, "", self.at, self.at)
+            yield MatlabToken(TokenKind.BAD, f"{bracket} is never closed", at, at + 1)
+        yield MatlabToken(TokenKind.STOP, "\n", self.at, self.at)
+        yield MatlabToken(TokenKind.OVER, "", self.at, self.at)
 
     def _skip(self) -> str | None:
         """Pass blanks, a comment or a continued line; None where there are none, the comment where it is one."""
@@ -145,47 +145,51 @@ class _Lexer:
         end = self.text.find("\n", self.at)
         return len(self.text) if end < 0 else end
 
-    def _comment(self, text: str) -> Token:
-        return Token(Kind.COMMENT, text[1:], self.at - len(text), self.at)
+    def _comment(self, text: str) -> MatlabToken:
+        return MatlabToken(TokenKind.COMMENT, text[1:], self.at - len(text), self.at)
 
-    def _token(self, blank: bool) -> Iterator[Token]:
+    def _token(self, blank: bool) -> Iterator[MatlabToken]:
         character = self.text[self.at]
         if character == "\n" or (character in ";," and not self.open):
             yield from self._stop(character)
         elif character == ";" and self.open[-1][0] != "(":
-            yield self._made(Kind.ROW, self.at + 1, blank)
+            yield self._made(TokenKind.ROW, self.at + 1, blank)
         elif self.commands and not self.open and self.last is None and (command := self._command()):
             yield command
         elif character == "'" and not self._is_transpose(blank):
             found = _QUOTED.match(self.text, self.at)
-            yield self._made(Kind.TEXT, found.end(), blank) if found else self._bad("' opens a text that is not closed")
+            yield (
+                self._made(TokenKind.TEXT, found.end(), blank)
+                if found
+                else self._bad("' opens a text that is not closed")
+            )
         else:
             yield self._word(blank)
 
-    def _stop(self, character: str) -> Iterator[Token]:
+    def _stop(self, character: str) -> Iterator[MatlabToken]:
         if self.open and self.open[-1][0] != "(":
-            yield self._made(Kind.ROW, self.at + 1, True)
+            yield self._made(TokenKind.ROW, self.at + 1, True)
             return
         if self.open:
             bracket, at, _ = self.open[-1]
-            yield Token(Kind.BAD, f"{bracket} is not closed on its line", at, at + 1)
+            yield MatlabToken(TokenKind.BAD, f"{bracket} is not closed on its line", at, at + 1)
             self.open.clear()
-        yield self._made(Kind.STOP, self.at + 1, False)
+        yield self._made(TokenKind.STOP, self.at + 1, False)
 
-    def _made(self, kind: str, end: int, blank: bool) -> Token:
+    def _made(self, kind: str, end: int, blank: bool) -> MatlabToken:
         begin, self.at = self.at, end
-        return Token(kind, self.text[begin:end], begin, end, blank)
+        return MatlabToken(kind, self.text[begin:end], begin, end, blank)
 
-    def _bad(self, what: str) -> Token:
+    def _bad(self, message: str) -> MatlabToken:
         begin, self.at = self.at, self._line_end()
-        return Token(Kind.BAD, what, begin, self.at)
+        return MatlabToken(TokenKind.BAD, message, begin, self.at)
 
-    def _command(self) -> Token | None:
+    def _command(self) -> MatlabToken | None:
         """`name word word` up to the end of the statement."""
         begin = self.at
         if self.text[begin] == "!":
             self.at = self._line_end()
-            return Token(Kind.COMMAND, "!", begin, self.at, False, (self.text[begin + 1 : self.at].strip(),))
+            return MatlabToken(TokenKind.COMMAND, "!", begin, self.at, False, (self.text[begin + 1 : self.at].strip(),))
         found = _COMMAND.match(self.text, begin)
         if not found or found[1] in KEYWORDS or _ASSIGNS.match(self.text, found.end()):
             return None
@@ -196,39 +200,39 @@ class _Lexer:
             while at < len(self.text) and self.text[at] in " \t\r\f\v":
                 at += 1
         self.at = at
-        return Token(Kind.COMMAND, found[1], begin, at, False, tuple(words))
+        return MatlabToken(TokenKind.COMMAND, found[1], begin, at, False, tuple(words))
 
     def _is_transpose(self, blank: bool) -> bool:
         last = self.last
         if last is None or last.words or (blank and bool(self.open) and self.open[-1][0] != "("):
             return False
-        if last.kind == Kind.KEYWORD:
+        if last.kind == TokenKind.KEYWORD:
             return last.text == "end" and bool(self.open)
         return (
-            last.kind in (Kind.NUMBER, Kind.NAME, Kind.STRING)
-            or (last.kind == Kind.OPERATOR and last.text in _ENDS_OPERAND)
-            or (last.kind == Kind.TEXT and not blank)
+            last.kind in (TokenKind.NUMBER, TokenKind.NAME, TokenKind.STRING)
+            or (last.kind == TokenKind.OPERATOR and last.text in _ENDS_OPERAND)
+            or (last.kind == TokenKind.TEXT and not blank)
         )
 
-    def _word(self, blank: bool) -> Token:
+    def _word(self, blank: bool) -> MatlabToken:
         match = _WORD.match(self.text, self.at)
         if match is None:
             return self._unknown()
         kind, text = str(match.lastgroup), match[0]
-        if kind == Kind.NAME and text in KEYWORDS and not (self.last and self.last.text == "." and not blank):
-            kind = Kind.KEYWORD
+        if kind == TokenKind.NAME and text in KEYWORDS and not (self.last and self.last.text == "." and not blank):
+            kind = TokenKind.KEYWORD
         words: tuple[str, ...] = ()
         if text in _CLOSED_BY:
             self.open.append((text, self.at, self.last is not None and self.last.text == "@"))
-        elif kind == Kind.OPERATOR and text in ")]}":
+        elif kind == TokenKind.OPERATOR and text in ")]}":
             if not self.open or _CLOSED_BY[self.open[-1][0]] != text:
                 return self._bad(f"{text} closes no bracket")
             words = _PARAMETERS if self.open.pop()[2] else ()
         return self._made(kind, match.end(), blank)._replace(words=words)
 
-    def _unknown(self) -> Token:
+    def _unknown(self) -> MatlabToken:
         character = self.text[self.at]
-        what = '" opens a text that is not closed' if character == '"' else f"{character!r} is no part of MATLAB"
+        message = '" opens a text that is not closed' if character == '"' else f"{character!r} is no part of MATLAB"
         if character.isdigit() or character == ".":
-            what = f"{self.text[self.at : self.at + 20].split()[0]!r} is no number"
-        return self._bad(what)
+            message = f"{self.text[self.at : self.at + 20].split()[0]!r} is no number"
+        return self._bad(message)

@@ -15,16 +15,16 @@ __all__ = [
     "MOST_DENSE",
     "MOST_NODES",
     "PACKING",
-    "Cells",
-    "DamageError",
-    "Loaded",
+    "MatCells",
+    "MatFileContent",
+    "MatFileError",
+    "MatNumbers",
+    "MatStruct",
+    "MatStructArray",
+    "MatText",
+    "MatUnreadable",
     "Node",
-    "Numbers",
-    "Struct",
-    "Structs",
-    "Text",
     "TooManyError",
-    "Unreadable",
     "dense",
     "text_in_rows",
     "text_of",
@@ -37,16 +37,16 @@ PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
 MOST_DENSE = 4_000_000  # values of all sparse matrices of a file, their zeros included
 
 
-class DamageError(Exception):
+class MatFileError(Exception):
     """What no MATLAB writes; the text says what it is."""
 
 
-class TooManyError(DamageError):
+class TooManyError(MatFileError):
     """More arrays than a file may hold, which ends the reading of it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class MatNumbers:
     """An array of real numbers, in MATLAB's shape; `whole` says that it is logical or of integers by its class.
 
     They may be stored in a smaller type than that of their class, which is `kind` where the file says it.
@@ -58,7 +58,7 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class Text:
+class MatText:
     """An array of characters; where it has several rows, `rows` are they, and stand one below the other in `text`."""
 
     text: str
@@ -66,7 +66,7 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Struct:
+class MatStruct:
     """A struct of one element, or an object of the class `kind`."""
 
     fields: Mapping[str, "Node"] = field(default_factory=dict)
@@ -74,15 +74,15 @@ class Struct:
 
 
 @dataclass(frozen=True)
-class Structs:
+class MatStructArray:
     """An array of structs, column by column; of unknown shape it is a row."""
 
-    elements: Sequence[Struct]
+    elements: Sequence[MatStruct]
     shape: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
-class Cells:
+class MatCells:
     """A cell array, column by column; of unknown shape it is a row."""
 
     cells: Sequence["Node"]
@@ -90,7 +90,7 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Unreadable:
+class MatUnreadable:
     """What only MATLAB can read, by the word for it: `table`, `timeseries`, `sparse matrix`.
 
     Of an object, `reference` tells where its properties are. `why` says what is wrong with a value that is damaged, or
@@ -102,11 +102,11 @@ class Unreadable:
     why: str = ""
 
 
-Node: TypeAlias = Numbers | Text | Struct | Structs | Cells | Unreadable
+Node: TypeAlias = MatNumbers | MatText | MatStruct | MatStructArray | MatCells | MatUnreadable
 
 
 @dataclass
-class Loaded:
+class MatFileContent:
     """The variables of a file, and the arrays without a name behind them, where objects keep their properties.
 
     What is damaged stands among them as `Unreadable`. `damage` is the first that was found, `lost` the first by which
@@ -118,38 +118,38 @@ class Loaded:
     damage: str = ""
     lost: str = ""
 
-    def whole(self) -> "Loaded":
+    def whole(self) -> "MatFileContent":
         """The same; `DamageError` where anything of it is damaged."""
         if self.damage or self.lost:
-            raise DamageError(self.damage or self.lost)
+            raise MatFileError(self.damage or self.lost)
         return self
 
-    def lose(self, what: str) -> None:
+    def lose(self, message: str) -> None:
         """Note that something of the file is lost."""
-        self.lost, self.damage = self.lost or what, self.damage or what
+        self.lost, self.damage = self.lost or message, self.damage or message
 
 
-def text_in_rows(letters: str, rows: int) -> Text:
+def text_in_rows(letters: str, rows: int) -> MatText:
     """An array of characters, given column by column.
 
     >>> text_in_rows("ab cd ", 2).rows
     ('a d', 'bc')
     """
     if not 1 < rows <= len(letters):
-        return Text(letters)
+        return MatText(letters)
     found = tuple(letters[row::rows].rstrip() for row in range(rows))
-    return Text("\n".join(found), found)
+    return MatText("\n".join(found), found)
 
 
 def text_of(node: Node | None) -> str:
     """The text of a node, of a cell array its first one; empty where there is none.
 
-    >>> text_of(Cells([Text(" Speed "), Text("rpm")])), text_of(None)
+    >>> text_of(MatCells([MatText(" Speed "), MatText("rpm")])), text_of(None)
     ('Speed', '')
     """
-    if isinstance(node, Cells) and node.cells:
+    if isinstance(node, MatCells) and node.cells:
         node = node.cells[0]
-    return " ".join(node.text.split()) if isinstance(node, Text) else ""
+    return " ".join(node.text.split()) if isinstance(node, MatText) else ""
 
 
 def dense(
@@ -163,13 +163,13 @@ def dense(
     [[0.0, 3.0], [0.0, 4.0]]
     """
     if len(shape) != 2 or any(given.dtype.kind not in "ui" for given in (rows, starts)):
-        raise DamageError("a sparse matrix is of an unknown form")
+        raise MatFileError("a sparse matrix is of an unknown form")
     rows, starts = rows.astype(np.int64), starts.astype(np.int64)
     if starts.size != shape[1] + 1 or starts[0] != 0 or np.any(np.diff(starts) < 0):
-        raise DamageError("the columns of a sparse matrix make no sense")
+        raise MatFileError("the columns of a sparse matrix make no sense")
     used = int(starts[-1])
     if used > min(rows.size, values.size) or np.any((rows[:used] < 0) | (rows[:used] >= shape[0])):
-        raise DamageError("the rows of a sparse matrix make no sense")
+        raise MatFileError("the rows of a sparse matrix make no sense")
     full = np.zeros(shape)
     full[rows[:used], np.repeat(np.arange(shape[1]), np.diff(starts))] = values[:used]
     return full

@@ -9,10 +9,19 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import mat_nodes, mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mcos import opened, workspace
-from kennfeld.matlab.operators import as_class
-from kennfeld.matlab.values import INTEGERS, Array, Cell, Opaque, Struct, Value, characters, object_array
+from kennfeld.matlab.operators import cast_to_class
+from kennfeld.matlab.values import (
+    INTEGERS,
+    Array,
+    MatlabCell,
+    MatlabStruct,
+    OpaqueValue,
+    Value,
+    characters,
+    object_array,
+)
 
-__all__ = ["loaded_of", "nodes_of", "value_of", "variables_of", "workspace_of"]
+__all__ = ["load_nodes", "load_variables", "nodes_of", "value_of", "workspace_of"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
@@ -21,15 +30,15 @@ _DEEPEST = 40
 _MOST_BYTES = 1_000_000_000  # of the arrays that a script loads
 
 
-def variables_of(content: bytes, name: str) -> dict[str, Value]:
+def load_variables(content: bytes, name: str) -> dict[str, Value]:
     """The variables of a data file, parameter objects included; `InputError` where it is damaged.
 
-    >>> variables_of(b"MATLAB 5.0 MAT-file".ljust(128), "none.mat")
+    >>> load_variables(b"MATLAB 5.0 MAT-file".ljust(128), "none.mat")
     {}
     """
     try:
         nodes = nodes_of(content, _MOST_BYTES)
-    except mat_nodes.DamageError as error:
+    except mat_nodes.MatFileError as error:
         raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it anew.") from None
     return {key: value_of(node) for key, node in nodes.items()}
 
@@ -38,7 +47,7 @@ def workspace_of(content: bytes, name: str) -> dict[str, Value]:
     """The variables of a model workspace (`modelWorkspace.mxarray`); `InputError` where it is damaged."""
     try:
         nodes = workspace(content).whole().variables
-    except mat_nodes.DamageError as error:
+    except mat_nodes.MatFileError as error:
         raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model anew.") from None
     return {key: value_of(node) for key, node in nodes.items()}
 
@@ -48,18 +57,18 @@ def nodes_of(content: bytes, most_bytes: int = mat_nodes.MOST_BYTES) -> Mapping[
 
     `DamageError` where it is damaged, or takes more than `most_bytes` when it is unpacked.
     """
-    return loaded_of(content, most_bytes).whole().variables
+    return load_nodes(content, most_bytes).whole().variables
 
 
-def loaded_of(
+def load_nodes(
     content: bytes, most_bytes: int = mat_nodes.MOST_BYTES, most_nodes: int = mat_nodes.MOST_NODES
-) -> mat_nodes.Loaded:
+) -> mat_nodes.MatFileContent:
     """The variables of a data file as a tree, with the properties of objects, the damaged ones among them.
 
     It ends where they take more than `most_bytes` when they are unpacked, or are more than `most_nodes` arrays.
     """
     if not content:
-        return mat_nodes.Loaded(damage="it is empty", lost="it is empty")
+        return mat_nodes.MatFileContent(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
         return opened(mat_v73.load_all(BytesIO(content), most_bytes, most_nodes), most_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
@@ -70,24 +79,24 @@ def loaded_of(
 def value_of(node: mat_nodes.Node, depth: int = 0) -> Value:
     """A node as a value; what cannot be read stays opaque."""
     if depth > _DEEPEST:
-        return Opaque("value too deep within others")
+        return OpaqueValue("value too deep within others")
     match node:
-        case mat_nodes.Numbers():
+        case mat_nodes.MatNumbers():
             return _array(node)
-        case mat_nodes.Text():
+        case mat_nodes.MatText():
             return _characters(node)
-        case mat_nodes.Struct():
-            return Struct.of({name: value_of(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
-        case mat_nodes.Structs():
+        case mat_nodes.MatStruct():
+            return MatlabStruct.of({name: value_of(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+        case mat_nodes.MatStructArray():
             return _structs(node, depth)
-        case mat_nodes.Cells():
+        case mat_nodes.MatCells():
             values = [value_of(cell, depth + 1) for cell in node.cells]
-            return Cell(object_array(values, _shape(node.shape, len(values))))
+            return MatlabCell(object_array(values, _shape(node.shape, len(values))))
         case _:
-            return Opaque(node.kind)
+            return OpaqueValue(node.kind)
 
 
-def _array(node: mat_nodes.Numbers) -> Array:
+def _array(node: mat_nodes.MatNumbers) -> Array:
     """Numbers in their class, which may be larger than the type in which they are stored."""
     values = node.values if node.values.ndim > 1 else node.values.reshape(-1, 1)
     if node.kind == "logical" or values.dtype == np.bool_:
@@ -95,24 +104,24 @@ def _array(node: mat_nodes.Numbers) -> Array:
     if node.kind in INTEGERS:
         return values.astype(node.kind)
     with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
-        return as_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
+        return cast_to_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
-def _characters(node: mat_nodes.Text) -> Array:
+def _characters(node: mat_nodes.MatText) -> Array:
     if not node.rows:
         return characters(node.text)
     widest = max(map(len, node.rows))
     return np.array([list(line.ljust(widest)) for line in node.rows], dtype="U1").reshape(len(node.rows), widest)
 
 
-def _structs(node: mat_nodes.Structs, depth: int) -> Value:
+def _structs(node: mat_nodes.MatStructArray, depth: int) -> Value:
     names = tuple(node.elements[0].fields) if node.elements else ()
     kind = node.elements[0].kind if node.elements else ""
     same = [
         {name: value_of(one.fields[name], depth + 1) for name in names if name in one.fields} for one in node.elements
     ]
-    whole = [{**dict.fromkeys(names, Opaque("nothing")), **one} for one in same]
-    return Struct(object_array(whole, _shape(node.shape, len(whole))), names, kind)
+    whole = [{**dict.fromkeys(names, OpaqueValue("nothing")), **one} for one in same]
+    return MatlabStruct(object_array(whole, _shape(node.shape, len(whole))), names, kind)
 
 
 def _shape(shape: tuple[int, ...], count: int) -> tuple[int, ...]:

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.matlab.mat_nodes import MOST_DENSE, DamageError, Loaded, Node, Numbers, Unreadable, text_in_rows
+from kennfeld.matlab.mat_nodes import (
+    MOST_DENSE,
+    MatFileContent,
+    MatFileError,
+    MatNumbers,
+    MatUnreadable,
+    Node,
+    text_in_rows,
+)
 
 __all__ = []
 
@@ -23,17 +31,17 @@ def load(content: memoryview) -> dict[str, Node]:
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview) -> Loaded:
+def load_all(content: memoryview) -> MatFileContent:
     """The variables of a file with this content, the damaged ones among them."""
-    found, at, left = Loaded(), 0, MOST_DENSE
+    found, at, left = MatFileContent(), 0, MOST_DENSE
     try:
         while any(content[at : at + 20]):
             name, values, form, at = _array(content, at)
             with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
                 node, left = _node(values, form, left)
             found.variables[name] = node
-            found.damage = found.damage or (node.why if isinstance(node, Unreadable) else "")
-    except DamageError as error:
+            found.damage = found.damage or (node.why if isinstance(node, MatUnreadable) else "")
+    except MatFileError as error:
         found.lose(str(error))
     return found
 
@@ -41,16 +49,16 @@ def load_all(content: memoryview) -> Loaded:
 def _array(content: memoryview, at: int) -> tuple[str, NDArray[Any], int, int]:
     """The array that begins at a byte: its name, its numbers, what they are, and where it ends."""
     if at + 20 > len(content):
-        raise DamageError(f"the {len(content) - at} bytes at its end belong to no array")
+        raise MatFileError(f"the {len(content) - at} bytes at its end belong to no array")
     order = "<" if struct.unpack_from("<i", content, at)[0] in range(1000) else ">"
     kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", content, at)
     if kind // 1000 != (order == ">") or kind % 1000 // 10 >= len(_STORED) or min(rows, columns, length) < 0:
-        raise DamageError(f"at byte {at} stands no array")
+        raise MatFileError(f"at byte {at} stands no array")
     stored = np.dtype(order + _STORED[kind % 1000 // 10])
     begin, size = at + 20 + length, rows * columns * stored.itemsize
     end = begin + size * (2 if imaginary else 1)
     if end > len(content):
-        raise DamageError(f"the array at byte {at} claims {rows} x {columns} values")
+        raise MatFileError(f"the array at byte {at} claims {rows} x {columns} values")
     name = bytes(content[begin - length : begin]).partition(b"\0")[0].decode("latin-1")
     values = np.frombuffer(content[begin : begin + size], stored).reshape((rows, columns), order="F")
     return name, values, _COMPLEX if imaginary else kind % 10, end
@@ -62,14 +70,14 @@ def _node(values: NDArray[Any], form: int, left: int) -> tuple[Node, int]:
         codes = np.nan_to_num(values.astype(np.float64)).clip(0, 0x10FFFF).astype(int)
         return text_in_rows("".join(map(chr, codes.ravel(order="F").tolist())), len(codes)), left
     if form == _FULL:
-        return Numbers(values), left
+        return MatNumbers(values), left
     if form != _SPARSE or values.shape[1] == 4:
-        return Unreadable("complex numbers"), left
+        return MatUnreadable("complex numbers"), left
     try:
         node = _sparse(values.astype(np.float64), left)
-    except DamageError as error:
-        return Unreadable("damaged value", why=str(error)), left
-    return node, left - (node.values.size if isinstance(node, Numbers) else 0)
+    except MatFileError as error:
+        return MatUnreadable("damaged value", why=str(error)), left
+    return node, left - (node.values.size if isinstance(node, MatNumbers) else 0)
 
 
 def _sparse(triples: NDArray[np.float64], left: int) -> Node:
@@ -78,9 +86,9 @@ def _sparse(triples: NDArray[np.float64], left: int) -> Node:
     known = known and np.all(np.floor(triples[:, :2]) == triples[:, :2])
     places, shape = (triples[:-1, :2], triples[-1, :2]) if known else (triples, np.full(2, -1))
     if min(shape) < 0 or not np.all((places >= 1) & (places <= shape)):
-        raise DamageError("the rows of a sparse matrix make no sense")
+        raise MatFileError("the rows of a sparse matrix make no sense")
     if not shape[0] * shape[1] <= left:
-        return Unreadable("sparse matrix")
+        return MatUnreadable("sparse matrix")
     full = np.zeros(shape.astype(np.int64))
     full[tuple(places.T.astype(np.int64) - 1)] = triples[:-1, 2]
-    return Numbers(full)
+    return MatNumbers(full)

@@ -19,16 +19,16 @@ from kennfeld.matlab.mat_nodes import (
     MOST_DENSE,
     MOST_NODES,
     PACKING,
-    Cells,
-    DamageError,
-    Loaded,
+    MatCells,
+    MatFileContent,
+    MatFileError,
+    MatNumbers,
+    MatStruct,
+    MatStructArray,
+    MatText,
+    MatUnreadable,
     Node,
-    Numbers,
-    Struct,
-    Structs,
-    Text,
     TooManyError,
-    Unreadable,
     dense,
     text_in_rows,
 )
@@ -54,7 +54,7 @@ def load(content: memoryview) -> dict[str, Node]:
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
+def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> MatFileContent:
     """All arrays of a file with this content, the damaged ones among them."""
     order = "<" if bytes(content[126:128]) == b"IM" else ">"
     return elements_from(content, 128, order, most_bytes, most_nodes)
@@ -62,26 +62,26 @@ def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int 
 
 def elements_from(
     content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES
-) -> Loaded:
+) -> MatFileContent:
     """The arrays that stand from a byte on, the damaged ones among them; `order` is < or >, as the file says."""
-    reader, found, left = _Reader(order, most_nodes), Loaded(), most_bytes
+    reader, found, left = _ArrayReader(order, most_nodes), MatFileContent(), most_bytes
     try:
         for kind, at, raw in _framed(content, order, begin):
             if (element := _unpacked(found, kind, raw, at, order, left)) is not None:
                 left -= len(element)
                 _take(found, *reader.array(element, 0))
-    except DamageError as error:
+    except MatFileError as error:
         found.lose(str(error))
     found.damage = found.damage or reader.damage
     return found
 
 
-def _take(found: Loaded, name: str, node: Node) -> None:
+def _take(found: MatFileContent, name: str, node: Node) -> None:
     if name:
         found.variables[name] = node
         return
     found.further.append(node)
-    if isinstance(node, Unreadable) and node.why:
+    if isinstance(node, MatUnreadable) and node.why:
         found.lose(node.why)
 
 
@@ -90,22 +90,22 @@ def _framed(content: memoryview, order: str, at: int) -> Iterator[tuple[int, int
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
-            raise DamageError(f"the element at byte {at} claims {length} bytes")
+            raise MatFileError(f"the element at byte {at} claims {length} bytes")
         yield kind, at, content[at + 8 : at + 8 + length]
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
     if any(content[at:]):
-        raise DamageError(f"the {len(content) - at} bytes at its end belong to no array")
+        raise MatFileError(f"the {len(content) - at} bytes at its end belong to no array")
 
 
-def _unpacked(found: Loaded, kind: int, raw: memoryview, at: int, order: str, left: int) -> memoryview | None:
+def _unpacked(found: MatFileContent, kind: int, raw: memoryview, at: int, order: str, left: int) -> memoryview | None:
     """The content of an array; None for other elements, and for one that is garbled, which does not end the file."""
     try:
         kind, element = _inflated(raw, at, order, left) if kind == _COMPRESSED else (kind, raw)
-    except DamageError as error:
+    except MatFileError as error:
         found.lose(str(error))
         return None
     if len(element) > left:
-        raise DamageError(f"its arrays are of more than {left} bytes")
+        raise MatFileError(f"its arrays are of more than {left} bytes")
     return element if kind == _MATRIX else None
 
 
@@ -115,17 +115,17 @@ def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
         if claimed > min(PACKING * (len(packed) + 8), most_bytes):
-            raise DamageError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
+            raise MatFileError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
         found = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
     except (zlib.error, struct.error):
-        raise DamageError(f"the packed element at byte {at} is garbled") from None
+        raise MatFileError(f"the packed element at byte {at} is garbled") from None
     if len(found) < claimed:  # an end of the stream may be missing: MATLAB does not write it behind objects
-        raise DamageError(f"the packed element at byte {at} is cut off")
+        raise MatFileError(f"the packed element at byte {at} is cut off")
     return kind, memoryview(found)
 
 
-class _Reader:
+class _ArrayReader:
     """Turns arrays into nodes and counts them; `damage` is the first that it found."""
 
     def __init__(self, order: str, most: int) -> None:
@@ -141,9 +141,9 @@ class _Reader:
         name = ""
         try:
             if depth > _DEEPEST:
-                raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
+                raise MatFileError(f"arrays are nested more than {_DEEPEST} deep")
             if not content:
-                return "", Numbers(np.empty((0, 0)))
+                return "", MatNumbers(np.empty((0, 0)))
             parts = self._elements(content)
             flags = self._flags(parts)
             if flags & 0xFF == _OPAQUE:
@@ -153,9 +153,9 @@ class _Reader:
             return name, self._content(flags & 0xFF, flags, shape, parts, depth)
         except TooManyError:
             raise
-        except DamageError as error:
+        except MatFileError as error:
             self.damage = self.damage or str(error)
-            return name, Unreadable("damaged value", why=str(error))
+            return name, MatUnreadable("damaged value", why=str(error))
 
     def _counted(self, more: int) -> None:
         self.count += more
@@ -170,9 +170,9 @@ class _Reader:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
         if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MOST_CLAIMED:
-            raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
         if not 2 <= len(shape) <= _MOST_DIMENSIONS:
-            raise DamageError(f"an array claims {len(shape)} dimensions")
+            raise MatFileError(f"an array claims {len(shape)} dimensions")
         return shape
 
     def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, Node]:
@@ -180,34 +180,34 @@ class _Reader:
         texts = [_text(*part) for part in parts if part[0] != _MATRIX]
         inner = next((content for kind, content in parts if kind == _MATRIX), None)
         if len(texts) < 2:
-            raise DamageError("an array lacks its class")
+            raise MatFileError("an array lacks its class")
         reference = None if inner is None else self.array(inner, depth + 1)[1]
-        return texts[0] if len(texts) > 2 else "", Unreadable(texts[-1] or "object", reference)
+        return texts[0] if len(texts) > 2 else "", MatUnreadable(texts[-1] or "object", reference)
 
     def _content(self, kind: int, flags: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind in (_STRUCT, _OBJECT):
             return self._structs(kind, shape, parts, depth)
         if kind == _CELL:
-            return Cells([self._inner(parts, depth) for _ in range(self._claimed(shape))], shape)
+            return MatCells([self._inner(parts, depth) for _ in range(self._claimed(shape))], shape)
         if kind == _CHARACTERS:
-            return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else Text("")
+            return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else MatText("")
         if flags & _COMPLEX and kind <= _LAST_NUMERIC:
-            return Unreadable("complex numbers")
+            return MatUnreadable("complex numbers")
         if kind == _SPARSE:
             return self._sparse(flags, shape, parts)
         if not _OBJECT < kind <= _LAST_NUMERIC:
-            return Unreadable("function handle" if kind == _FUNCTION else "object")
+            return MatUnreadable("function handle" if kind == _FUNCTION else "object")
         values = self._numbers(shape, *self._next(parts, "numbers")) if math.prod(shape) else np.empty(shape)
         name = "logical" if flags & _LOGICAL else _CLASSES[kind]
-        return Numbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
+        return MatNumbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
 
     def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> Node:
         if math.prod(shape) > self.dense:
-            return Unreadable("sparse matrix")
-        rows, starts, values = (self._row(*self._next(parts, what)) for what in ("rows", "columns", "numbers"))
+            return MatUnreadable("sparse matrix")
+        rows, starts, values = (self._row(*self._next(parts, message)) for message in ("rows", "columns", "numbers"))
         self.dense -= math.prod(shape)
         logical = bool(flags & _LOGICAL)
-        return Numbers(dense(shape, rows, starts, values), logical, "logical" if logical else "double")
+        return MatNumbers(dense(shape, rows, starts, values), logical, "logical" if logical else "double")
 
     def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind == _OBJECT:
@@ -218,24 +218,24 @@ class _Reader:
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
         count = self._claimed((*shape, max(len(fields), 1))) // max(len(fields), 1)
         self._counted(count)
-        elements = [Struct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
-        return elements[0] if count == 1 else Structs(elements, shape)
+        elements = [MatStruct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
+        return elements[0] if count == 1 else MatStructArray(elements, shape)
 
     def _inner(self, parts: Any, depth: int) -> Node:
         kind, content = self._next(parts, "content")
-        return self.array(content, depth + 1)[1] if kind == _MATRIX else Unreadable("data")
+        return self.array(content, depth + 1)[1] if kind == _MATRIX else MatUnreadable("data")
 
     def _claimed(self, shape: tuple[int, ...]) -> int:
         """How many arrays a cell array or a struct says that it holds; no more than there may be."""
         if math.prod(shape) > self.most:
-            raise DamageError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
         return math.prod(shape)
 
     def _numbers(self, shape: tuple[int, ...], kind: int, content: memoryview) -> NDArray[Any]:
         """The numbers in the type in which they are stored, which may be smaller than that of their class."""
         stored = self._stored(kind)
         if math.prod(shape) * stored.itemsize != len(content):
-            raise DamageError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
+            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
         return np.frombuffer(content, stored).reshape(shape, order="F")
 
     def _row(self, kind: int, content: memoryview) -> NDArray[Any]:
@@ -245,7 +245,7 @@ class _Reader:
 
     def _stored(self, kind: int) -> np.dtype[Any]:
         if kind not in _STORED:
-            raise DamageError(f"an array is stored in an unknown type {kind}")
+            raise MatFileError(f"an array is stored in an unknown type {kind}")
         return np.dtype(self.order + _STORED[kind])
 
     def _elements(self, content: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -259,14 +259,14 @@ class _Reader:
                 at += 8
                 continue
             if at + 8 + size > len(content):
-                raise DamageError(f"an element of {size} bytes stands within {len(content)} bytes")
+                raise MatFileError(f"an element of {size} bytes stands within {len(content)} bytes")
             yield kind, content[at + 8 : at + 8 + size]
             at += 8 + size + -size % 8
 
-    def _next(self, parts: Iterator[tuple[int, memoryview]], what: str) -> tuple[int, memoryview]:
+    def _next(self, parts: Iterator[tuple[int, memoryview]], message: str) -> tuple[int, memoryview]:
         found = next(parts, None)
         if found is None:
-            raise DamageError(f"an array lacks its {what}")
+            raise MatFileError(f"an array lacks its {message}")
         return found
 
 
@@ -275,7 +275,7 @@ def _text(kind: int, content: memoryview) -> str:
     return bytes(content).partition(b"\0")[0].decode(_ENCODED.get(kind, "utf-8"), errors="replace")
 
 
-def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> Text:
+def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> MatText:
     """An array of characters, of which the first of all rows come first."""
     if kind in _ENCODED:
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""

@@ -15,16 +15,16 @@ from kennfeld.matlab.mat_nodes import (
     MOST_DENSE,
     MOST_NODES,
     PACKING,
-    Cells,
-    DamageError,
-    Loaded,
+    MatCells,
+    MatFileContent,
+    MatFileError,
+    MatNumbers,
+    MatStruct,
+    MatStructArray,
+    MatText,
+    MatUnreadable,
     Node,
-    Numbers,
-    Struct,
-    Structs,
-    Text,
     TooManyError,
-    Unreadable,
     dense,
     text_in_rows,
 )
@@ -43,15 +43,15 @@ def load(path: Path | BinaryIO, most_bytes: int = MOST_BYTES) -> dict[str, Node]
     return _loaded(path, _Loader(most_bytes, MOST_NODES), False).whole().variables
 
 
-def load_all(path: Path | BinaryIO, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> Loaded:
+def load_all(path: Path | BinaryIO, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> MatFileContent:
     """The variables of a file, the damaged ones among them, and where objects keep their properties."""
     return _loaded(path, _Loader(most_bytes, most_nodes), True)
 
 
-def _loaded(path: Path | BinaryIO, loader: "_Loader", behind: bool) -> Loaded:
+def _loaded(path: Path | BinaryIO, loader: "_Loader", behind: bool) -> MatFileContent:
     import h5py
 
-    found = Loaded()
+    found = MatFileContent()
     try:
         with h5py.File(path, "r") as file:
             for name, item in _own(file):
@@ -66,7 +66,7 @@ def _loaded(path: Path | BinaryIO, loader: "_Loader", behind: bool) -> Loaded:
 
 
 def _said(error: Exception) -> str:
-    if isinstance(error, DamageError):
+    if isinstance(error, MatFileError):
         return str(error)
     return f"it is cut off or garbled ({' '.join(str(error).split())[:160] or type(error).__name__})"
 
@@ -105,7 +105,7 @@ class _Loader:
             raise
         except Exception as error:  # of many kinds: the library trusts what it reads
             self.damage = self.damage or _said(error)
-            return Unreadable("damaged value", why=_said(error))
+            return MatUnreadable("damaged value", why=_said(error))
 
     def behind(self, file: Any) -> list[Node]:
         """The properties of all objects, in the form that they have in version 5."""
@@ -116,10 +116,10 @@ class _Loader:
             return []
         try:
             targets = self._targets(wrapper)
-            cells = [self.variable(file[one]) if one else Unreadable("nothing") for one in targets]
+            cells = [self.variable(file[one]) if one else MatUnreadable("nothing") for one in targets]
         except Exception as error:  # of many kinds: the library trusts what it reads
-            return [Unreadable("damaged value", why=_said(error))]
-        return [Struct({"MCOS": Unreadable("FileWrapper__", Cells(cells, (len(cells), 1)))})]
+            return [MatUnreadable("damaged value", why=_said(error))]
+        return [MatStruct({"MCOS": MatUnreadable("FileWrapper__", MatCells(cells, (len(cells), 1)))})]
 
     def _node(self, item: Any, depth: int) -> Node:
         import h5py
@@ -128,14 +128,14 @@ class _Loader:
         if self.nodes > self.most_nodes:
             raise TooManyError(f"it holds more than {self.most_nodes} arrays")
         if depth > _DEEPEST:
-            raise DamageError(f"arrays are nested more than {_DEEPEST} deep")
+            raise MatFileError(f"arrays are nested more than {_DEEPEST} deep")
         kind = _class(item)
         if "MATLAB_object_decode" in item.attrs:
             return self._object(item, kind or "object")
         if isinstance(item, h5py.Group):
             return self._sparse(item, kind) if "MATLAB_sparse" in item.attrs else self._struct(item, depth)
         if not isinstance(item, h5py.Dataset):
-            return Unreadable(kind or "object")
+            return MatUnreadable(kind or "object")
         return self._dataset(item, kind, depth)
 
     def _object(self, item: Any, kind: str) -> Node:
@@ -143,11 +143,11 @@ class _Loader:
         import h5py
 
         if kind == "function_handle":
-            return Unreadable("function handle")
+            return MatUnreadable("function handle")
         if not isinstance(item, h5py.Dataset) or item.dtype.kind != "u":
-            return Unreadable(kind, why="it is an enumeration or an object without numbers")
+            return MatUnreadable(kind, why="it is an enumeration or an object without numbers")
         self._check(item)
-        return Unreadable(kind, Numbers(np.asarray(item[()]).T, True, "uint32"))
+        return MatUnreadable(kind, MatNumbers(np.asarray(item[()]).T, True, "uint32"))
 
     def _sparse(self, group: Any, kind: str) -> Node:
         """A sparse matrix: where its columns begin; its rows and numbers are not there where all of it is 0."""
@@ -155,12 +155,14 @@ class _Loader:
 
         parts = {name: item for name, item in _own(group) if isinstance(item, h5py.Dataset)}
         if "jc" not in parts:
-            return Unreadable("sparse matrix")
+            return MatUnreadable("sparse matrix")
         shape = int(group.attrs["MATLAB_sparse"]), parts["jc"].size - 1
         if any(part.dtype.kind not in "buif" for part in parts.values()):
-            return Unreadable("complex numbers" if "data" in parts and parts["data"].dtype.names else "sparse matrix")
+            return MatUnreadable(
+                "complex numbers" if "data" in parts and parts["data"].dtype.names else "sparse matrix"
+            )
         if not 0 <= shape[0] * shape[1] <= self.dense:
-            return Unreadable("sparse matrix")
+            return MatUnreadable("sparse matrix")
         for part in parts.values():
             self._check(part)
         rows, values = (
@@ -168,7 +170,7 @@ class _Loader:
         )
         self.dense -= shape[0] * shape[1]
         full = dense(shape, rows, np.ravel(parts["jc"][()]), values)
-        return Numbers(full, kind not in ("double", "single", ""), kind)
+        return MatNumbers(full, kind not in ("double", "single", ""), kind)
 
     def _struct(self, group: Any, depth: int) -> Node:
         import h5py
@@ -176,13 +178,13 @@ class _Loader:
         members = _own(group)
         arrays = [m for _, m in members if isinstance(m, h5py.Dataset) and _refers(m) and not _class(m)]
         if not arrays or len(arrays) < len(members):
-            return Struct({name: self._node(member, depth + 1) for name, member in members})
+            return MatStruct({name: self._node(member, depth + 1) for name, member in members})
         count = min(member.size for member in arrays)
         if count > self.most_nodes:
-            raise DamageError(f"{group.name} claims {count} structs")
+            raise MatFileError(f"{group.name} claims {count} structs")
         targets = {name: self._targets(member) for name, member in members}
-        return Structs(
-            [Struct({n: self._reference(group, t[k], depth) for n, t in targets.items()}) for k in range(count)]
+        return MatStructArray(
+            [MatStruct({n: self._reference(group, t[k], depth) for n, t in targets.items()}) for k in range(count)]
         )
 
     def _targets(self, dataset: Any) -> list[Any]:
@@ -191,38 +193,38 @@ class _Loader:
         return list(np.asarray(dataset[()], dtype=object).ravel())  # turned around twice: column by column
 
     def _reference(self, item: Any, reference: Any, depth: int) -> Node:
-        return self._node(item.file[reference], depth + 1) if reference else Unreadable("nothing")
+        return self._node(item.file[reference], depth + 1) if reference else MatUnreadable("nothing")
 
     def _dataset(self, dataset: Any, kind: str, depth: int) -> Node:
         if dataset.attrs.get("MATLAB_empty", 0):
             return self._empty(dataset, kind)
         if _refers(dataset):
-            return Cells(
+            return MatCells(
                 [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
             )
         if dataset.shape is None or dataset.dtype.kind not in "buif":
-            return Unreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
+            return MatUnreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
         if kind not in (*_NUMBERS, "char", ""):
-            return Unreadable(kind)
+            return MatUnreadable(kind)
         self._check(dataset)
         values = np.asarray(dataset[()]).T
         if kind == "char":
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
             return text_in_rows(letters, values.shape[0] if values.ndim > 1 else 1)
-        return Numbers(values, kind not in ("double", "single", ""), kind)
+        return MatNumbers(values, kind not in ("double", "single", ""), kind)
 
     def _empty(self, dataset: Any, kind: str) -> Node:
         """An empty array, which says its size instead of its numbers; a struct without fields is kept like one."""
         shape = tuple(int(n) for n in np.ravel(dataset[()])) if 2 <= dataset.size <= _MOST_DIMENSIONS else (0, 0)
         if kind == "char":
-            return Text("")
+            return MatText("")
         if kind == "struct":
-            return Struct() if math.prod(shape) == 1 else Structs([], shape)
+            return MatStruct() if math.prod(shape) == 1 else MatStructArray([], shape)
         if kind == "cell":
-            return Cells([], shape)
+            return MatCells([], shape)
         known = min(shape) == 0 and math.prod(filter(None, shape)) < _MOST_CLAIMED
         name = kind if kind in _NUMBERS else ""
-        return Numbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)
+        return MatNumbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)
 
     def _check(self, dataset: Any) -> None:
         """Refuse what the file cannot hold; the library would ask for that memory."""
@@ -234,7 +236,7 @@ class _Loader:
             or dataset.external
             or dataset.is_virtual
         ):
-            raise DamageError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
+            raise MatFileError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
 
 
 def _class(item: Any) -> str:

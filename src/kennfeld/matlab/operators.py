@@ -15,29 +15,29 @@ from kennfeld.matlab.values import (
     EMPTY,
     INTEGERS,
     Array,
-    Cell,
-    NoValueError,
-    Struct,
+    MatlabCell,
+    MatlabStruct,
+    MatlabValueError,
     Value,
-    class_of,
-    data_of,
+    array_value,
+    class_name,
+    elements_of,
     numbers,
     object_array,
-    plain,
     row,
     trimmed,
 )
 
 __all__ = [
-    "as_class",
     "binary",
+    "cast_to_class",
     "cells",
-    "joined",
+    "colon_range",
+    "concatenate_rows",
+    "is_true",
     "joined_along",
     "result_class",
-    "span",
     "transposed",
-    "truth",
     "unary",
 ]
 
@@ -62,13 +62,13 @@ _ELEMENTS: dict[str, Callable[[Array, Array], Array]] = {
 
 def binary(operator: str, left: Value, right: Value, budget: Budget) -> Array:
     """The value of `left operator right`; `NoValueError` where there is none."""
-    one, other = plain(left), plain(right)
+    one, other = array_value(left), array_value(right)
     if one.dtype.kind == "O" or other.dtype.kind == "O":
         return _on_strings(operator, one, other)
     name = "double" if operator in _COMPARED or operator in _LOGIC else result_class(one, other)
     with np.errstate(all="ignore"):
         found = _by_operator(operator, numbers(one), numbers(other), budget)
-    return found if found.dtype == np.bool_ else as_class(found, name)
+    return found if found.dtype == np.bool_ else cast_to_class(found, name)
 
 
 def _by_operator(operator: str, one: Float, other: Float, budget: Budget) -> Array:
@@ -81,7 +81,7 @@ def _by_operator(operator: str, one: Float, other: Float, budget: Budget) -> Arr
         operator = "." + operator
     if operator in _LOGIC:
         if np.isnan(one).any() or np.isnan(other).any():
-            raise NoValueError("NaN is neither true nor false")
+            raise MatlabValueError("NaN is neither true nor false")
         return _expanded(_LOGIC[operator], one != 0, other != 0, budget)
     return _expanded((_COMPARED | _ELEMENTS)[operator], one, other, budget)
 
@@ -93,19 +93,19 @@ def _expanded(operation: Callable[[Array, Array], Array], one: Array, other: Arr
         budget.make(math.prod(np.broadcast_shapes(one.shape, other.shape)))
     except ValueError:
         sizes = (" x ".join(map(str, array.shape)) for array in (one, other))
-        raise NoValueError("the sizes {} and {} do not fit".format(*sizes)) from None
+        raise MatlabValueError("the sizes {} and {} do not fit".format(*sizes)) from None
     return operation(one, other)
 
 
 def _power(left: Float, right: Float) -> Float:
     if np.any((left < 0) & (right != np.floor(right)) & np.isfinite(right)):
-        raise NoValueError("a root of a negative number is complex")
+        raise MatlabValueError("a root of a negative number is complex")
     return np.power(left, right)
 
 
 def _matrices(operator: str, one: Float, other: Float, budget: Budget) -> Float:
     if one.ndim > 2 or other.ndim > 2:
-        raise NoValueError(f"{operator} is for matrices of two dimensions; write .{operator} for their elements")
+        raise MatlabValueError(f"{operator} is for matrices of two dimensions; write .{operator} for their elements")
     if operator == "*":
         _fit(one.shape[1] == other.shape[0], operator, one, other)
         budget.make(one.shape[0] * other.shape[1] + one.size * other.shape[1] / 100)
@@ -117,12 +117,12 @@ def _matrices(operator: str, one: Float, other: Float, budget: Budget) -> Float:
         _fit(one.shape[0] == other.shape[0], operator, one, other)
         return _solved(one, other, budget)
     if one.shape[0] != one.shape[1] or other.size != 1 or other.flat[0] != np.floor(other.flat[0]):
-        raise NoValueError(
+        raise MatlabValueError(
             "^ is for numbers, and for square matrices with a whole exponent; write .^ for their elements"
         )
     exponent = float(other.flat[0])
     if abs(exponent) > 1000:
-        raise NoValueError(f"the exponent {exponent:g} of a matrix is too large")
+        raise MatlabValueError(f"the exponent {exponent:g} of a matrix is too large")
     budget.make(one.shape[0] ** 3 / 10)
     return _checked(lambda: np.linalg.matrix_power(one, int(exponent)))
 
@@ -130,8 +130,8 @@ def _matrices(operator: str, one: Float, other: Float, budget: Budget) -> Float:
 def _fit(fits: bool, operator: str, one: Array, other: Array) -> None:
     if not fits:
         sizes = f"{' x '.join(map(str, one.shape))} and {' x '.join(map(str, other.shape))}"
-        mend = f"; write .{operator} for their elements" if one.shape == other.shape else ""
-        raise NoValueError(f"matrices of {sizes} do not fit {operator}{mend}")
+        remedy = f"; write .{operator} for their elements" if one.shape == other.shape else ""
+        raise MatlabValueError(f"matrices of {sizes} do not fit {operator}{remedy}")
 
 
 def _solved(one: Float, other: Float, budget: Budget) -> Float:
@@ -147,7 +147,7 @@ def _checked(solve: Callable[[], Any]) -> Float:
     try:
         return np.asarray(solve(), dtype=np.float64)
     except np.linalg.LinAlgError as error:
-        raise NoValueError(f"the matrix cannot be solved ({str(error).lower()})") from None
+        raise MatlabValueError(f"the matrix cannot be solved ({str(error).lower()})") from None
 
 
 def _on_strings(operator: str, one: Array, other: Array) -> Array:
@@ -158,7 +158,7 @@ def _on_strings(operator: str, one: Array, other: Array) -> Array:
         return np.asarray(made, dtype=object)
     if operator in ("==", "~="):
         return np.asarray(_COMPARED[operator](*words), dtype=np.bool_)
-    raise NoValueError(f"{operator} is not for strings")
+    raise MatlabValueError(f"{operator} is not for strings")
 
 
 def _words(array: Array) -> Array:
@@ -174,14 +174,14 @@ def _words(array: Array) -> Array:
 
 def result_class(*operands: Value) -> str:
     """The class of what is made of operands: an integer wins, then single precision."""
-    names = {class_of(plain(operand)) for operand in operands}
+    names = {class_name(array_value(operand)) for operand in operands}
     whole = [name for name in names if name in INTEGERS]
     if len(whole) > 1:
-        raise NoValueError(f"{whole[0]} and {whole[1]} cannot be combined")
+        raise MatlabValueError(f"{whole[0]} and {whole[1]} cannot be combined")
     return whole[0] if whole else "single" if "single" in names else "double"
 
 
-def as_class(values: Float, name: str) -> Array:
+def cast_to_class(values: Float, name: str) -> Array:
     """Numbers in a class; integers are rounded, and stay within their range."""
     if name == "double":
         return values
@@ -196,59 +196,59 @@ def as_class(values: Float, name: str) -> Array:
 
 def unary(operator: str, operand: Value) -> Array:
     """`-x`, `+x` or `~x`."""
-    array = plain(operand)
+    array = array_value(operand)
     if operator == "~":
         values = numbers(array)
         if np.isnan(values).any():
-            raise NoValueError("NaN is neither true nor false")
+            raise MatlabValueError("NaN is neither true nor false")
         return np.asarray(values == 0)
     values = numbers(array)
-    return as_class(-values if operator == "-" else values, result_class(array))
+    return cast_to_class(-values if operator == "-" else values, result_class(array))
 
 
 def transposed(array: Array) -> Array:
     """Rows and columns exchanged."""
     if array.ndim > 2:
-        raise NoValueError("an array of more than two dimensions cannot be transposed")
+        raise MatlabValueError("an array of more than two dimensions cannot be transposed")
     return array.T
 
 
-def truth(value: Value) -> bool:
+def is_true(value: Value) -> bool:
     """Whether a condition holds: it is not empty and has no zero."""
     values = numbers(value)
     if np.isnan(values).any():
-        raise NoValueError("NaN is neither true nor false")
+        raise MatlabValueError("NaN is neither true nor false")
     return bool(values.size) and bool((values != 0).all())
 
 
-def span(first: Value, step: Value | None, last: Value, budget: Budget) -> Array:
+def colon_range(first: Value, step: Value | None, last: Value, budget: Budget) -> Array:
     """`first:step:last`; the last element is never beyond `last`."""
     begin, end = _bound(first), _bound(last)
     width = 1.0 if step is None else _bound(step)
     parts = [first, last] if step is None else [first, step, last]
-    name = result_class(*(plain(part) for part in parts))
+    name = result_class(*(array_value(part) for part in parts))
     if any(math.isnan(number) for number in (begin, width, end)):
-        return as_class(row([math.nan]), name)
+        return cast_to_class(row([math.nan]), name)
     if width == 0 or not (end - begin) * width >= 0:
-        return as_class(np.zeros((1, 0)), name)
+        return cast_to_class(np.zeros((1, 0)), name)
     if not math.isfinite(begin) or not math.isfinite((end - begin) / width):
-        raise NoValueError("a range without end")
+        raise MatlabValueError("a range without end")
     ratio = (end - begin) / width
     count = math.floor(ratio + 3e-16 * max(abs(ratio), abs(begin / width), 1.0)) + 1
     budget.make(count)
     made = begin + width * np.arange(count, dtype=np.float64)
     made[-1] = min(made[-1], end) if width > 0 else max(made[-1], end)
-    return as_class(row(made), name)
+    return cast_to_class(row(made), name)
 
 
 def _bound(value: Value) -> float:
     values = numbers(value)
     if not values.size:
-        raise NoValueError("a range needs a number at each end, one of them is empty")
+        raise MatlabValueError("a range needs a number at each end, one of them is empty")
     return float(values.flat[0])
 
 
-def joined(rows: Sequence[Sequence[Value]], budget: Budget) -> Value:
+def concatenate_rows(rows: Sequence[Sequence[Value]], budget: Budget) -> Value:
     """The matrix of some rows."""
     return joined_along([joined_along(row, 1, budget) for row in rows], 0, budget)
 
@@ -259,19 +259,19 @@ def joined_along(values: Sequence[Value], axis: int, budget: Budget) -> Value:
         return values[0]
     if not values:
         return EMPTY
-    if any(isinstance(value, Cell) for value in values):
-        parts = [value.values if isinstance(value, Cell) else object_array([value], (1, 1)) for value in values]
+    if any(isinstance(value, MatlabCell) for value in values):
+        parts = [value.values if isinstance(value, MatlabCell) else object_array([value], (1, 1)) for value in values]
         full = [part for value, part in zip(values, parts, strict=True) if not _is_nothing(value)]
-        return Cell(_concatenated(full, axis, budget)) if full else Cell(parts[0])
-    if any(isinstance(value, Struct) for value in values) and not _are_numbers(values):
+        return MatlabCell(_concatenated(full, axis, budget)) if full else MatlabCell(parts[0])
+    if any(isinstance(value, MatlabStruct) for value in values) and not _are_numbers(values):
         return _structs([value for value in values if not _is_nothing(value)], axis, budget)
-    return _arrays([plain(value) for value in values], axis, budget)
+    return _arrays([array_value(value) for value in values], axis, budget)
 
 
-def cells(rows: Sequence[Sequence[Value]], budget: Budget) -> Cell:
+def cells(rows: Sequence[Sequence[Value]], budget: Budget) -> MatlabCell:
     """The cell array of some rows."""
     made = [object_array(list(row), (1, len(row))) for row in rows]
-    return Cell(_concatenated(made, 0, budget)) if made else Cell(np.empty((0, 0), dtype=object))
+    return MatlabCell(_concatenated(made, 0, budget)) if made else MatlabCell(np.empty((0, 0), dtype=object))
 
 
 def _are_numbers(values: Sequence[Value]) -> bool:
@@ -280,7 +280,7 @@ def _are_numbers(values: Sequence[Value]) -> bool:
 
 
 def _is_nothing(value: Value) -> bool:
-    return data_of(value).shape == (0, 0)
+    return elements_of(value).shape == (0, 0)
 
 
 def _arrays(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
@@ -291,10 +291,10 @@ def _arrays(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
         return _concatenated(arrays, axis, budget)
     if "U" in kinds:
         return _concatenated([_as_characters(array) for array in arrays], axis, budget)
-    whole = next((class_of(array) for array in arrays if array.dtype.kind in "iu"), "")
+    whole = next((class_name(array) for array in arrays if array.dtype.kind in "iu"), "")
     name = whole or result_class(*arrays)
     made = _concatenated([numbers(array) for array in arrays], axis, budget)
-    return as_class(made, name)
+    return cast_to_class(made, name)
 
 
 def _as_strings(array: Array) -> Array:
@@ -310,7 +310,7 @@ def _as_characters(array: Array) -> Array:
         return array
     codes = numbers(array)
     if not ((codes >= 0) & (codes < 0x110000)).all():
-        raise NoValueError("a number that is no character stands beside a text")
+        raise MatlabValueError("a number that is no character stands beside a text")
     return np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1").reshape(codes.shape, order="F")
 
 
@@ -324,14 +324,14 @@ def _concatenated(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
     except ValueError:
         sizes = ", ".join(" x ".join(map(str, array.shape)) for array in kept[:4])
         where = "below each other" if axis == 0 else "side by side"
-        raise NoValueError(f"arrays of size {sizes} cannot stand {where}") from None
+        raise MatlabValueError(f"arrays of size {sizes} cannot stand {where}") from None
 
 
 def _structs(values: Sequence[Value], axis: int, budget: Budget) -> Value:
-    if not all(isinstance(value, Struct) for value in values):
-        raise NoValueError("a struct stands beside something else")
-    given = [value for value in values if isinstance(value, Struct)]
+    if not all(isinstance(value, MatlabStruct) for value in values):
+        raise MatlabValueError("a struct stands beside something else")
+    given = [value for value in values if isinstance(value, MatlabStruct)]
     names = given[0].names
     if any(set(one.names) != set(names) or one.kind != given[0].kind for one in given):
-        raise NoValueError("structs beside each other have different fields")
-    return Struct(_concatenated([one.elements for one in given], axis, budget), names, given[0].kind)
+        raise MatlabValueError("structs beside each other have different fields")
+    return MatlabStruct(_concatenated([one.elements for one in given], axis, budget), names, given[0].kind)

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from kennfeld.errors import Finding
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.expression_parser import Expressions
-from kennfeld.matlab.lexer import Kind, Token, tokens_of
+from kennfeld.matlab.expression_parser import ExpressionParser
+from kennfeld.matlab.lexer import MatlabToken, TokenKind, tokenize
 from kennfeld.matlab.syntax import (
     Assign,
     Binary,
@@ -23,21 +23,23 @@ from kennfeld.matlab.syntax import (
     If,
     Jump,
     Name,
-    Place,
     Script,
+    SourcePosition,
     Statement,
     Switch,
     Try,
     While,
 )
 
-__all__ = ["parse_expression", "parse_script", "read_script"]
+__all__ = ["parse_expression", "parse_leniently", "parse_script"]
 
 _JUMPS = frozenset({"break", "continue", "return"})
 _TARGETS = (Name, Field, DynamicField, Call, CellIndex)
 _MOST_FINDINGS = 50
 _DEEPEST = 25
 _CLAUSES = frozenset({"end", "else", "elseif", "case", "otherwise", "catch", "function"})
+
+_END = frozenset({"end"})
 
 
 def parse_expression(text: str, name: str = "") -> Expression:
@@ -47,11 +49,11 @@ def parse_expression(text: str, name: str = "") -> Expression:
     >>> parse_expression("K*2") == Binary("*", Name("K"), Number(2.0))
     True
     """
-    parser = _Parser(text, name, commands=False)
+    parser = _ScriptParser(text, name, commands=False)
     parser.pass_stops()
     found = parser.expression()
     parser.pass_stops()
-    if parser.token.kind != Kind.OVER:
+    if parser.token.kind != TokenKind.OVER:
         raise parser.fail(f"{parser.said()} does not belong to the expression")
     return found
 
@@ -62,15 +64,15 @@ def parse_script(text: str, name: str = "") -> Script:
     >>> parse_script("K = 2; close all").statements[1].name
     'close'
     """
-    script, findings = read_script(text, name)
+    script, findings = parse_leniently(text, name)
     if findings:
         raise MatlabError(findings)
     return script
 
 
-def read_script(text: str, name: str = "") -> tuple[Script, tuple[Finding, ...]]:
+def parse_leniently(text: str, name: str = "") -> tuple[Script, tuple[Finding, ...]]:
     """What can be read of a script, and a finding for each statement that cannot."""
-    parser = _Parser(text, name)
+    parser = _ScriptParser(text, name)
     return parser.script(), tuple(parser.findings)
 
 
@@ -78,34 +80,36 @@ def _clean(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
-class _Parser(Expressions):
+class _ScriptParser(ExpressionParser):
     """Reads statements; one that is wrong is told and passed over."""
 
     def __init__(self, text: str, name: str, commands: bool = True) -> None:
         text = _clean(text)
-        tokens = tokens_of(text, commands)
+        tokens = tokenize(text, commands)
         self.comments = {}
-        kept: list[Token] = []
+        kept: list[MatlabToken] = []
         for token in tokens:
-            if token.kind == Kind.COMMENT:
+            if token.kind == TokenKind.COMMENT:
                 self.comments[len(kept)] = token
             else:
                 kept.append(token)
         super().__init__(text, kept, name)
         self.findings: list[Finding] = []
         self.blocks = 0
-        self.unclosed: list[tuple[str, Token]] = []  # functions without end so far, with the one that begins in them
+        self.unclosed: list[
+            tuple[str, MatlabToken]
+        ] = []  # functions without end so far, with the one that begins in them
 
     def pass_stops(self) -> None:
-        while self.token.kind == Kind.STOP:
+        while self.token.kind == TokenKind.STOP:
             self.at += 1
 
     def script(self) -> Script:
         statements: list[Statement] = []
         functions: list[FunctionDefinition] = []
-        while self.token.kind != Kind.OVER:
+        while self.token.kind != TokenKind.OVER:
             statements += self.body(frozenset({"function"}))
-            if self.token.kind == Kind.KEYWORD and self.token.text == "function":
+            if self.token.kind == TokenKind.KEYWORD and self.token.text == "function":
                 self._guarded(lambda: functions.append(self._definition()))
         return Script(self.name, tuple(statements), tuple(functions))
 
@@ -115,7 +119,7 @@ class _Parser(Expressions):
         while True:
             self.pass_stops()
             token = self.token
-            if token.kind == Kind.OVER or (token.kind == Kind.KEYWORD and token.text in ends):
+            if token.kind == TokenKind.OVER or (token.kind == TokenKind.KEYWORD and token.text in ends):
                 return tuple(found)
             if len(self.findings) >= _MOST_FINDINGS:
                 self.at = len(self.tokens) - 1
@@ -132,7 +136,7 @@ class _Parser(Expressions):
 
     def _recover(self, depth: int, blocks: int) -> None:
         self.depth, self.blocks, self.indices, self.spaced = depth, blocks, 0, False
-        while self.token.kind not in (Kind.STOP, Kind.OVER):
+        while self.token.kind not in (TokenKind.STOP, TokenKind.OVER):
             if self.token.text.endswith("is never closed"):  # it has taken the rest of the text with it
                 self.findings += self.fail("").findings
             self.at += 1
@@ -140,21 +144,21 @@ class _Parser(Expressions):
     def _statement(self) -> Statement:
         token = self.token
         place = self.place()
-        if token.kind == Kind.COMMAND:
+        if token.kind == TokenKind.COMMAND:
             self.at += 1
             self._finished()
             return Command(token.text, token.words, place=place)
-        if token.kind == Kind.KEYWORD:
+        if token.kind == TokenKind.KEYWORD:
             return self._keyword(place)
         return self._simple(place)
 
     def _finished(self) -> None:
-        if self.token.kind not in (Kind.STOP, Kind.OVER):
+        if self.token.kind not in (TokenKind.STOP, TokenKind.OVER):
             raise self.fail(f"{self.said()} does not belong to the statement")
 
-    def _keyword(self, place: Place) -> Statement:
+    def _keyword(self, place: SourcePosition) -> Statement:
         word = self.token.text
-        blocks: dict[str, Callable[[Place], Statement]] = {
+        blocks: dict[str, Callable[[SourcePosition], Statement]] = {
             "if": self._if,
             "while": self._while,
             "for": self._for,
@@ -171,22 +175,22 @@ class _Parser(Expressions):
             return self._declaration(place)
         if word == "end" and self.unclosed:
             raise self._nested(*self.unclosed.pop())
-        what = f"{word} opens no block" if word in _CLAUSES else f"{word} is not read"
-        raise self.fail(what, "Remove it." if word == "end" else "")
+        message = f"{word} opens no block" if word in _CLAUSES else f"{word} is not read"
+        raise self.fail(message, "Remove it." if word == "end" else "")
 
-    def _nested(self, outer: str, inner: Token) -> MatlabError:
+    def _nested(self, outer: str, inner: MatlabToken) -> MatlabError:
         """The end of a function behind that of another one, which therefore stands within it."""
-        what = f"a function stands within the function {outer}; nested functions are not supported"
-        return self.fail(what, f"Move it behind the end of {outer}, and give it what it needs as arguments.", inner)
+        message = f"a function stands within the function {outer}; nested functions are not supported"
+        return self.fail(message, f"Move it behind the end of {outer}, and give it what it needs as arguments.", inner)
 
-    def _block(self, read: Callable[[Place], Statement], place: Place) -> Statement:
+    def _block(self, read: Callable[[SourcePosition], Statement], place: SourcePosition) -> Statement:
         opening = self.take()
         self.blocks += 1
         if self.blocks > _DEEPEST:
             self.at = len(self.tokens) - 1
             raise self.fail(f"blocks are nested more than {_DEEPEST} deep", token=opening)
         found = read(place)
-        if self.token.kind != Kind.KEYWORD or self.token.text != "end":
+        if self.token.kind != TokenKind.KEYWORD or self.token.text != "end":
             raise self.fail(f"{opening.text} is never closed", "Write end.", opening)
         self.at += 1
         self.blocks -= 1
@@ -207,22 +211,22 @@ class _Parser(Expressions):
         return Branch(self._head(), self.body(ends), place=place)
 
     def _is_keyword(self, word: str) -> bool:
-        if self.token.kind == Kind.KEYWORD and self.token.text == word:
+        if self.token.kind == TokenKind.KEYWORD and self.token.text == word:
             self.at += 1
             return True
         return False
 
-    def _if(self, place: Place) -> If:
+    def _if(self, place: SourcePosition) -> If:
         ends = frozenset({"elseif", "else", "end"})
         branches = [self._branch(ends)]
         while self._is_keyword("elseif"):
             branches.append(self._branch(ends))
         return If(tuple(branches), self.body(_END) if self._is_keyword("else") else (), place=place)
 
-    def _while(self, place: Place) -> While:
+    def _while(self, place: SourcePosition) -> While:
         return While(self._head(), self.body(_END), place=place)
 
-    def _for(self, place: Place) -> For:
+    def _for(self, place: SourcePosition) -> For:
         enclosed = self.is_operator("(")
         self.at += enclosed
         target = self._indexed()
@@ -236,7 +240,7 @@ class _Parser(Expressions):
             self.expect(")")
         return For(target, values, self.body(_END), place=place)
 
-    def _switch(self, place: Place) -> Switch:
+    def _switch(self, place: SourcePosition) -> Switch:
         subject, cases = self._head(), []
         ends = frozenset({"case", "otherwise", "end"})
         self.pass_stops()
@@ -244,23 +248,23 @@ class _Parser(Expressions):
             cases.append(self._branch(ends))
         return Switch(subject, tuple(cases), self.body(_END) if self._is_keyword("otherwise") else (), place=place)
 
-    def _try(self, place: Place) -> Try:
+    def _try(self, place: SourcePosition) -> Try:
         body = self.body(frozenset({"catch", "end"}))
         if not self._is_keyword("catch"):
             return Try(body, place=place)
         name = ""
-        if self.token.kind == Kind.NAME and self.tokens[self.at + 1].kind == Kind.STOP:
+        if self.token.kind == TokenKind.NAME and self.tokens[self.at + 1].kind == TokenKind.STOP:
             name = self.take().text
         return Try(body, name, self.body(_END), place=place)
 
-    def _declaration(self, place: Place) -> Declaration:
+    def _declaration(self, place: SourcePosition) -> Declaration:
         kind, names = self.take().text, []
-        while self.token.kind == Kind.NAME:
+        while self.token.kind == TokenKind.NAME:
             names.append(self.take().text)
         self._finished()
         return Declaration(kind, tuple(names), place=place)
 
-    def _simple(self, place: Place) -> Statement:
+    def _simple(self, place: SourcePosition) -> Statement:
         """An assignment or an expression."""
         targets = self._targets() if self.is_operator("[") and self._is_several() else None
         if targets is None:
@@ -280,22 +284,22 @@ class _Parser(Expressions):
         while isinstance(of, Field | DynamicField | Call | CellIndex):
             of = of.of
         if not isinstance(target, _TARGETS) or not isinstance(of, Name):
-            what = "nothing can be assigned to this"
-            mend = "To compare, write ==." if isinstance(target, Binary) else ""
-            raise MatlabError.at(self.name, target.place, what, mend, self.lines.line(self.token.at).strip()[:200])
+            message = "nothing can be assigned to this"
+            remedy = "To compare, write ==." if isinstance(target, Binary) else ""
+            raise MatlabError.at(self.name, target.place, message, remedy, self.lines.line(self.token.at).strip()[:200])
 
     def _is_several(self) -> bool:
         """Whether the bracket here closes before a single `=`."""
         depth = 0
         for at in range(self.at, len(self.tokens) - 1):
             token = self.tokens[at]
-            if token.kind in (Kind.STOP, Kind.BAD):
+            if token.kind in (TokenKind.STOP, TokenKind.BAD):
                 return False
-            if token.kind == Kind.OPERATOR:
+            if token.kind == TokenKind.OPERATOR:
                 depth += (token.text in "([{") - (token.text in ")]}")
                 if not depth:
                     after = self.tokens[at + 1]
-                    return after.kind == Kind.OPERATOR and after.text == "="
+                    return after.kind == TokenKind.OPERATOR and after.text == "="
         return False
 
     def _targets(self) -> tuple[Expression | None, ...]:
@@ -321,7 +325,7 @@ class _Parser(Expressions):
     def _remark(self) -> str:
         """The comment that ends the line of the statement just read, unless another statement follows on it."""
         at = self.at
-        while self.tokens[at].kind == Kind.STOP and self.tokens[at].text != "\n":
+        while self.tokens[at].kind == TokenKind.STOP and self.tokens[at].text != "\n":
             at += 1
         comment = self.comments.get(at)
         return comment.text.strip() if comment else ""
@@ -339,7 +343,7 @@ class _Parser(Expressions):
         parameters = self.parameters() if self.is_operator("(") else ()
         self._finished()
         body = self.body(frozenset({"function", "end"}))
-        if not self._is_keyword("end") and self.token.kind == Kind.KEYWORD:
+        if not self._is_keyword("end") and self.token.kind == TokenKind.KEYWORD:
             self.unclosed.append((name, self.token))
         return FunctionDefinition(name, parameters, results, body, place=place)
 
@@ -354,11 +358,8 @@ class _Parser(Expressions):
         return tuple(found)
 
     def _plain_name(self) -> str:
-        if self.token.kind == Kind.COMMAND and not self.token.words:
+        if self.token.kind == TokenKind.COMMAND and not self.token.words:
             return self.take().text
-        if self.token.kind != Kind.NAME:
+        if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a name is missing before {self.said()}")
         return self.take().text
-
-
-_END = frozenset({"end"})

@@ -37,15 +37,15 @@ from kennfeld.matlab.syntax import (
     While,
 )
 
-__all__ = ["printed", "printed_script"]
+__all__ = ["format_expression", "printed_script"]
 
 _PLAIN = (Name, Text, Colon, End, Field, DynamicField, Call, CellIndex, Matrix, CellArray)
 
 
-def printed(node: Expression) -> str:
+def format_expression(node: Expression) -> str:
     """The text of an expression, with brackets around what is made of parts.
 
-    >>> printed(Binary("+", Name("a"), Binary("*", Number(2.0), Name("b"))))
+    >>> format_expression(Binary("+", Name("a"), Binary("*", Number(2.0), Name("b"))))
     'a + (2 * b)'
     """
     match node:
@@ -81,7 +81,7 @@ def _operand(node: Expression) -> str:
         case Field():
             return f"{_base(node.of)}.{node.name}"
         case DynamicField():
-            return f"{_base(node.of)}.({printed(node.name)})"
+            return f"{_base(node.of)}.({format_expression(node.name)})"
         case Call():
             return f"{_base(node.of)}({_listed(node.arguments)})"
         case CellIndex():
@@ -105,16 +105,16 @@ def _number(node: Number) -> str:
 
 def _base(node: Expression) -> str:
     """An operand that an index or a field follows."""
-    return printed(node) if isinstance(node, _PLAIN) else f"({printed(node)})"
+    return format_expression(node) if isinstance(node, _PLAIN) else f"({format_expression(node)})"
 
 
 def _part(node: Expression) -> str:
     plain = isinstance(node, (*_PLAIN, Number))
-    return printed(node) if plain else f"({printed(node)})"
+    return format_expression(node) if plain else f"({format_expression(node)})"
 
 
 def _listed(nodes: Iterable[Expression]) -> str:
-    return ", ".join(printed(node) if isinstance(node, Colon) else _part(node) for node in nodes)
+    return ", ".join(format_expression(node) if isinstance(node, Colon) else _part(node) for node in nodes)
 
 
 def _rows(rows: Iterable[Iterable[Expression]]) -> str:
@@ -130,11 +130,11 @@ def printed_script(script: Script) -> str:
 def _statement(node: Statement) -> str:
     match node:
         case Assign():
-            targets = ["~" if target is None else printed(target) for target in node.targets]
+            targets = ["~" if target is None else format_expression(target) for target in node.targets]
             single = len(targets) == 1 and targets[0] != "~"
-            return f"{targets[0] if single else '[' + ', '.join(targets) + ']'} = {printed(node.value)};"
+            return f"{targets[0] if single else '[' + ', '.join(targets) + ']'} = {format_expression(node.value)};"
         case Evaluate():
-            return f"{printed(node.expression)};"
+            return f"{format_expression(node.expression)};"
         case Command():
             return " ".join((node.name, *node.words)) if node.name != "!" else f"!{' '.join(node.words)}"
         case Jump():
@@ -152,19 +152,23 @@ def _block(node: If | For | While | Switch | Try) -> str:
             heads = [_branch(word, branch) for word, branch in zip(words, node.branches, strict=True)]
             return _closed(*heads, *_otherwise("else", node.otherwise))
         case For():
-            return _closed(f"for {printed(node.target)} = {printed(node.values)}", *map(_statement, node.body))
+            return _closed(
+                f"for {format_expression(node.target)} = {format_expression(node.values)}", *map(_statement, node.body)
+            )
         case While():
             return _closed(_branch("while", Branch(node.condition, node.body)))
         case Switch():
             cases = [_branch("case", branch) for branch in node.cases]
-            return _closed(f"switch {printed(node.subject)}", *cases, *_otherwise("otherwise", node.otherwise))
+            return _closed(
+                f"switch {format_expression(node.subject)}", *cases, *_otherwise("otherwise", node.otherwise)
+            )
         case Try():
             handler = ("catch " + node.name).strip() if node.name or node.handler else ""
             return _closed("try", *map(_statement, node.body), *filter(None, [handler]), *map(_statement, node.handler))
 
 
 def _branch(word: str, branch: Branch) -> str:
-    return "\n".join([f"{word} {printed(branch.condition)}", *map(_statement, branch.body)])
+    return "\n".join([f"{word} {format_expression(branch.condition)}", *map(_statement, branch.body)])
 
 
 def _otherwise(word: str, body: tuple[Statement, ...]) -> list[str]:

@@ -15,24 +15,24 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.assignment import assign
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError, located
-from kennfeld.matlab.evaluator import Evaluator, Given, chain_of
-from kennfeld.matlab.functions.reductions import matches
-from kennfeld.matlab.parser import read_script
-from kennfeld.matlab.printer import printed
+from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator, access_chain
+from kennfeld.matlab.functions.reductions import matches_case
+from kennfeld.matlab.parser import parse_leniently
+from kennfeld.matlab.printer import format_expression
 from kennfeld.matlab.simulink_objects import enumeration
 from kennfeld.matlab.values import (
-    Cell,
-    NoValueError,
-    Struct,
+    MatlabCell,
+    MatlabStruct,
+    MatlabValueError,
     Value,
-    burden,
     characters,
-    class_of,
-    data_of,
+    class_name,
+    elements_of,
+    from_python,
+    nested_size,
     object_array,
     scalar,
     text,
-    value_from,
 )
 
 __all__ = ["Files", "run_script"]
@@ -54,7 +54,7 @@ _IDLE = frozenset(
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ScriptResult:
     """What a script leaves: its variables, and what there is to say.
 
     `comments` are those behind the last value of a variable, or of a field of it (`Map.x`); `lines` tell where each
@@ -73,9 +73,9 @@ def run_script(
     name: str = "script.m",
     variables: Mapping[str, Any] | None = None,
     files: Files | None = None,
-    functions: Mapping[str, Given] | None = None,
+    functions: Mapping[str, HostFunction] | None = None,
     budget: Budget | None = None,
-) -> Outcome:
+) -> ScriptResult:
     """The variables that a parameter script makes, beginning with some that are there already.
 
     `files` gives the content of a file that the script loads or calls: the text of `x.m`, the bytes or the variables
@@ -84,9 +84,9 @@ def run_script(
     >>> run_script("K = 2; Map.z = K*[1 2; 3 4];").variables["Map"].fields["z"].tolist()
     [[2.0, 4.0], [6.0, 8.0]]
     """
-    shared = _Shared(files or (lambda _: None), budget or Budget())
-    known = {key: value_from(given) for key, given in (variables or {}).items()}
-    runner = _Runner(known, functions or {}, shared, name)
+    shared = _ScriptSession(files or (lambda _: None), budget or Budget())
+    known = {key: from_python(given) for key, given in (variables or {}).items()}
+    runner = _ScriptRunner(known, functions or {}, shared, name)
     try:
         runner.script(text)
     except _StopError:
@@ -95,11 +95,11 @@ def run_script(
         said = str(error) if isinstance(error, LimitError) else "functions and blocks are nested too deep"
         shared.tell(located(name, runner.place), f"{said}; the rest is left aside", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
-    return Outcome(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
+    return ScriptResult(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
 
 
 @dataclass
-class _Shared:
+class _ScriptSession:
     """What a script and all that it calls have in common."""
 
     files: Files
@@ -109,8 +109,8 @@ class _Shared:
     scripts: list[str] = field(default_factory=list)
     parsed: dict[str, m.Script | None] = field(default_factory=dict)
 
-    def tell(self, place: str, what: str, mend: str = "", severity: Any = "warning", once: str = "") -> None:
-        self.findings.setdefault(once or (place, what), Finding(place, what, mend, "", severity))
+    def tell(self, place: str, message: str, remedy: str = "", severity: Any = "warning", once: str = "") -> None:
+        self.findings.setdefault(once or (place, message), Finding(place, message, remedy, "", severity))
 
 
 class _JumpError(Exception):
@@ -124,26 +124,28 @@ class _StopError(Exception):
     """The script ends itself by an error; the finding is told."""
 
 
-class _Runner(Evaluator):
+class _ScriptRunner(NumericEvaluator):
     """Runs the statements of one script or function."""
 
-    def __init__(self, variables: dict[str, Value], functions: Mapping[str, Given], shared: _Shared, name: str) -> None:
+    def __init__(
+        self, variables: dict[str, Value], functions: Mapping[str, HostFunction], shared: _ScriptSession, name: str
+    ) -> None:
         super().__init__(variables, functions, shared.budget, name)
         self.shared = shared
         self.local: dict[str, m.FunctionDefinition] = {}
         self.comments: dict[str, str] = {}
         self.lines: dict[str, int] = {}
         self.globals: set[str] = set()
-        self.place = m.Place()
+        self.place = m.SourcePosition()
         self.trying = 0
 
     def script(self, content: str) -> None:
         """Run a text in the variables of this runner."""
-        tree, findings = read_script(content, self.name)
+        tree, findings = parse_leniently(content, self.name)
         for finding in findings:
-            is_open = finding.what.endswith(_TAKING_ALL)
+            is_open = finding.message.endswith(_TAKING_ALL)
             told = finding if is_open else replace(finding, severity="warning")
-            self.shared.findings.setdefault((finding.place, finding.what), told)
+            self.shared.findings.setdefault((finding.place, finding.message), told)
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
@@ -164,20 +166,20 @@ class _Runner(Evaluator):
             self.place = statement.place
             try:
                 self._run_one(statement)
-            except (MatlabError, NoValueError) as error:
+            except (MatlabError, MatlabValueError) as error:
                 if self.trying:
                     raise
                 self._failed(statement, error)
 
-    def _failed(self, statement: m.Statement, error: MatlabError | NoValueError) -> None:
+    def _failed(self, statement: m.Statement, error: MatlabError | MatlabValueError) -> None:
         self.budget.step(_COST_OF_FAILURE)
-        if isinstance(error, NoValueError):
+        if isinstance(error, MatlabValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
         line = f"{self.name} line {statement.place.line}"
         lost = sorted(_assigned(statement))
         for finding in error.findings:
-            what = finding.what + (f"; {', '.join(lost[:5])} stays undefined" if lost else "")
-            self.shared.tell(finding.place, what, finding.mend)
+            message = finding.message + (f"; {', '.join(lost[:5])} stays undefined" if lost else "")
+            self.shared.tell(finding.place, message, finding.remedy)
         self.forget(lost, f"{line} gives it no value")
 
     def forget(self, names: Iterable[str], why: str) -> None:
@@ -222,9 +224,9 @@ class _Runner(Evaluator):
     def _store(self, target: m.Expression, value: Value, statement: m.Assign | m.For) -> None:
         try:
             name = assign(self, target, value)
-        except NoValueError as error:
+        except MatlabValueError as error:
             raise MatlabError.at(self.name, target.place, str(error)) from None
-        count, depth = burden(self.variables[name])
+        count, depth = nested_size(self.variables[name])
         if count > _MOST_WITHIN or depth > _DEEPEST:
             self.variables.pop(name)
             raise LimitError(f"{name} holds more values within others than a script needs")
@@ -235,10 +237,10 @@ class _Runner(Evaluator):
         if isinstance(target, m.Name):
             self.comments = {key: said for key, said in self.comments.items() if key.partition(".")[0] != name}
         if isinstance(target, m.Name | m.Field) and isinstance(statement, m.Assign) and statement.comment:
-            self.comments[printed(target)] = statement.comment
+            self.comments[format_expression(target)] = statement.comment
 
     def _evaluate(self, statement: m.Evaluate) -> None:
-        base, steps = chain_of(statement.expression)
+        base, steps = access_chain(statement.expression)
         if isinstance(base, m.Name) and base.name not in self.variables and base.name not in self.undefined:
             given = steps[0] if steps else None
             if base.name in _SILENT:
@@ -263,7 +265,7 @@ class _Runner(Evaluator):
             return False
         try:
             name, made = enumeration(self._arguments(second.arguments))
-        except NoValueError as error:
+        except MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
         self.variables[name] = made
         self.undefined.pop(name, None)
@@ -273,10 +275,10 @@ class _Runner(Evaluator):
     def _is_own(self, name: str) -> bool:
         return name in self.functions or name in self.local
 
-    def _passed(self, name: str, place: m.Place) -> None:
+    def _passed(self, name: str, place: m.SourcePosition) -> None:
         self.shared.tell(f"{self.name} line {place.line}", f"{name} is passed over", "", "remark", f"passed {name}")
 
-    def _command(self, name: str, words: Sequence[str], place: m.Place) -> None:
+    def _command(self, name: str, words: Sequence[str], place: m.SourcePosition) -> None:
         if name in _SILENT:
             return
         if name in _STATEMENTS:
@@ -295,7 +297,7 @@ class _Runner(Evaluator):
 
     def _for(self, statement: m.For) -> None:
         values = self.value(statement.values)
-        data = data_of(values)
+        data = elements_of(values)
         columns = data.reshape(data.shape[0], -1, order="F") if data.size else data.reshape(0, 0)
         for at in range(columns.shape[1]):
             self.budget.step()
@@ -317,7 +319,7 @@ class _Runner(Evaluator):
     def _switch(self, statement: m.Switch) -> None:
         subject = self.value(statement.subject)
         for case in statement.cases:
-            if matches(subject, self.value(case.condition)):
+            if matches_case(subject, self.value(case.condition)):
                 self.body(case.body)
                 return
         self.body(statement.otherwise)
@@ -326,11 +328,11 @@ class _Runner(Evaluator):
         self.trying += 1
         try:
             self.body(statement.body)
-        except (MatlabError, NoValueError, _StopError) as error:
+        except (MatlabError, MatlabValueError, _StopError) as error:
             self.trying -= 1
             if statement.name:
                 said = characters(str(error))
-                self.variables[statement.name] = Struct.of({"message": said, "identifier": characters("")})
+                self.variables[statement.name] = MatlabStruct.of({"message": said, "identifier": characters("")})
             self.body(statement.handler)
         else:
             self.trying -= 1
@@ -346,7 +348,7 @@ class _Runner(Evaluator):
     def knows(self, name: str) -> bool:
         return name in self.local or name in _VALUED or super().knows(name) or self._function_beside(name) is not None
 
-    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.Place) -> list[Value]:
+    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.SourcePosition) -> list[Value]:
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
@@ -362,7 +364,7 @@ class _Runner(Evaluator):
         """The functions of the file that is called like a function."""
         if name not in self.shared.parsed:
             content = self.shared.files(f"{name}.m")
-            tree = read_script(_decoded(content), f"{name}.m")[0] if isinstance(content, bytes | str) else None
+            tree = parse_leniently(_decoded(content), f"{name}.m")[0] if isinstance(content, bytes | str) else None
             self.shared.parsed[name] = tree if tree is not None and tree.functions and not tree.statements else None
         return self.shared.parsed[name]
 
@@ -376,7 +378,7 @@ class _Runner(Evaluator):
     ) -> list[Value]:
         """Call a function that is written in MATLAB."""
         with self.deeper():
-            runner = _Runner(_parameters(function, arguments), self.functions, self.shared, name)
+            runner = _ScriptRunner(_parameters(function, arguments), self.functions, self.shared, name)
             runner.local = local
             runner.trying = self.trying
             runner.variables |= {"nargin": scalar(len(arguments)), "nargout": scalar(outputs)}
@@ -388,19 +390,19 @@ class _Runner(Evaluator):
         """The values of a function that has run."""
         found: list[Value] = []
         for name in function.results:
-            if name == "varargout" and isinstance(rest := self.variables.get(name), Cell):
+            if name == "varargout" and isinstance(rest := self.variables.get(name), MatlabCell):
                 found += list(rest.values.ravel(order="F"))
             elif name in self.variables:
                 found.append(self.variables[name])
             elif len(found) < max(outputs, 1) and (outputs or name in self.undefined):
                 why = self.undefined.get(name, "nothing is assigned to it")
-                raise NoValueError(f"{function.name} gives {name} no value: {why}")
+                raise MatlabValueError(f"{function.name} gives {name} no value: {why}")
             else:
                 break
         return found[: max(outputs, 1)]
 
-    def inner(self, variables: dict[str, Value]) -> "_Runner":
-        runner = _Runner(variables, self.functions, self.shared, self.name)
+    def inner(self, variables: dict[str, Value]) -> "_ScriptRunner":
+        runner = _ScriptRunner(variables, self.functions, self.shared, self.name)
         runner.local = self.local
         runner.trying = self.trying
         return runner
@@ -416,7 +418,7 @@ class _Runner(Evaluator):
     def follow(self, name: str, content: str) -> None:
         """Run another script in the same variables."""
         if name in self.shared.scripts or name == self.name:
-            raise NoValueError(f"{name} calls itself")
+            raise MatlabValueError(f"{name} calls itself")
         before, local, place = self.name, self.local, self.place
         self.shared.scripts.append(name)
         self.name, self.local = name, {}
@@ -427,33 +429,33 @@ class _Runner(Evaluator):
             self.shared.scripts.pop()
             self.name, self.local, self.place = before, local, place
 
-    def loaded(self, arguments: Sequence[Value], place: m.Place) -> dict[str, Value]:
+    def loaded(self, arguments: Sequence[Value], place: m.SourcePosition) -> dict[str, Value]:
         """The variables of a data file, those asked for."""
         words = [text(value) for value in arguments]
         words = [word for word in words if not word.startswith("-")]
         if not words:
-            raise NoValueError("load needs the name of a file")
+            raise MatlabValueError("load needs the name of a file")
         asked = words[0] if words[0].casefold().endswith(".mat") else f"{words[0]}.mat"
         found = self._content(asked)
         missing = [word for word in words[1:] if word not in found and "*" not in word]
         if missing:
-            raise NoValueError(f"{asked} holds no {missing[0]}")
+            raise MatlabValueError(f"{asked} holds no {missing[0]}")
         return {name: value for name, value in found.items() if len(words) == 1 or name in words}
 
     def _content(self, asked: str) -> dict[str, Value]:
         content = self.shared.files(asked)
         if content is None:
-            raise NoValueError(f"{asked} is not there")
+            raise MatlabValueError(f"{asked} is not there")
         if isinstance(content, Mapping):
-            return {name: value_from(value) for name, value in content.items()}
+            return {name: from_python(value) for name, value in content.items()}
         if isinstance(content, str):
-            raise NoValueError(f"{asked} is no data file")
-        from kennfeld.matlab.mat_reader import variables_of
+            raise MatlabValueError(f"{asked} is no data file")
+        from kennfeld.matlab.mat_reader import load_variables
 
         try:
-            return variables_of(content, asked)
+            return load_variables(content, asked)
         except InputError as error:
-            raise NoValueError(f"{asked}: {error.findings[0].what}") from None
+            raise MatlabValueError(f"{asked}: {error.findings[0].message}") from None
 
 
 def _decoded(content: bytes | str) -> str:
@@ -466,18 +468,18 @@ def _decoded(content: bytes | str) -> str:
 
 
 def _column(values: Value, column: Any) -> Value:
-    if isinstance(values, Cell):
-        return Cell(column)
-    return Struct(column, values.names, values.kind) if isinstance(values, Struct) else column.copy()
+    if isinstance(values, MatlabCell):
+        return MatlabCell(column)
+    return MatlabStruct(column, values.names, values.kind) if isinstance(values, MatlabStruct) else column.copy()
 
 
 def _parameters(function: m.FunctionDefinition, arguments: Sequence[Value]) -> dict[str, Value]:
     names, given = list(function.parameters), list(arguments)
     if names and names[-1] == "varargin":
         rest = given[len(names) - 1 :]
-        given = [*given[: len(names) - 1], Cell(object_array(rest, (1, len(rest))))]
+        given = [*given[: len(names) - 1], MatlabCell(object_array(rest, (1, len(rest))))]
     if len(given) > len(names):
-        raise NoValueError(f"{function.name} takes {len(names)} arguments, not {len(given)}")
+        raise MatlabValueError(f"{function.name} takes {len(names)} arguments, not {len(given)}")
     return {name: value for name, value in zip(names, given, strict=False) if name != "~"}
 
 
@@ -504,11 +506,11 @@ def _assigned_in(body: Sequence[m.Statement]) -> set[str]:
 
 
 def _base(target: m.Expression) -> str:
-    base = chain_of(target)[0]
+    base = access_chain(target)[0]
     return base.name if isinstance(base, m.Name) else ""
 
 
-def _load(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
+def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     found = runner.loaded(arguments, place)
     runner.variables |= found
     runner.owned.clear()
@@ -516,41 +518,41 @@ def _load(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
         runner.undefined.pop(name, None)
 
 
-def _run(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
+def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     name = text(arguments[0]) if arguments else ""
     name = name if name.casefold().endswith(".m") else f"{name}.m"
     content = runner.shared.files(name)
     if not isinstance(content, bytes | str):
-        raise NoValueError(f"{name} is not there")
+        raise MatlabValueError(f"{name} is not there")
     runner.follow(name, _decoded(content))
 
 
-def _clear(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
+def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     """Named variables go; to clear all would take away what other files gave."""
     for word in (text(value) for value in arguments):
         runner.variables.pop(word, None)
         runner.undefined.pop(word, None)
 
 
-def _error(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
-    said = text(arguments[0])[:200] if arguments and class_of(arguments[0]) in ("char", "string") else "an error"
+def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+    said = text(arguments[0])[:200] if arguments and class_name(arguments[0]) in ("char", "string") else "an error"
     if not runner.trying:
         runner.shared.tell(f"{runner.name} line {place.line}", f"the script stops: {said}", "", "error")
     raise _StopError(said)
 
 
-def _assert(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
-    if arguments and not all(np.asarray(data_of(arguments[0])).ravel()):
+def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
+    if arguments and not all(np.asarray(elements_of(arguments[0])).ravel()):
         _error(runner, arguments[1:], place)
 
 
-def _assignin(runner: _Runner, arguments: Sequence[Any], place: m.Place) -> None:
+def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     if len(arguments) != 3:
-        raise NoValueError("assignin takes a workspace, a name and a value")
+        raise MatlabValueError("assignin takes a workspace, a name and a value")
     runner.variables[text(arguments[1])] = arguments[2]
 
 
-_STATEMENTS: dict[str, Callable[[_Runner, Sequence[Any], m.Place], None]] = {
+_STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.SourcePosition], None]] = {
     "load": _load,
     "run": _run,
     "clear": _clear,
@@ -561,8 +563,8 @@ _STATEMENTS: dict[str, Callable[[_Runner, Sequence[Any], m.Place], None]] = {
 }
 
 
-def _loaded(runner: _Runner, arguments: Sequence[Value], place: m.Place) -> Value:
-    return Struct.of(runner.loaded(arguments, place))
+def _loaded(runner: _ScriptRunner, arguments: Sequence[Value], place: m.SourcePosition) -> Value:
+    return MatlabStruct.of(runner.loaded(arguments, place))
 
 
-_VALUED: dict[str, Callable[[_Runner, Sequence[Value], m.Place], Value]] = {"load": _loaded}
+_VALUED: dict[str, Callable[[_ScriptRunner, Sequence[Value], m.SourcePosition], Value]] = {"load": _loaded}

@@ -11,14 +11,14 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.matlab.values import (
     EMPTY,
-    Cell,
-    NoValueError,
-    Struct,
+    MatlabCell,
+    MatlabStruct,
+    MatlabValueError,
     Value,
+    array_value,
     characters,
     numbers,
     object_array,
-    plain,
     scalar,
     text,
 )
@@ -27,12 +27,12 @@ __all__ = [
     "ENUMERATION",
     "Breakpoint",
     "LookupTable",
-    "Parameter",
+    "SimulinkParameter",
+    "construct_object",
     "defaults",
     "enumeration",
     "is_constructor",
-    "made",
-    "parameter_of",
+    "to_calibration_parameter",
 ]
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
@@ -55,7 +55,7 @@ _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", 
 
 
 @dataclass(frozen=True, eq=False)
-class Parameter:
+class SimulinkParameter:
     """A Simulink.Parameter: its value, limits (None where there are none), unit and description."""
 
     value: Float
@@ -99,36 +99,36 @@ def is_constructor(path: str) -> bool:
     return kind in _KINDS and bool(package) and (package in _PACKAGES or kind in ("Parameter", "Signal"))
 
 
-def made(path: str, arguments: Sequence[Value]) -> Struct:
+def construct_object(path: str, arguments: Sequence[Value]) -> MatlabStruct:
     """A new object of a class, with the value given to its constructor, if any."""
     fields = defaults(path)
     if path in (*_VARIANTS, _CONTROL):
         return _variant(path, fields, arguments)
     if arguments and "Value" in fields:
         fields["Value"] = arguments[0]
-    return Struct.of(fields, path)
+    return MatlabStruct.of(fields, path)
 
 
-def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> Struct:
+def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> MatlabStruct:
     """A Simulink.Variant or VariantExpression of a condition, or a Simulink.VariantControl of properties in pairs."""
     if path in _VARIANTS and arguments:
         fields["Condition"] = arguments[0]
     for name, value in zip(arguments[::2], arguments[1::2], strict=False):
         if path == _CONTROL and isinstance(name, np.ndarray) and name.dtype.kind == "U" and text(name) in fields:
             fields[text(name)] = value
-    return Struct.of(fields, path)
+    return MatlabStruct.of(fields, path)
 
 
-def enumeration(arguments: Sequence[Value]) -> tuple[str, Struct]:
+def enumeration(arguments: Sequence[Value]) -> tuple[str, MatlabStruct]:
     """What Simulink.defineIntEnumType makes of a name, a list of members and their numbers; raises `NoValueError`."""
-    if len(arguments) < 3 or not isinstance(arguments[1], Cell):
-        raise NoValueError("it takes a name, a list of members and their numbers")
+    if len(arguments) < 3 or not isinstance(arguments[1], MatlabCell):
+        raise MatlabValueError("it takes a name, a list of members and their numbers")
     members = [text(one) for one in arguments[1].values.ravel(order="F")]
     values = numbers(arguments[2]).ravel(order="F")
     if len(members) != values.size:
-        raise NoValueError(f"it has {len(members)} members and {values.size} numbers")
+        raise MatlabValueError(f"it has {len(members)} members and {values.size} numbers")
     fields: dict[str, Value] = {name: scalar(float(value)) for name, value in zip(members, values, strict=True)}
-    return text(arguments[0]), Struct.of(fields, ENUMERATION)
+    return text(arguments[0]), MatlabStruct.of(fields, ENUMERATION)
 
 
 def defaults(kind: str) -> dict[str, Value]:
@@ -141,42 +141,42 @@ def defaults(kind: str) -> dict[str, Value]:
     if kind in (_TABLE, _POINTS):
         return {**_PLAIN, "FieldName": characters("")}
     if name == "LookupTable":
-        coder = Struct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
+        coder = MatlabStruct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
         return {
-            "Table": Struct.of(defaults(_TABLE), _TABLE),
-            "Breakpoints": Struct(object_array([], (1, 0)), tuple(defaults(_POINTS)), _POINTS),
+            "Table": MatlabStruct.of(defaults(_TABLE), _TABLE),
+            "Breakpoints": MatlabStruct(object_array([], (1, 0)), tuple(defaults(_POINTS)), _POINTS),
             "BreakpointsSpecification": characters("Explicit values"),
             "CoderInfo": coder,
         }
     if name == "Breakpoint":
-        return {"Breakpoints": Struct.of(defaults(_POINTS), _POINTS)}
+        return {"Breakpoints": MatlabStruct.of(defaults(_POINTS), _POINTS)}
     if name in ("Parameter", "Signal"):
-        coder = Struct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
+        coder = MatlabStruct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
         fields = dict(_PLAIN) if name == "Parameter" else {k: v for k, v in _PLAIN.items() if k != "Value"}
         return {**fields, "DocUnits": characters(""), "CoderInfo": coder, "StorageClass": characters("Auto")}
     return {}
 
 
-def parameter_of(value: Value) -> Parameter | LookupTable | Breakpoint | None:
+def to_calibration_parameter(value: Value) -> SimulinkParameter | LookupTable | Breakpoint | None:
     """What an object means; None for what is none of those objects, or has no numbers."""
-    if not isinstance(value, Struct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
+    if not isinstance(value, MatlabStruct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
     fields = value.fields
-    if isinstance(fields.get("Table"), Struct):
+    if isinstance(fields.get("Table"), MatlabStruct):
         return _table(fields)
     points = fields.get("Breakpoints")
-    if isinstance(points, Struct) and points.elements.size == 1:
+    if isinstance(points, MatlabStruct) and points.elements.size == 1:
         found = _said(points.fields)
         return None if found is None else Breakpoint(*found, _word(points.fields, "FieldName"))
     said = _said(fields)
-    return None if said is None else Parameter(*said)
+    return None if said is None else SimulinkParameter(*said)
 
 
 def _table(fields: Mapping[str, Value]) -> LookupTable | None:
     table, points = fields["Table"], fields.get("Breakpoints")
-    assert isinstance(table, Struct)
+    assert isinstance(table, MatlabStruct)
     said = _said(table.fields)
-    if said is None or not isinstance(points, Struct):
+    if said is None or not isinstance(points, MatlabStruct):
         return None
     axes = [(one, _said(one)) for one in points.elements.ravel(order="F")]
     if any(axis is None for _, axis in axes):
@@ -198,7 +198,7 @@ def _said(fields: Mapping[str, Value]) -> tuple[Float, float | None, float | Non
 def _limit(value: Value | None) -> float | None:
     if not isinstance(value, np.ndarray) or value.size != 1 or value.dtype.kind not in "fbiu":
         return None
-    found = float(plain(value).flat[0])
+    found = float(array_value(value).flat[0])
     return found if np.isfinite(found) else None
 
 

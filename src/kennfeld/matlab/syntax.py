@@ -31,9 +31,9 @@ __all__ = [
     "Matrix",
     "Name",
     "Number",
-    "Place",
     "Range",
     "Script",
+    "SourcePosition",
     "Statement",
     "Switch",
     "Text",
@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 
-class Place(NamedTuple):
+class SourcePosition(NamedTuple):
     """Where something begins: line and column, both counted from 1."""
 
     line: int = 1
@@ -54,7 +54,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _Node:
-    place: Place = field(default=Place(), compare=False, repr=False, kw_only=True)
+    place: SourcePosition = field(default=SourcePosition(), compare=False, repr=False, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -331,6 +331,6 @@ def children(node: Expression) -> Iterator[Expression]:
 def _expressions(value: object) -> Iterator[Expression]:
     if isinstance(value, Expression):
         yield value
-    elif isinstance(value, tuple) and not isinstance(value, Place):
+    elif isinstance(value, tuple) and not isinstance(value, SourcePosition):
         for element in value:
             yield from _expressions(element)

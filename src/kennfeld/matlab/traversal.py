@@ -2,10 +2,10 @@
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["way_of"]
+__all__ = ["field_path"]
 
 
-def way_of(tree: m.Expression) -> list[str] | None:
+def field_path(tree: m.Expression) -> list[str] | None:
     """The names of `a.b.c`; None where it begins with something else."""
     names: list[str] = []
     while isinstance(tree, m.Field):

@@ -18,48 +18,50 @@ __all__ = [
     "EMPTY",
     "INTEGERS",
     "Array",
-    "Cell",
-    "Handle",
-    "NoValueError",
-    "Opaque",
-    "Struct",
+    "MatlabCell",
+    "MatlabFunctionHandle",
+    "MatlabStruct",
+    "MatlabValueError",
+    "OpaqueValue",
     "Value",
-    "burden",
+    "array_value",
     "characters",
-    "class_of",
-    "data_of",
-    "like",
+    "class_name",
+    "elements_of",
+    "from_python",
     "logical",
+    "nested_size",
     "number",
     "numbers",
     "object_array",
-    "plain",
     "row",
     "scalar",
     "strings",
     "text",
     "trimmed",
-    "value_from",
     "whole",
+    "with_class_of",
 ]
 
 Array: TypeAlias = NDArray[Any]
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 
+EMPTY = np.zeros((0, 0))
 
-class NoValueError(Exception):
+
+class MatlabValueError(Exception):
     """An operation has no value; the text says why, who catches it knows where."""
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class MatlabCell:
     """A cell array: an object array of values."""
 
     values: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Struct:
+class MatlabStruct:
     """An array of structs, or of objects of the class `kind`; each element is a dictionary with the same keys."""
 
     elements: Array
@@ -67,7 +69,7 @@ class Struct:
     kind: str = ""
 
     @classmethod
-    def of(cls, fields: Mapping[str, "Value"], kind: str = "") -> "Struct":
+    def of(cls, fields: Mapping[str, "Value"], kind: str = "") -> "MatlabStruct":
         """A struct of one element."""
         return cls(object_array([dict(fields)], (1, 1)), tuple(fields), kind)
 
@@ -78,7 +80,7 @@ class Struct:
 
 
 @dataclass(frozen=True, eq=False)
-class Handle:
+class MatlabFunctionHandle:
     """A function by its name, or an anonymous one with the variables around it."""
 
     name: str = ""
@@ -88,13 +90,13 @@ class Handle:
 
 
 @dataclass(frozen=True)
-class Opaque:
+class OpaqueValue:
     """What only MATLAB can make something of, by the word for it."""
 
     kind: str
 
 
-Value: TypeAlias = Array | Cell | Struct | Handle | Opaque
+Value: TypeAlias = Array | MatlabCell | MatlabStruct | MatlabFunctionHandle | OpaqueValue
 
 
 def object_array(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
@@ -130,40 +132,37 @@ def strings(values: Sequence[str]) -> Array:
     return object_array(values, (1, len(values)))
 
 
-EMPTY = np.zeros((0, 0))
-
-
-def class_of(value: Value) -> str:
+def class_name(value: Value) -> str:
     """The class as MATLAB calls it.
 
-    >>> class_of(scalar(1.0)), class_of(characters("a"))
+    >>> class_name(scalar(1.0)), class_name(characters("a"))
     ('double', 'char')
     """
     if isinstance(value, np.ndarray):
         kinds = {"float64": "double", "float32": "single", "bool": "logical", "object": "string"}
         return "char" if value.dtype.kind == "U" else kinds.get(value.dtype.name, value.dtype.name)
-    if isinstance(value, Struct):
+    if isinstance(value, MatlabStruct):
         return value.kind or "struct"
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         return "cell"
-    return "function_handle" if isinstance(value, Handle) else value.kind
+    return "function_handle" if isinstance(value, MatlabFunctionHandle) else value.kind
 
 
-def like(value: Value, data: Array) -> Value:
+def with_class_of(value: Value, data: Array) -> Value:
     """Other elements in the kind of array that a value is."""
     data = trimmed(data)
-    if isinstance(value, Cell):
-        return Cell(data)
-    return Struct(data, value.names, value.kind) if isinstance(value, Struct) else data
+    if isinstance(value, MatlabCell):
+        return MatlabCell(data)
+    return MatlabStruct(data, value.names, value.kind) if isinstance(value, MatlabStruct) else data
 
 
-def data_of(value: Value) -> Array:
+def elements_of(value: Value) -> Array:
     """The elements of any value, as an array that has its size."""
     if isinstance(value, np.ndarray):
         return value
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         return value.values
-    return value.elements if isinstance(value, Struct) else object_array([value], (1, 1))
+    return value.elements if isinstance(value, MatlabStruct) else object_array([value], (1, 1))
 
 
 def trimmed(array: Array) -> Array:
@@ -173,24 +172,24 @@ def trimmed(array: Array) -> Array:
     return array
 
 
-def plain(value: Value) -> Array:
+def array_value(value: Value) -> Array:
     """An array; of a parameter object its value."""
-    if isinstance(value, Struct) and value.kind and "Value" in value.names and value.elements.size == 1:
+    if isinstance(value, MatlabStruct) and value.kind and "Value" in value.names and value.elements.size == 1:
         value = value.fields["Value"]
     if isinstance(value, np.ndarray):
         return value
-    raise NoValueError(f"a {class_of(value)} is no number")
+    raise MatlabValueError(f"a {class_name(value)} is no number")
 
 
 def numbers(value: Value) -> Float:
     """Numbers in double precision; of characters their codes."""
-    array = plain(value)
+    array = array_value(value)
     if array.dtype.kind == "U":
         return np.array([ord(one) if one else 0 for one in array.ravel(order="F")], dtype=np.float64).reshape(
             array.shape, order="F"
         )
     if array.dtype.kind == "O":
-        raise NoValueError("a string is no number")
+        raise MatlabValueError("a string is no number")
     return array.astype(np.float64, copy=False)
 
 
@@ -198,7 +197,7 @@ def number(value: Value) -> float:
     """The one number of a scalar."""
     array = numbers(value)
     if array.size != 1:
-        raise NoValueError(f"one number is needed, not {_size(array)}")
+        raise MatlabValueError(f"one number is needed, not {_size(array)}")
     return float(array.flat[0])
 
 
@@ -206,7 +205,7 @@ def whole(value: Value) -> int:
     """The one whole number of a scalar."""
     found = number(value)
     if not np.isfinite(found) or found != int(found) or abs(found) > 2**53:
-        raise NoValueError(f"a whole number is needed, not {found:g}")
+        raise MatlabValueError(f"a whole number is needed, not {found:g}")
     return int(found)
 
 
@@ -216,44 +215,44 @@ def text(value: Value) -> str:
         return "".join(one or "\0" for one in value.ravel(order="F").tolist())
     if isinstance(value, np.ndarray) and value.dtype.kind == "O" and value.size == 1:
         return str(value.flat[0])
-    raise NoValueError(f"a text is needed, not a {class_of(value)}")
+    raise MatlabValueError(f"a text is needed, not a {class_name(value)}")
 
 
 def _size(array: Array) -> str:
     return " x ".join(map(str, array.shape))
 
 
-def burden(value: Value) -> tuple[int, int]:
+def nested_size(value: Value) -> tuple[int, int]:
     """How many values stand within a value, shared ones each time, and how deep; known for parts seen before."""
-    if not isinstance(value, Cell | Struct):
+    if not isinstance(value, MatlabCell | MatlabStruct):
         return 1, 1
     known: tuple[int, int] | None = value.__dict__.get("_burden")
     if known is None:
-        inner = [burden(one) for one in _within(value)]
+        inner = [nested_size(one) for one in _within(value)]
         known = 1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0)
         object.__setattr__(value, "_burden", known)
     return known
 
 
-def _within(value: "Cell | Struct") -> list[Value]:
-    if isinstance(value, Cell):
+def _within(value: "MatlabCell | MatlabStruct") -> list[Value]:
+    if isinstance(value, MatlabCell):
         return list(value.values.ravel())
     return [inner for element in value.elements.ravel() for inner in element.values()]
 
 
-def value_from(given: Any) -> Value:
+def from_python(given: Any) -> Value:
     """A value of Python as one of MATLAB: numbers, texts, arrays, lists as cells, mappings as structs.
 
     One-dimensional arrays become rows; `TypeError` for what has no counterpart.
     """
-    if isinstance(given, Cell | Struct | Handle | Opaque):
+    if isinstance(given, MatlabCell | MatlabStruct | MatlabFunctionHandle | OpaqueValue):
         return given
     if isinstance(given, str):
         return characters(given)
     if isinstance(given, Mapping):
-        return Struct.of({str(name): value_from(inner) for name, inner in given.items()})
+        return MatlabStruct.of({str(name): from_python(inner) for name, inner in given.items()})
     if isinstance(given, list | tuple):
-        return Cell(object_array([value_from(inner) for inner in given], (1, len(given))))
+        return MatlabCell(object_array([from_python(inner) for inner in given], (1, len(given))))
     array = np.asarray(given)
     if array.dtype.kind not in "fbiuUO" or (array.dtype.kind == "O" and not isinstance(given, np.ndarray)):
         raise TypeError(f"{type(given).__name__} has no counterpart in MATLAB")

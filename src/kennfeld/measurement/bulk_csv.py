@@ -13,7 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.measurement.cells import MISSING, TRUTH, is_stamp, number
 from kennfeld.measurement.csv_dialect import Dialect, is_comment, split
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 
 __all__ = ["read_bulk"]
@@ -22,7 +22,7 @@ _CHUNK = 1 << 24
 _SAMPLE = 200  # lines
 
 
-def read_bulk(source: Source, dialect: Dialect, selection: Selection) -> Table | None:
+def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
     """The table of a text file, or None where the exact reader has to look at it."""
     if dialect.encoding == "utf-16":
         return None
@@ -51,7 +51,7 @@ def _kind(cells: list[str], dialect: Dialect) -> str | None:
     return "bool" if any(cell.strip().casefold() in TRUTH for cell in cells) else "float"
 
 
-def _sample(source: Source, dialect: Dialect) -> list[str] | None:
+def _sample(source: MeasurementFile, dialect: Dialect) -> list[str] | None:
     """The first lines of numbers; None where a cell above them runs over several lines, which pandas would miscount."""
     with source.open() as stream:
         head = [stream.readline(_CHUNK) for _ in range(dialect.header.data)]
@@ -61,7 +61,7 @@ def _sample(source: Source, dialect: Dialect) -> list[str] | None:
     return [line.decode(dialect.encoding, "replace").rstrip("\r\n") for line in lines if line]
 
 
-def _frame(source: Source, dialect: Dialect, sample: list[str], kinds: dict[int, str | None]) -> Any:
+def _frame(source: MeasurementFile, dialect: Dialect, sample: list[str], kinds: dict[int, str | None]) -> Any:
     """All columns: only when pandas reads each of them does it complain of a row with too many cells.
 
     Their types are left to pandas, which is a third faster than when it is told that they are floating-point numbers.
@@ -102,7 +102,7 @@ def _spelt(words: Iterable[str]) -> list[str]:
     return sorted({spelt for word in words for spelt in (word, word.upper(), word.title(), word.replace("nan", "NaN"))})
 
 
-def _table(source: Source, dialect: Dialect, frame: Any, numeric: list[int]) -> Table | None:
+def _table(source: MeasurementFile, dialect: Dialect, frame: Any, numeric: list[int]) -> Table | None:
     if any(frame[i].dtype.kind not in "fbiu" for i in numeric):
         return None
     last = frame[dialect.header.width - 1].isna().to_numpy()
@@ -118,7 +118,7 @@ def _table(source: Source, dialect: Dialect, frame: Any, numeric: list[int]) -> 
     return Table(source.name, made, rows, names=names, details=dialect.details)
 
 
-def _blank_end(source: Source, dialect: Dialect) -> int:
+def _blank_end(source: MeasurementFile, dialect: Dialect) -> int:
     """How many blank lines end the file, the empty text behind the last line end not counted."""
     if source.packed:
         return 0
@@ -132,7 +132,7 @@ def _blank_end(source: Source, dialect: Dialect) -> int:
     return count
 
 
-def _even(source: Source, dialect: Dialect, rows: int, width: int) -> bool:
+def _even(source: MeasurementFile, dialect: Dialect, rows: int, width: int) -> bool:
     """Whether the file holds exactly the separators of complete rows: gaps in the last column are no short rows."""
     if dialect.separator == " ":
         return False

@@ -25,15 +25,19 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding
-from kennfeld.measurement.file_kind import Kind, Source, locate
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
-__all__ = ["Cache", "packed", "unpacked"]
+__all__ = ["Cache", "from_parquet", "to_parquet"]
 
 _NOTES = b"kennfeld"
 _KEPT = ("name", "channels", "time", "starts", "clock", "remarks")  # what is written of a dataset
 
-_WORTH = {Kind.MDF: 0.0, Kind.PARQUET: math.inf, Kind.CSV: 0.5}  # s; what reads MDF takes longer than that to load
+_WORTH = {
+    FileKind.MDF: 0.0,
+    FileKind.PARQUET: math.inf,
+    FileKind.CSV: 0.5,
+}  # s; what reads MDF takes longer than that to load
 _WORTH_ELSE = 0.2
 _MOST = 2_000_000_000  # bytes of a folder
 _SETTLED = 2_000_000_000  # ns; a file that was changed that shortly before it was looked at may change unnoticed
@@ -41,7 +45,7 @@ _STALE = 3600.0  # s; what is half written for longer belongs to a process that 
 _ERRORS = (OSError, ValueError, KeyError, TypeError, RecursionError)
 
 
-def packed(dataset: Dataset) -> bytes | None:
+def to_parquet(dataset: Dataset) -> bytes | None:
     """The bytes of a recording, None where it has settings that they do not hold.
 
     Bytes of equal rank stand together, and zstd at its lowest level packs them: less than half the size, read faster
@@ -80,7 +84,7 @@ def _is_plain(dataset: Dataset) -> bool:
     return bool(dataset.channels) and all(getattr(dataset, name) == getattr(new, name) for name in others)
 
 
-def unpacked(content: bytes, name: str) -> Dataset | None:
+def from_parquet(content: bytes, name: str) -> Dataset | None:
     """The recording under a name, None where the bytes are none of `packed`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -171,13 +175,13 @@ class Cache:
     ) -> None:
         """Keep the names that a file has instead of these channels."""
         source = locate(path)
-        if source.kind is not Kind.MDF:  # the others tell their names at once
+        if source.kind is not FileKind.MDF:  # the others tell their names at once
             return
         with contextlib.suppress(*_ERRORS):
             seen = self._seen(source) or _looked_at(source.path)
             self._note(source, seen, {**seen.failed, _key(source, channels, raster): list(names)})
 
-    def _found(self, source: Source, key: str) -> Dataset | None:
+    def _found(self, source: MeasurementFile, key: str) -> Dataset | None:
         with contextlib.suppress(*_ERRORS):
             seen = self._seen(source)
             if seen is None:
@@ -188,7 +192,7 @@ class Cache:
                     return made
         return None
 
-    def _seen(self, source: Source) -> _Seen | None:
+    def _seen(self, source: MeasurementFile) -> _Seen | None:
         """What is known of a file, if it still has the content that it had; else its entries go."""
         if not self.folder.is_dir():
             return None
@@ -207,8 +211,8 @@ class Cache:
         _remove(note)
         return None
 
-    def _keep(self, source: Source, before: os.stat_result, key: str, dataset: Dataset) -> None:
-        content = packed(dataset)
+    def _keep(self, source: MeasurementFile, before: os.stat_result, key: str, dataset: Dataset) -> None:
+        content = to_parquet(dataset)
         if content is None or len(content) > self.most:
             return
         seen = self._seen(source) or _looked_at(source.path)
@@ -226,10 +230,10 @@ class Cache:
         if not ignored.exists():
             write_whole(ignored, "*\n")
 
-    def _note_of(self, source: Source) -> Path:
+    def _note_of(self, source: MeasurementFile) -> Path:
         return self.folder / f"{_hash(str(source.path.resolve()).encode('utf-8', 'surrogateescape'))}.json"
 
-    def _note(self, source: Source, seen: _Seen, failed: dict[str, list[str]]) -> None:
+    def _note(self, source: MeasurementFile, seen: _Seen, failed: dict[str, list[str]]) -> None:
         self._make()
         said = {"file": str(source.path), **asdict(seen), "failed": failed}
         write_whole(self._note_of(source), json.dumps(said))
@@ -257,7 +261,7 @@ class Cache:
 def _read_entry(entry: Path, name: str) -> Dataset | None:
     """The recording of an entry; None, and the entry goes, where it is not what was written."""
     content = entry.read_bytes()
-    made = unpacked(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
+    made = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
     if made is None:
         _remove(entry)
         return None
@@ -292,7 +296,10 @@ def _word(text: str) -> str:
 
 
 def _key(
-    source: Source, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str] | None = None
+    source: MeasurementFile,
+    channels: Sequence[str] | None,
+    raster: float | None,
+    units: Mapping[str, str] | None = None,
 ) -> str:
     """What is read of a file, and by which reader."""
     asked = None if channels is None else list(dict.fromkeys(channels))

@@ -12,7 +12,18 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = ["MISSING", "TRUTH", "Decimal", "is_dated", "is_missing", "is_stamp", "number", "numbers", "shown", "stamps"]
+__all__ = [
+    "MISSING",
+    "TRUTH",
+    "Decimal",
+    "is_dated",
+    "is_missing",
+    "is_stamp",
+    "number",
+    "numbers",
+    "quote_cell",
+    "stamps",
+]
 
 Decimal = Literal[".", ","]
 
@@ -114,10 +125,10 @@ def _quick(cells: Sequence[object], decimal: Decimal) -> Float | None:
         return None
 
 
-def shown(cell: object, limit: int = 40) -> str:
+def quote_cell(cell: object, limit: int = 40) -> str:
     """The cell as an error message quotes it.
 
-    >>> shown("rpm")
+    >>> quote_cell("rpm")
     "'rpm'"
     """
     text = str(cell).strip()

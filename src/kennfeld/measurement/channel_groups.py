@@ -17,7 +17,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.measurement.resampling import grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
-from kennfeld.measurement.table_conversion import assemble, checked, frozen
+from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view
 from kennfeld.measurement.time_column import SAME, clock_of, merge, seconds
 from kennfeld.measurement.unit_text import is_clock
 
@@ -46,11 +46,13 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
     channels: list[Channel] = []
     for _, time, columns, values, _ in groups:
         found = values if raster is None else resample_all(time, values, stamps, [c.held for c in columns])
-        channels += [Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)]
+        channels += [
+            Channel(c.name, readonly_view(v), c.unit, c.description) for c, v in zip(columns, found, strict=True)
+        ]
     doubtful = [group[4] for group in groups if group[4].in_milliseconds]
     clock = (doubtful or [groups[0][4]])[0]
     remarks = tuple(dict.fromkeys(remark for table, *_ in groups for remark in table.remarks))
-    return Dataset(name, tuple(channels), frozen(stamps), clock=clock, remarks=remarks)
+    return Dataset(name, tuple(channels), readonly_view(stamps), clock=clock, remarks=remarks)
 
 
 def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:
@@ -73,13 +75,13 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
         own = Selection(None if names is None else tuple(n for n in names if n not in taken))
         taken |= set(names or ())
         try:
-            time, columns = checked(table, own, raster)
+            time, columns = check_columns(table, own, raster)
         except InputError as error:
             found += error.findings
             continue
         if time is None:
-            what = "has no time stamps, so that its channels do not join those of other groups"
-            found.append(Finding(table.place, what, "Read them by themselves."))
+            message = "has no time stamps, so that its channels do not join those of other groups"
+            found.append(Finding(table.place, message, "Read them by themselves."))
         else:
             groups.append((table, *_merged(time, columns), clock_of(time)))
     if found:

@@ -141,12 +141,14 @@ def _no_table(place: str, lines: Sequence[str]) -> InputError:
         return InputError.of(place, "the file is empty", "Export the measurement anew.")
     with_digits = [(i, line) for i, line in filled if _starts_as_number(line)]
     if not with_digits:
-        what = (
+        message = (
             "there are names but no row of numbers below them" if len(filled) <= 3 else "there is no table of numbers"
         )
-        return InputError.of(f"{place} line {filled[0][0]}", what, "Export the measurement anew, or name another file.")
-    mend = "Put a line with the names of the channels above the numbers."
-    return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", mend)
+        return InputError.of(
+            f"{place} line {filled[0][0]}", message, "Export the measurement anew, or name another file."
+        )
+    remedy = "Put a line with the names of the channels above the numbers."
+    return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", remedy)
 
 
 def _starts_as_number(line: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.measurement.cells import is_missing
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import ColumnBuilder, Selection, Table
 from kennfeld.workbooks import Unsaved, Workbook, column_letters, opened
@@ -19,7 +19,7 @@ __all__ = ["read_tables"]
 _HEAD_ROWS = 200
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The numeric tables of a workbook, one a sheet; of the sheet alone that `source` names."""
     with source.path.open("rb") as stream:
         book = opened(source.name, stream)
@@ -33,28 +33,28 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
         raise InputError(Finding(source.name, str(one), one.remedy) for one in unsaved if one is not None)
     if not found:
         where = f"sheet {sheets[0]}" if len(sheets) == 1 else f"none of its {len(sheets)} sheets"
-        what = f"{where} holds {'no' if len(sheets) == 1 else 'a'} row of names with numbers below"
-        raise InputError.of(source.name, what, "Put the names of the channels into the row above the numbers.")
+        message = f"{where} holds {'no' if len(sheets) == 1 else 'a'} row of names with numbers below"
+        raise InputError.of(source.name, message, "Put the names of the channels into the row above the numbers.")
     return found
 
 
-def _remarked(source: Source, table: Table, unsaved: Unsaved | None) -> Table:
+def _remarked(source: MeasurementFile, table: Table, unsaved: Unsaved | None) -> Table:
     if unsaved is None:
         return table
-    what = f"{unsaved}; they are missing values"
-    return replace(table, remarks=(*table.remarks, Finding(source.name, what, unsaved.remedy, severity="warning")))
+    message = f"{unsaved}; they are missing values"
+    return replace(table, remarks=(*table.remarks, Finding(source.name, message, unsaved.remedy, severity="warning")))
 
 
-def _sheets(source: Source, book: Workbook) -> list[str]:
+def _sheets(source: MeasurementFile, book: Workbook) -> list[str]:
     if source.sheet is None:
         return book.visible or book.names
     if source.sheet not in book.names:
-        mend = nearest(source.sheet, book.names) or f"It has {', '.join(book.names)}."
-        raise InputError.of(source.name, f"has no sheet {source.sheet}", mend)
+        remedy = nearest(source.sheet, book.names) or f"It has {', '.join(book.names)}."
+        raise InputError.of(source.name, f"has no sheet {source.sheet}", remedy)
     return [source.sheet]
 
 
-def _table(source: Source, sheet: str, grid: list[list[object]], selection: Selection) -> Table | None:
+def _table(source: MeasurementFile, sheet: str, grid: list[list[object]], selection: Selection) -> Table | None:
     header = find_header(grid[:_HEAD_ROWS])
     if header is None:
         return None

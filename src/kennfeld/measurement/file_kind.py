@@ -12,13 +12,13 @@ from typing import BinaryIO, TypeVar
 from kennfeld.errors import InputError
 from kennfeld.formatting import nearest
 
-__all__ = ["Kind", "Source", "guarded", "kind_of", "locate"]
+__all__ = ["FileKind", "MeasurementFile", "guarded", "kind_of", "locate"]
 
 _T = TypeVar("_T")
 _BOMS = (b"\xff\xfe", b"\xfe\xff")
 
 
-class Kind(Enum):
+class FileKind(Enum):
     """A kind of file, by the name a message gives it."""
 
     CSV = "CSV"
@@ -46,39 +46,39 @@ class Kind(Enum):
 
 
 _MAGIC = (
-    (b"PAR1", Kind.PARQUET),
-    (b"MDF     ", Kind.MDF),
-    (b"UnFinMF", Kind.MDF),
-    (b"MLVLG", Kind.MLG),
-    (b"MATLAB 5.0 MAT-file", Kind.MATLAB),
-    (b"MATLAB 7.", Kind.MATLAB),
-    (b"\x89HDF\r\n", Kind.HDF5),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Kind.EXCEL),
-    (b"%PDF", Kind.PDF),
-    (b"\x28\xb5\x2f\xfd", Kind.PACKED),
-    (b"BZh", Kind.PACKED),
-    (b"\xfd7zXZ", Kind.PACKED),
-    (b"7z\xbc\xaf", Kind.PACKED),
+    (b"PAR1", FileKind.PARQUET),
+    (b"MDF     ", FileKind.MDF),
+    (b"UnFinMF", FileKind.MDF),
+    (b"MLVLG", FileKind.MLG),
+    (b"MATLAB 5.0 MAT-file", FileKind.MATLAB),
+    (b"MATLAB 7.", FileKind.MATLAB),
+    (b"\x89HDF\r\n", FileKind.HDF5),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", FileKind.EXCEL),
+    (b"%PDF", FileKind.PDF),
+    (b"\x28\xb5\x2f\xfd", FileKind.PACKED),
+    (b"BZh", FileKind.PACKED),
+    (b"\xfd7zXZ", FileKind.PACKED),
+    (b"7z\xbc\xaf", FileKind.PACKED),
 )
 _WORDS = (
-    (b"<?xml", Kind.XML),
-    (b"<!doctype html", Kind.HTML),
-    (b"<html", Kind.HTML),
-    (b"calibration values v", Kind.CVX),
-    (b"asap2_version", Kind.A2L),
-    (b"konservierung_format", Kind.DCM),
-    (b"hp tuners csv log file", Kind.HPTUNERS),
-    (b"labview measurement", Kind.LVM),
-    (b"{", Kind.JSON),
+    (b"<?xml", FileKind.XML),
+    (b"<!doctype html", FileKind.HTML),
+    (b"<html", FileKind.HTML),
+    (b"calibration values v", FileKind.CVX),
+    (b"asap2_version", FileKind.A2L),
+    (b"konservierung_format", FileKind.DCM),
+    (b"hp tuners csv log file", FileKind.HPTUNERS),
+    (b"labview measurement", FileKind.LVM),
+    (b"{", FileKind.JSON),
 )
 
 
 @dataclass(frozen=True)
-class Source:
+class MeasurementFile:
     """A file on disk, its kind, and the part of it that is asked for."""
 
     path: Path
-    kind: Kind
+    kind: FileKind
     packed: bool = False  # gzip
     sheet: str | None = None
 
@@ -110,7 +110,7 @@ class Source:
         return self.path.open("rb")
 
 
-def locate(path: str | Path, sheet: str | None = None) -> Source:
+def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
     """The file at `path`, which may name a sheet behind a `#`; `InputError` where there is none.
 
     >>> locate("no such folder/bench.csv")
@@ -126,7 +126,7 @@ def locate(path: str | Path, sheet: str | None = None) -> Source:
     if file.is_dir():
         raise InputError.of(str(file), "this is a folder", "Name a file in it.")
     kind, packed = kind_of(file)
-    return Source(file, kind, packed, sheet or None)
+    return MeasurementFile(file, kind, packed, sheet or None)
 
 
 def _near(file: Path) -> str:
@@ -143,17 +143,17 @@ def guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
         pass
     except OSError as error:
         if type(error).__name__ != "BadGzipFile":  # of a module that most runs do not need
-            what = f"cannot be read ({error.strerror or error})"
-            raise InputError.of(name, what, "Check the file.") from None
+            message = f"cannot be read ({error.strerror or error})"
+            raise InputError.of(name, message, "Check the file.") from None
     raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.")
 
 
-def kind_of(file: Path) -> tuple[Kind, bool]:
+def kind_of(file: Path) -> tuple[FileKind, bool]:
     """The kind of a file and whether it is packed by gzip. Raises `InputError` if it cannot be read."""
     return guarded(file.name, lambda: _kind_of(file))
 
 
-def _kind_of(file: Path) -> tuple[Kind, bool]:
+def _kind_of(file: Path) -> tuple[FileKind, bool]:
     with file.open("rb") as stream:
         start = stream.read(4096)
     if start.startswith(b"\x1f\x8b"):
@@ -164,21 +164,21 @@ def _kind_of(file: Path) -> tuple[Kind, bool]:
     return (_zip_kind(file) if start.startswith(b"PK\x03\x04") else _kind(start)), False
 
 
-def _kind(start: bytes) -> Kind:
+def _kind(start: bytes) -> FileKind:
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
     if start.startswith(_BOMS):
-        return Kind.CSV
+        return FileKind.CSV
     if b"\0" in start:
-        return Kind.MATLAB if _is_matlab_4(start) else Kind.OTHER
+        return FileKind.MATLAB if _is_matlab_4(start) else FileKind.OTHER
     words = start.removeprefix(b"\xef\xbb\xbf").lstrip().lower()
     for word, kind in _WORDS:
         if words.startswith(word):
             return kind
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
-        return Kind.DCM
-    return Kind.MSL if _is_log(words) else Kind.CSV
+        return FileKind.DCM
+    return FileKind.MSL if _is_log(words) else FileKind.CSV
 
 
 def _is_matlab_4(start: bytes) -> bool:
@@ -199,7 +199,7 @@ def _is_log(words: bytes) -> bool:
     return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
 
 
-def _zip_kind(file: Path) -> Kind:
+def _zip_kind(file: Path) -> FileKind:
     try:
         with zipfile.ZipFile(file) as archive:
             members = set(archive.namelist())
@@ -211,7 +211,7 @@ def _zip_kind(file: Path) -> Kind:
             "Copy it anew from its source.",
         ) from None
     if b"opendocument.spreadsheet" in mime or any(member.startswith("xl/workbook") for member in members):
-        return Kind.EXCEL
+        return FileKind.EXCEL
     if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:
-        return Kind.MODEL
-    return Kind.FMU if "modelDescription.xml" in members else Kind.ZIP
+        return FileKind.MODEL
+    return FileKind.FMU if "modelDescription.xml" in members else FileKind.ZIP

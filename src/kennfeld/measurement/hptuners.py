@@ -14,9 +14,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal
 from kennfeld.measurement.csv_dialect import split
 from kennfeld.measurement.encoding import encoding_of
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, capped, distinct
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
 from kennfeld.measurement.table_conversion import TableDescription, described
 from kennfeld.measurement.text import lines_of
 from kennfeld.measurement.unit_text import plain_unit
@@ -36,12 +36,12 @@ class _Log:
     rows: list[tuple[int, str]] = field(default_factory=list)
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """A table for the channels that were sampled together."""
     return _rasters(_whole(source, selection), selection)
 
 
-def describe_tables(source: Source) -> list[TableDescription]:
+def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """One description of all rows; what a channel was not sampled at counts as missing there."""
     table = _whole(source, Selection())
     if table.findings:
@@ -49,7 +49,7 @@ def describe_tables(source: Source) -> list[TableDescription]:
     return [described(table)]
 
 
-def _whole(source: Source, selection: Selection) -> Table:
+def _whole(source: MeasurementFile, selection: Selection) -> Table:
     """All rows, NaN where a channel was not sampled."""
     with source.open() as stream:
         start = stream.read(_HEAD)
@@ -76,7 +76,7 @@ def _whole(source: Source, selection: Selection) -> Table:
     )
 
 
-def _sections(source: Source, encoding: str) -> _Log:
+def _sections(source: MeasurementFile, encoding: str) -> _Log:
     log, section = _Log(), ""
     for number, line in lines_of(source, encoding):
         bare = line.strip().rstrip(",;\t")
@@ -90,10 +90,10 @@ def _sections(source: Source, encoding: str) -> _Log:
             log.channels.append((number, line))
         elif bare.startswith("Creation Time:"):
             log.created = bare.partition(":")[2].strip()
-    for there, what in ((log.channels, "[Channel Information]"), (log.rows, "[Channel Data]")):
+    for there, message in ((log.channels, "[Channel Information]"), (log.rows, "[Channel Data]")):
         if not there:
-            mend = "The file seems to be cut off: export it anew."
-            raise InputError.of(source.name, f"the HP Tuners log has no rows below {what}", mend)
+            remedy = "The file seems to be cut off: export it anew."
+            raise InputError.of(source.name, f"the HP Tuners log has no rows below {message}", remedy)
     return log
 
 
@@ -105,10 +105,10 @@ def _header(place: str, lines: Sequence[tuple[int, str]]) -> tuple[str, Header]:
     count = len(split(lines[0][1], separator))
     names = _joined(split(lines[1][1], separator), count)
     if len(names) > count:
-        what = f"there are {len(names)} names for {count} channels: a name contains a comma"
-        raise InputError.of(f"{place} line {lines[1][0]}", what, "Put that name into quotes.")
+        message = f"there are {len(names)} names for {count} channels: a name contains a comma"
+        raise InputError.of(f"{place} line {lines[1][0]}", message, "Put that name into quotes.")
     units = split(lines[2][1], separator) if len(lines) > 2 else []
-    named = distinct([name.strip() for name in names] + [""] * (count - len(names)))
+    named = unique_names([name.strip() for name in names] + [""] * (count - len(names)))
     named[0] = named[0] or "Offset"
     given = tuple(plain_unit(unit) for unit in (units + [""] * count)[:count])
     return separator, Header(0, 0, tuple(named), given)
@@ -145,12 +145,12 @@ def _fitted(line: int, cells: list[str], width: int, odd: list[tuple[int, int]])
 
 
 def _odd_rows(place: str, odd: Sequence[tuple[int, int]], width: int) -> list[Finding]:
-    mend = "Give the row as many cells as there are channels."
+    remedy = "Give the row as many cells as there are channels."
     found = [
-        Finding(f"{place} line {line}", f"the row has {cells} cells, the log {width} channels", mend)
+        Finding(f"{place} line {line}", f"the row has {cells} cells, the log {width} channels", remedy)
         for line, cells in odd[:200]
     ]
-    return capped(found, place, "rows with too many cells", max(len(odd) - 200, 0))
+    return limit_findings(found, place, "rows with too many cells", max(len(odd) - 200, 0))
 
 
 def _rasters(table: Table, selection: Selection) -> list[Table]:

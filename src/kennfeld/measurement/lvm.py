@@ -14,8 +14,8 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.encoding import encoding_of
-from kennfeld.measurement.file_kind import Source
-from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, capped, distinct
+from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
 from kennfeld.measurement.text import lines_of
 
 __all__ = ["read_tables"]
@@ -43,7 +43,7 @@ class _Segment:
         return told[channel] if channel < len(told) else ""
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of the file, with every column of time in it; a segment whose time falls is a piece of its own."""
     with source.open() as stream:
         start = stream.read(_START)
@@ -53,8 +53,8 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
     separator = "," if _setting(settings, "separator").casefold() == "comma" else "\t"
     segments = _segments(lines, at, separator)
     if not segments:
-        mend = "The file seems to be cut off: export it anew."
-        raise InputError.of(source.name, "the LabVIEW file has no rows of numbers", mend)
+        remedy = "The file seems to be cut off: export it anew."
+        raise InputError.of(source.name, "the LabVIEW file has no rows of numbers", remedy)
     findings = _odd(source.name, segments)
     columns = _columns(segments, _decimal(settings, segments, separator), _setting(settings, "x_columns"))
     rows = np.array([line for segment in segments for line, _ in segment.rows], dtype=np.int64)
@@ -124,19 +124,21 @@ def _odd(place: str, segments: Sequence[_Segment]) -> list[Finding]:
     found = []
     for segment in segments:
         if segment.names != names:
-            what = f"this segment has other channels than the one in line {segments[0].line}"
-            found.append(Finding(f"{place} line {segment.line}", what, "Split the file here."))
+            message = f"this segment has other channels than the one in line {segments[0].line}"
+            found.append(Finding(f"{place} line {segment.line}", message, "Split the file here."))
         for line, cells in segment.rows:
             if len(cells) > len(segment.names) and any(cell.strip() for cell in cells[len(segment.names) :]):
-                what = f"the row has {len(cells)} cells, there are {len(segment.names)} names"
-                found.append(Finding(f"{place} line {line}", what, "Give the row as many cells as there are names."))
-    return capped(found, place, "lines that do not fit")
+                message = f"the row has {len(cells)} cells, there are {len(segment.names)} names"
+                found.append(Finding(f"{place} line {line}", message, "Give the row as many cells as there are names."))
+    return limit_findings(found, place, "lines that do not fit")
 
 
 def _columns(segments: Sequence[_Segment], decimal: Decimal, times: str) -> list[Column]:
     """All columns in the order of the file, each time before its channels."""
     first = segments[0]
-    names = iter(distinct([name for name in first.names if name not in (_TIME, "") and name.casefold() != _COMMENT]))
+    names = iter(
+        unique_names([name for name in first.names if name not in (_TIME, "") and name.casefold() != _COMMENT])
+    )
     made: list[Column] = []
     channel = 0
     for k, name in enumerate(first.names):

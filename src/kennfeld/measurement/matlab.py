@@ -9,10 +9,10 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
-from kennfeld.matlab.mat_nodes import DamageError, Node
-from kennfeld.measurement.file_kind import Kind, Source, locate
-from kennfeld.measurement.matlab_signals import Clock, Found, Signal, find_signals
-from kennfeld.measurement.table import Column, Selection, Table, distinct
+from kennfeld.matlab.mat_nodes import MatFileError, Node
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
+from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
+from kennfeld.measurement.table import Column, Selection, Table, unique_names
 from kennfeld.measurement.table_conversion import TableDescription, described
 
 __all__ = ["describe_tables", "holds_samples", "read_tables"]
@@ -25,12 +25,12 @@ _PLAIN = (
 )
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """A table for each time in the file that has a channel asked for."""
     return _tables(source, _found(source), selection)
 
 
-def _tables(source: Source, found: Found, selection: Selection) -> list[Table]:
+def _tables(source: MeasurementFile, found: MatlabSignals, selection: Selection) -> list[Table]:
     names = _names(found.clocks)
     chosen = _chosen(source.name, found, names, selection)
     tables = [_table(source, clock, chosen, found, names) for clock in found.clocks]
@@ -38,7 +38,7 @@ def _tables(source: Source, found: Found, selection: Selection) -> list[Table]:
     return wanted or tables[:1]
 
 
-def describe_tables(source: Source) -> list[TableDescription]:
+def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """What is sampled at each time, and what was left aside."""
     found = _found(source)
     first, *others = _tables(source, found, Selection())
@@ -54,64 +54,66 @@ def holds_samples(path: str | Path) -> bool:
     return any(clock.values is not None for clock in _all(locate(path)).clocks)
 
 
-def _all(source: Source) -> Found:
-    file = "HDF5 file" if source.kind is Kind.HDF5 else "MATLAB file"
+def _all(source: MeasurementFile) -> MatlabSignals:
+    file = "HDF5 file" if source.kind is FileKind.HDF5 else "MATLAB file"
     try:
         return find_signals(_variables(source))
-    except DamageError as error:
-        what = f"the {file} is damaged: {error}"
+    except MatFileError as error:
+        message = f"the {file} is damaged: {error}"
     except InputError:
         raise
     except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
-        what = f"the {file} is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
-    raise InputError.of(source.name, what, "Save it anew.")
+        message = f"the {file} is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
+    raise InputError.of(source.name, message, "Save it anew.")
 
 
-def _variables(source: Source) -> dict[str, Node]:
+def _variables(source: MeasurementFile) -> dict[str, Node]:
     with source.open() as stream:
         start = stream.read(9)
-    if source.kind is Kind.HDF5 and not mat_v73.is_matlab(source.path):
-        what = "this is an HDF5 file, but not one of MATLAB"
-        raise InputError.of(source.name, what, "Export it as MDF, CSV or Parquet.")
-    if source.kind is Kind.HDF5 or start == b"MATLAB 7.":
+    if source.kind is FileKind.HDF5 and not mat_v73.is_matlab(source.path):
+        message = "this is an HDF5 file, but not one of MATLAB"
+        raise InputError.of(source.name, message, "Export it as MDF, CSV or Parquet.")
+    if source.kind is FileKind.HDF5 or start == b"MATLAB 7.":
         return mat_v73.load(source.path)
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
     return mat_v5.load(content) if start.startswith(b"MATLAB") else mat_v4.load(content)
 
 
-def _found(source: Source) -> Found:
+def _found(source: MeasurementFile) -> MatlabSignals:
     """The channels of the file; a finding where there are none."""
     found = _all(source)
     if found.clocks:
         return found
     if found.unreadable and not found.loose:
-        what = f"holds nothing that can be read without MATLAB: {_listed(found.unreadable)}"
-        raise InputError.of(source.name, what, _PLAIN)
+        message = f"holds nothing that can be read without MATLAB: {_listed(found.unreadable)}"
+        raise InputError.of(source.name, message, _PLAIN)
     if found.loose:
         sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
-        what = f"none of its arrays is a time, nor are they vectors of one length: {_listed(sizes)}"
-        raise InputError.of(source.name, what, "Save a vector `time`, in seconds, as long as the channels.")
+        message = f"none of its arrays is a time, nor are they vectors of one length: {_listed(sizes)}"
+        raise InputError.of(source.name, message, "Save a vector `time`, in seconds, as long as the channels.")
     raise InputError.of(source.name, "holds no vectors", "Is it the right file?")
 
 
 def _listed(said: dict[str, str]) -> str:
     more = f" and {len(said) - _SAID} more" if len(said) > _SAID else ""
-    return ", ".join(f"{path} ({what})" for path, what in list(said.items())[:_SAID]) + more
+    return ", ".join(f"{path} ({message})" for path, message in list(said.items())[:_SAID]) + more
 
 
-def _names(clocks: Sequence[Clock]) -> dict[Signal, str]:
+def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
     """The name of each channel: its last part, or its path where others are called the same."""
     signals = [signal for clock in clocks for signal in clock.signals]
     count = Counter([_TIME, *(signal.name for signal in signals)])
     names = [signal.name if count[signal.name] == 1 else signal.path for signal in signals]
-    return dict(zip(signals, distinct([_TIME, *names])[1:], strict=True))
+    return dict(zip(signals, unique_names([_TIME, *names])[1:], strict=True))
 
 
-def _chosen(place: str, found: Found, names: dict[Signal, str], selection: Selection) -> dict[Signal, str]:
+def _chosen(
+    place: str, found: MatlabSignals, names: dict[RecordedSignal, str], selection: Selection
+) -> dict[RecordedSignal, str]:
     """The channels asked for, by their name or their path, with the name to give them."""
     if selection.channels is None:
         return names
-    chosen: dict[Signal, str] = {}
+    chosen: dict[RecordedSignal, str] = {}
     findings = []
     for asked in selection.channels:
         meant = [s for s, name in names.items() if name == asked] or [s for s in names if asked in (s.path, s.name)]
@@ -124,14 +126,20 @@ def _chosen(place: str, found: Found, names: dict[Signal, str], selection: Selec
             findings.append(Finding(place, f"{asked} ({found.unreadable[asked]}) is read by MATLAB alone", _PLAIN))
         elif asked in found.loose:
             size = " x ".join(map(str, found.loose[asked]))
-            mend = "Save it with a vector `time` of its length."
-            findings.append(Finding(place, f"{asked} is of size {size}, and no time is as long", mend))
+            remedy = "Save it with a vector `time` of its length."
+            findings.append(Finding(place, f"{asked} is of size {size}, and no time is as long", remedy))
     if findings:
         raise InputError(findings)
     return chosen
 
 
-def _table(source: Source, clock: Clock, chosen: dict[Signal, str], found: Found, names: dict[Signal, str]) -> Table:
+def _table(
+    source: MeasurementFile,
+    clock: TimeBase,
+    chosen: dict[RecordedSignal, str],
+    found: MatlabSignals,
+    names: dict[RecordedSignal, str],
+) -> Table:
     own = [signal for signal in clock.signals if signal in chosen]
     columns = [Column(chosen[s], s.unit, chosen[s], s.values, held=s.held, description=s.description) for s in own]
     time = None if clock.values is None else Column(_TIME, clock.unit, _TIME, clock.values)
@@ -147,9 +155,11 @@ def _table(source: Source, clock: Clock, chosen: dict[Signal, str], found: Found
     )
 
 
-def _remarked(table: Table, found: Found) -> Table:
+def _remarked(table: Table, found: MatlabSignals) -> Table:
     sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
     more = [
-        (word, _listed(what)) for word, what in (("only for MATLAB", found.unreadable), ("left out", sizes)) if what
+        (word, _listed(message))
+        for word, message in (("only for MATLAB", found.unreadable), ("left out", sizes))
+        if message
     ]
     return replace(table, details=(*table.details, *more))

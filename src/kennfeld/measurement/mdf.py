@@ -18,13 +18,13 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, described
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
 
-__all__ = ["describe_tables", "read_tables"]
+__all__ = []
 
 _TIME = "time"
 _AT_ONCE = 50_000_000  # values that a description holds at one time
@@ -39,7 +39,7 @@ _TEXTS_SAID = 12
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _MdfChannel:
     """A channel of the file: where it stands and the name by which it is asked for."""
 
     name: str
@@ -50,20 +50,20 @@ class _Entry:
     is_text_table: bool
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """A table for each channel group that holds a channel asked for."""
     with _opened(source) as file:
         entries = _entries(source, file)
         chosen = _chosen(source, entries, selection)
         if sum(_samples(file, entry.group) for entry in chosen) > _MOST:
-            what = f"{len(chosen)} channels of this file are more than {_MOST} values"
-            raise InputError.of(source.name, what, "Name the channels to read.")
+            message = f"{len(chosen)} channels of this file are more than {_MOST} values"
+            raise InputError.of(source.name, message, "Name the channels to read.")
         groups = dict.fromkeys(entry.group for entry in chosen)
         known = _names_by_group(entries)
         return [_table(source, file, [e for e in chosen if e.group == g], known[g]) for g in groups]
 
 
-def describe_tables(source: Source) -> Iterator[TableDescription]:
+def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
     """What each group holds, without more than some of its channels in memory at a time."""
     with _opened(source) as file:
         entries = _entries(source, file)
@@ -74,7 +74,9 @@ def describe_tables(source: Source) -> Iterator[TableDescription]:
             yield _description(source, file, own, names)
 
 
-def _description(source: Source, file: Any, own: Sequence[_Entry], ambiguous: tuple[str, ...]) -> TableDescription:
+def _description(
+    source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], ambiguous: tuple[str, ...]
+) -> TableDescription:
     size = max(_AT_ONCE // max(_samples(file, own[0].group), 1), 1)
     parts = []
     for k in range(0, len(own), size):
@@ -95,7 +97,7 @@ def _description(source: Source, file: Any, own: Sequence[_Entry], ambiguous: tu
 
 
 @contextmanager
-def _opened(source: Source) -> Iterator[Any]:
+def _opened(source: MeasurementFile) -> Iterator[Any]:
     """The open file; whatever the library throws at a damaged one becomes a finding."""
     check_links(source.path)
     # the library's logger speaks of what becomes a finding here
@@ -121,8 +123,8 @@ def _opened(source: Source) -> Iterator[Any]:
             _discard(error)
         else:
             return
-    what = f"the MDF file is damaged, cut off or encrypted ({said})"
-    raise InputError.of(source.name, what, "Copy or export it anew.")
+    message = f"the MDF file is damaged, cut off or encrypted ({said})"
+    raise InputError.of(source.name, message, "Copy or export it anew.")
 
 
 def _discard(error: Exception) -> None:
@@ -135,7 +137,7 @@ def _discard(error: Exception) -> None:
         sys.unraisablehook = hook
 
 
-def _check_layout(source: Source, file: Any) -> None:
+def _check_layout(source: MeasurementFile, file: Any) -> None:
     """Refuse more samples than a file of this size can hold, and channels that lie outside their records.
 
     The library would ask for that memory, and read beyond its own.
@@ -158,11 +160,11 @@ def _check_layout(source: Source, file: Any) -> None:
             name = next(outside, None)
             wrong = "" if name is None else f"has a channel {name[:60]} that lies outside its records of {size} bytes"
         if wrong:
-            what = f"the MDF file is damaged: {_label(file, index)} {wrong}"
-            raise InputError.of(source.name, what, "Copy or export it anew.")
+            message = f"the MDF file is damaged: {_label(file, index)} {wrong}"
+            raise InputError.of(source.name, message, "Copy or export it anew.")
 
 
-def _is_possible(block: Any, own: bool, source: Source) -> bool:
+def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
     """Whether a block of data may have the size that it claims, and ends within the file."""
     if block.original_size > _PACKING * max(int(block.compressed_size), 1):
         return False
@@ -199,7 +201,7 @@ def _label(file: Any, group: int) -> str:
     return said or f"group {group + 1}"
 
 
-def _entries(source: Source, file: Any) -> list[_Entry]:
+def _entries(source: MeasurementFile, file: Any) -> list[_MdfChannel]:
     """All channels that hold samples, each with a name of its own; there has to be one."""
     found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
     if not found:
@@ -207,7 +209,7 @@ def _entries(source: Source, file: Any) -> list[_Entry]:
     texts = _TEXT_4 if file.version >= "4" else _TEXT_3
     forms = [_forms(file, group, index, channel) for group, index, channel, _ in found]
     return [
-        _Entry(name, own, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
+        _MdfChannel(name, own, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
         for name, own, (group, index, channel, array) in zip(_unique(forms), forms, found, strict=True)
     ]
 
@@ -249,23 +251,23 @@ def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
     return names
 
 
-def _ambiguous(entries: Sequence[_Entry]) -> set[str]:
+def _ambiguous(entries: Sequence[_MdfChannel]) -> set[str]:
     return {name for name, count in Counter(entry.forms[0] for entry in entries).items() if count > 1}
 
 
-def _names_by_group(entries: Sequence[_Entry]) -> dict[int, tuple[str, ...]]:
+def _names_by_group(entries: Sequence[_MdfChannel]) -> dict[int, tuple[str, ...]]:
     names: dict[int, list[str]] = {}
     for entry in entries:
         names.setdefault(entry.group, []).append(entry.name)
     return {group: tuple(own) for group, own in names.items()}
 
 
-def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> list[_Entry]:
+def _chosen(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: Selection) -> list[_MdfChannel]:
     """The channels asked for, by their name or, for an element of an array, by that of the array."""
     if selection.channels is None:
         return list(entries)
     meant = _meanings(entries)
-    found: dict[_Entry, None] = {}
+    found: dict[_MdfChannel, None] = {}
     findings = []
     for asked in selection.channels:
         arrays = [entry for entry in meant.get(_without_indices(asked), ()) if entry.is_array]
@@ -274,8 +276,8 @@ def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> 
             found[replace(several[0], name=asked)] = None
         elif len(several) > 1:
             named = ", ".join(entry.name for entry in several[:6])
-            what = f"{len(several)} channels are called {asked}"
-            findings.append(Finding(source.name, what, f"Name one of them: {named}."))
+            message = f"{len(several)} channels are called {asked}"
+            findings.append(Finding(source.name, message, f"Name one of them: {named}."))
         elif len(arrays) == 1:
             found[replace(arrays[0], name=_without_indices(asked))] = None
     if findings:
@@ -284,9 +286,9 @@ def _chosen(source: Source, entries: Sequence[_Entry], selection: Selection) -> 
     return list(found) or [entries[0]]
 
 
-def _meanings(entries: Sequence[_Entry]) -> dict[str, list[_Entry]]:
+def _meanings(entries: Sequence[_MdfChannel]) -> dict[str, list[_MdfChannel]]:
     """Which channels a name may mean; the name that a channel is listed by means no other."""
-    meant: dict[str, list[_Entry]] = {}
+    meant: dict[str, list[_MdfChannel]] = {}
     for entry in entries:
         for form in dict.fromkeys(entry.forms):
             meant.setdefault(form, []).append(entry)
@@ -299,7 +301,7 @@ def _without_indices(name: str) -> str:
     return name
 
 
-def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, ...]) -> Table:
+def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names: tuple[str, ...]) -> Table:
     group = own[0].group
     channels = file.groups[group].channels
     fixed = [entry for entry in own if not _varies_in_length(file, entry)]
@@ -331,14 +333,14 @@ def _table(source: Source, file: Any, own: Sequence[_Entry], names: tuple[str, .
     )
 
 
-def _varies_in_length(file: Any, entry: _Entry) -> bool:
+def _varies_in_length(file: Any, entry: _MdfChannel) -> bool:
     """Whether its samples lie elsewhere; they are never numbers, and no damaged link to them has to be followed."""
     return bool(file.version >= "4" and file.groups[entry.group].channels[entry.index].channel_type == _VARYING_4)
 
 
-def _signals(file: Any, own: Sequence[_Entry]) -> dict[_Entry, Any]:
+def _signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
     """The samples of channels of one group, texts of enumerations left as the numbers they stand for."""
-    found: dict[_Entry, Any] = {}
+    found: dict[_MdfChannel, Any] = {}
     for raw in (False, True):
         # in version 3 the library has no other way to leave texts alone
         some = [entry for entry in own if (entry.is_text_table and file.version < "4") == raw]
@@ -362,7 +364,7 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
     return Column(_TIME, unit if not unit or in_seconds(unit) else "s", _TIME, stamps)
 
 
-def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:
+def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:
     """The column of a channel, or one for each element of an array; text gives a column of no numbers."""
     samples = signal.samples
     if samples.dtype.names:
@@ -381,12 +383,12 @@ def _columns(entry: _Entry, channel: Any, signal: Any) -> Iterator[Column]:
         yield Column(name, unit, name, values, held=held, description=said)
 
 
-def _text(entry: _Entry, count: int, sample: str) -> Column:
+def _text(entry: _MdfChannel, count: int, sample: str) -> Column:
     """A channel that holds no numbers; it is kept so that a message can show what it holds."""
     return Column(entry.name, "", entry.name, np.full(count, np.nan), ((0, sample),), max(count, 1))
 
 
-def _unit(entry: _Entry, channel: Any, signal: Any) -> str:
+def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
     """The unit; of an enumeration, where the library takes a text for one, none."""
     if not entry.is_text_table:
         return plain_unit(str(signal.unit or ""))
@@ -405,7 +407,7 @@ def _valid(samples: Any, invalid: Any) -> Float:
     return values
 
 
-def _description_of(entry: _Entry, channel: Any) -> str:
+def _description_of(entry: _MdfChannel, channel: Any) -> str:
     """The comment, and of an enumeration the texts of its numbers."""
     comment = " ".join(str(channel.comment or "").split())
     comment = "" if comment.startswith("<") else comment[:200]

@@ -101,8 +101,8 @@ def _walk(blocks: _Blocks4 | _Blocks3, name: str) -> None:
             open_.discard(at)
             done.add(at)
         elif following in open_:
-            what = f"the MDF file is damaged: its block at byte {at} leads back to the one at byte {following}"
-            raise InputError.of(name, what, "Copy it anew from its source.")
+            message = f"the MDF file is damaged: its block at byte {at} leads back to the one at byte {following}"
+            raise InputError.of(name, message, "Copy it anew from its source.")
         elif following not in done:
             open_.add(following)
             path.append((following, iter(_links(blocks, following, name))))
@@ -112,5 +112,5 @@ def _links(blocks: _Blocks4 | _Blocks3, at: int, name: str) -> Sequence[int]:
     try:
         return blocks.links(at)
     except ValueError as error:
-        what = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
-        raise InputError.of(name, what, "Copy it anew from its source.") from None
+        message = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
+        raise InputError.of(name, message, "Copy it anew from its source.") from None

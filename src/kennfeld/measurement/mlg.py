@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding, InputError
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import KEPT, Column, Selection, Table, distinct, marks_detail
+from kennfeld.measurement.table import KEPT, Column, Selection, Table, marks_detail, unique_names
 from kennfeld.measurement.time_column import seconds
 from kennfeld.measurement.unit_text import time_unit
 
@@ -46,7 +46,7 @@ _SWITCHES = range(4, 9)  # styles shown as a pair of words: on/off, yes/no, high
 
 
 @dataclass(frozen=True)
-class Field:
+class LogField:
     """One field of a record: its value is (raw + transform) * scale; `bits` names the bits of a field of bits."""
 
     name: str
@@ -71,7 +71,7 @@ class Head:
 
     version: int
     created: int  # Unix time in s
-    fields: tuple[Field, ...]
+    fields: tuple[LogField, ...]
     begin: int
     information: str
 
@@ -86,8 +86,8 @@ def read_head(place: str, content: memoryview) -> Head:
     """The head of a file with this content; `InputError` with all that is wrong in it."""
     version = int.from_bytes(bytes(content[6:8]), "big")
     if version not in _HEADS:
-        mend = "Log or export it anew in version 1 or 2."
-        raise InputError.of(place, f"the MLG file is of version {version}, which is not known", mend)
+        remedy = "Log or export it anew in version 1 or 2."
+        raise InputError.of(place, f"the MLG file is of version {version}, which is not known", remedy)
     if len(content) < _HEADS[version].size:
         raise _cut(place, len(content), _HEADS[version].size)
     _, _, created, info, begin, length, count = _HEADS[version].unpack_from(content)
@@ -96,8 +96,8 @@ def read_head(place: str, content: memoryview) -> Head:
     if end > len(content) or begin > len(content):
         raise _cut(place, len(content), max(end, begin))
     if not count or begin < end:
-        what = f"the MLG file is damaged: its head names {count} fields up to byte {end}, data from byte {begin}"
-        raise InputError.of(place, what, "Copy it anew from its source.")
+        message = f"the MLG file is damaged: its head names {count} fields up to byte {end}, data from byte {begin}"
+        raise InputError.of(place, message, "Copy it anew from its source.")
     findings: list[Finding] = []
     fields = tuple(
         field
@@ -106,8 +106,8 @@ def read_head(place: str, content: memoryview) -> Head:
     )
     total = sum(field.size for field in fields)
     if not findings and total != length:
-        what = f"the MLG file is damaged: its records are of {length} bytes, their fields of {total}"
-        findings.append(Finding(place, what, "Copy it anew from its source."))
+        message = f"the MLG file is damaged: its records are of {length} bytes, their fields of {total}"
+        findings.append(Finding(place, message, "Copy it anew from its source."))
     if findings:
         raise InputError(findings[:20])
     text = bytes(content[info : min(begin, info + _MOST_INFORMATION)]) if end <= info <= begin else b""
@@ -115,32 +115,32 @@ def read_head(place: str, content: memoryview) -> Head:
 
 
 def _cut(place: str, size: int, needed: int) -> InputError:
-    what = f"the MLG file is damaged or cut off: it has {size} bytes, its head alone needs {needed}"
-    return InputError.of(place, what, "Copy it anew from its source.")
+    message = f"the MLG file is damaged or cut off: it has {size} bytes, its head alone needs {needed}"
+    return InputError.of(place, message, "Copy it anew from its source.")
 
 
 def _field(
     place: str, number: int, content: memoryview, at: int, size: int, names: tuple[int, int], findings: list[Finding]
-) -> Field | None:
+) -> LogField | None:
     kind = content[at]
     category = plain_text(bytes(content[at : at + size][_CATEGORY]))
     if kind in _BIT_TYPES:
         _, name, unit, style, _, index, count = _BITS.unpack_from(content, at)
         width = 8 * np.dtype(_BIT_TYPES[kind]).itemsize
         bits = _bit_names(content, index, min(count, width), names)
-        return Field(plain_text(name), plain_text(unit), _BIT_TYPES[kind], style=style, category=category, bits=bits)
+        return LogField(plain_text(name), plain_text(unit), _BIT_TYPES[kind], style=style, category=category, bits=bits)
     where = f"{place} field {number}"
     if kind not in _TYPES:
         findings.append(Finding(where, f"its type {kind} is not known", "Copy the file anew from its source."))
         return None
     _, name, unit, style, scale, transform, digits = _NUMBER.unpack_from(content, at)
     if not (np.isfinite(scale) and np.isfinite(transform)):
-        what = f"its scale {scale:g} and transform {transform:g} must be finite"
-        findings.append(Finding(where, what, "Copy the file anew from its source."))
+        message = f"its scale {scale:g} and transform {transform:g} must be finite"
+        findings.append(Finding(where, message, "Copy the file anew from its source."))
         return None
     called = plain_text(name) or f"field {number}"
     numbers = _decimal(scale), _decimal(transform)
-    return Field(called, plain_text(unit), _TYPES[kind], *numbers, digits, style, category)
+    return LogField(called, plain_text(unit), _TYPES[kind], *numbers, digits, style, category)
 
 
 def _decimal(value: float) -> float:
@@ -169,7 +169,7 @@ def plain_text(text: bytes) -> str:
 class _Signal:
     """A channel: a field, or one bit of it."""
 
-    field: Field
+    field: LogField
     place: int  # of the field in the record
     bit: int | None = None
 
@@ -191,7 +191,7 @@ class _Blocks:
     rest: int  # bytes of a block that is cut off
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of an MLG file.
 
     The field `Time` is the time where there is one: the stamps of the records, in 10 us, start anew every 0.66 s and
@@ -201,7 +201,7 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
     content = np.memmap(source.path, np.uint8, mode="r")
     head = read_head(source.name, memoryview(content))  # type: ignore[arg-type]
     signals = _signals(head)
-    names = distinct([signal.label for signal in signals])
+    names = unique_names([signal.label for signal in signals])
     header = Header(0, 0, tuple(names), tuple(signal.field.unit for signal in signals))
     blocks = _blocks(source.name, content, head)
     wanted = selection.wants(header)
@@ -214,8 +214,8 @@ def _check_size(place: str, blocks: _Blocks, channels: int) -> None:
     if not blocks.records.size:
         raise InputError.of(place, "holds no records", "Is it the right file?")
     if channels * blocks.records.size > _MOST:
-        what = f"{channels} channels of this file are more than {_MOST} values"
-        raise InputError.of(place, what, "Name the channels to read.")
+        message = f"{channels} channels of this file are more than {_MOST} values"
+        raise InputError.of(place, message, "Name the channels to read.")
 
 
 def _signals(head: Head) -> list[_Signal]:
@@ -248,10 +248,10 @@ def _blocks(place: str, content: NDArray[np.uint8], head: Head) -> _Blocks:
         elif kind in (0, 1):
             break
         else:
-            what = (
+            message = (
                 f"the MLG file is damaged: after {count} records, at byte {at}, stands a block of unknown type {kind}"
             )
-            raise InputError.of(place, what, "Copy it anew from its source.")
+            raise InputError.of(place, message, "Copy it anew from its source.")
     whole = runs[0] if len(runs) == 1 else np.concatenate(runs) if runs else content[:0]
     return _Blocks(whole.view(head.record), tuple(marks), mark_count, content.size - at)
 
@@ -286,7 +286,7 @@ def _column(name: str, signal: _Signal, blocks: _Blocks) -> Column:
     return Column(name, field.unit, name, values, held=held, description=_said(field))
 
 
-def _said(field: Field) -> str:
+def _said(field: LogField) -> str:
     digits = f"{field.digits} digit{'s' * (field.digits > 1)}" if field.digits > 0 else ""
     return ", ".join(part for part in (field.category, digits) if part)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import Source
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.unit_text import split_name
@@ -19,7 +19,7 @@ _INDEX = "__index_level_"  # how pandas calls an index without a name
 _AT_ONCE = 1 << 22  # values; each reading goes through the names of all columns
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of a Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -37,8 +37,8 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
             if odd := [column.name for column in columns if column.values.size != count]:
                 raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
-        what = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
-        raise InputError.of(source.name, what, "Copy or write it anew.") from None
+        message = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
+        raise InputError.of(source.name, message, "Copy or write it anew.") from None
     if not count:
         raise InputError.of(source.name, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)

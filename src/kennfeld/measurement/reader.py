@@ -10,7 +10,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.measurement.channel_groups import join, timelines
-from kennfeld.measurement.file_kind import Kind, Source, guarded, locate
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile, guarded, locate
 from kennfeld.measurement.table import Selection, Table, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, described
 from kennfeld.measurement.time_column import without_untimed
@@ -20,23 +20,23 @@ __all__ = ["describe", "read", "read_leniently"]
 
 # a format more is a module more: one that offers read_tables(source, selection)
 _READERS = {
-    Kind.CSV: "text",
-    Kind.EXCEL: "excel",
-    Kind.PARQUET: "parquet",
-    Kind.MDF: "mdf",
-    Kind.MATLAB: "matlab",
-    Kind.HDF5: "matlab",
-    Kind.MLG: "mlg",
-    Kind.MSL: "msl",
-    Kind.HPTUNERS: "hptuners",
-    Kind.LVM: "lvm",
+    FileKind.CSV: "text",
+    FileKind.EXCEL: "excel",
+    FileKind.PARQUET: "parquet",
+    FileKind.MDF: "mdf",
+    FileKind.MATLAB: "matlab",
+    FileKind.HDF5: "matlab",
+    FileKind.MLG: "mlg",
+    FileKind.MSL: "msl",
+    FileKind.HPTUNERS: "hptuners",
+    FileKind.LVM: "lvm",
 }
-_TEXT = {Kind.CSV, Kind.MSL, Kind.HPTUNERS, Kind.LVM}  # kinds that may be packed by gzip
-_PLAIN = {Kind.CSV, Kind.XML, Kind.OTHER}  # kinds that no mark tells apart
+_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be packed by gzip
+_PLAIN = {FileKind.CSV, FileKind.XML, FileKind.OTHER}  # kinds that no mark tells apart
 _HEAD = 4096  # bytes
-_LOGS = {Kind.MLG, Kind.MSL}  # kinds whose records may lack a time stamp
+_LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
-_RASTERS = {Kind.MDF, Kind.MATLAB, Kind.HDF5, Kind.HPTUNERS}
+_RASTERS = {FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS}
 
 
 def read(
@@ -84,7 +84,7 @@ def _selection(channels: Sequence[str] | None, units: Mapping[str, str] | None) 
     return Selection(None if channels is None else tuple(dict.fromkeys(channels)), dict(units or {}))
 
 
-def _read(source: Source, selection: Selection, raster: float | None, *, strict: bool) -> Dataset:
+def _read(source: MeasurementFile, selection: Selection, raster: float | None, *, strict: bool) -> Dataset:
     tables = [table.with_units(selection.units) for table in _tables(source, selection)]
     if strict:
         _check_stated(source, tables, selection)
@@ -96,7 +96,7 @@ def _read(source: Source, selection: Selection, raster: float | None, *, strict:
     return assemble(parts[0], source.stem, selection, raster)
 
 
-def _check_stated(source: Source, tables: Sequence[Table], selection: Selection) -> None:
+def _check_stated(source: MeasurementFile, tables: Sequence[Table], selection: Selection) -> None:
     """Refuse units for columns that are not there."""
     names = dict.fromkeys(name for table in tables for name in [*table.names, *_clock_name(table)] if name)
     missing = [name for name in selection.units if name not in names]
@@ -130,26 +130,26 @@ def describe(path: str | Path) -> Description:
     return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
 
 
-def _located(path: str | Path, sheet: str | None) -> Source:
+def _located(path: str | Path, sheet: str | None) -> MeasurementFile:
     source = guarded(Path(path).name, lambda: locate(path, sheet))
-    if source.kind is Kind.PACKED:
+    if source.kind is FileKind.PACKED:
         raise InputError.of(source.name, "this is a packed file", "Unpack it first; of packed files, gzip is read.")
     if source.kind in _PLAIN:
         refuse_foreign(source.name, guarded(source.name, lambda: _start(source)))
     if source.kind not in _READERS:
-        what = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
+        message = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
         raise InputError.of(
-            source.name, what, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
+            source.name, message, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
         )
     if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
-    if source.sheet is not None and source.kind is not Kind.EXCEL:
-        what = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
-        raise InputError.of(source.name, what, "Leave the sheet out.")
+    if source.sheet is not None and source.kind is not FileKind.EXCEL:
+        message = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
+        raise InputError.of(source.name, message, "Leave the sheet out.")
     return source
 
 
-def _start(source: Source) -> bytes:
+def _start(source: MeasurementFile) -> bytes:
     with source.open() as stream:
         return stream.read(_HEAD)
 
@@ -159,18 +159,18 @@ def _article(kind: str) -> str:
     return f"{'an' if spoken else 'a'} {kind}"
 
 
-def _reader(source: Source) -> Any:
+def _reader(source: MeasurementFile) -> Any:
     return import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
 
 
-def _tables(source: Source, selection: Selection) -> list[Table]:
+def _tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     reader = _reader(source)
     tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
     tables = [without_infinite(table) for table in tables]
     return [without_untimed(table) for table in tables] if source.kind in _LOGS else tables
 
 
-def _only(source: Source, tables: Sequence[Table]) -> Table:
+def _only(source: MeasurementFile, tables: Sequence[Table]) -> Table:
     """The one table; where there are several, a finding that lists them."""
     if len(tables) == 1:
         return tables[0]
@@ -179,6 +179,6 @@ def _only(source: Source, tables: Sequence[Table]) -> Table:
         names = [name for name in table.names if name]
         listed = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
         sheet = dict(table.details).get("sheet", "")
-        what = f"{table.rows.size} rows of {listed}; several sheets hold tables and none is chosen"
-        found.append(Finding(table.place, what, f"Write {source.name}#{sheet} to choose it."))
+        message = f"{table.rows.size} rows of {listed}; several sheets hold tables and none is chosen"
+        found.append(Finding(table.place, message, f"Write {source.name}#{sheet} to choose it."))
     raise InputError(found)

@@ -15,7 +15,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
-from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, numbers, shown, stamps
+from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, numbers, quote_cell, stamps
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time
 
@@ -25,11 +25,11 @@ __all__ = [
     "ColumnBuilder",
     "Selection",
     "Table",
-    "capped",
-    "distinct",
     "is_mark",
+    "limit_findings",
     "marks_detail",
     "text_findings",
+    "unique_names",
     "without_infinite",
 ]
 
@@ -41,10 +41,10 @@ KEPT = 12  # markers that a description quotes
 _MARK = re.compile(r'\s*"?MARK\s+\d+\b')
 
 
-def distinct(names: Sequence[str]) -> list[str]:
+def unique_names(names: Sequence[str]) -> list[str]:
     """The names, each once: the second `Speed` becomes `Speed (2)`; empty ones stay empty.
 
-    >>> distinct(["Speed", "Torque", "Speed", "", ""])
+    >>> unique_names(["Speed", "Torque", "Speed", "", ""])
     ['Speed', 'Torque', 'Speed (2)', '', '']
     """
     taken = set(names)
@@ -201,16 +201,16 @@ def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:
             by_row.setdefault(sample, []).append((column, cell))
     found = [_text_finding(table, sample, cells) for sample, cells in sorted(by_row.items())]
     unseen = total - sum(len(cells) for cells in by_row.values())
-    return capped(found, table.place, "rows that hold text among numbers", unseen)
+    return limit_findings(found, table.place, "rows that hold text among numbers", unseen)
 
 
 def _text_finding(table: Table, sample: int, cells: list[tuple[Column, object]]) -> Finding:
     place = table.at(sample, *(column for column, _ in cells))
     if len(cells) == 1:
-        return Finding(place, f"{shown(cells[0][1])} is no number", _mend(str(cells[0][1])))
-    quoted = ", ".join(shown(cell) for _, cell in cells[:3]) + (", ..." if len(cells) > 3 else "")
-    mend = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
-    return Finding(place, f"{quoted} are no numbers", mend)
+        return Finding(place, f"{quote_cell(cells[0][1])} is no number", _mend(str(cells[0][1])))
+    quoted = ", ".join(quote_cell(cell) for _, cell in cells[:3]) + (", ..." if len(cells) > 3 else "")
+    remedy = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
+    return Finding(place, f"{quoted} are no numbers", remedy)
 
 
 def _mend(cell: str) -> str:
@@ -220,12 +220,12 @@ def _mend(cell: str) -> str:
     return "Correct it, or leave the cell empty where there is no value."
 
 
-def capped(found: list[Finding], place: str, what: str, unseen: int = 0) -> list[Finding]:
+def limit_findings(found: list[Finding], place: str, message: str, unseen: int = 0) -> list[Finding]:
     """The findings, cut to the first twenty with a count of the others."""
     more = max(len(found) - _FINDINGS, 0) + unseen
     if not more:
         return found
-    return [*found[:_FINDINGS], Finding(place, f"{more} more {what}")]
+    return [*found[:_FINDINGS], Finding(place, f"{more} more {message}")]
 
 
 def without_infinite(table: Table) -> Table:
@@ -252,8 +252,10 @@ def _finite(column: Column) -> Column:
 
 def _warning(table: Table, column: Column) -> Finding:
     at = np.flatnonzero(np.isinf(column.values))
-    what = f"{at.size} of {column.values.size} values {'is' if at.size == 1 else 'are'} infinite and taken as missing"
-    return Finding(table.at(int(at[0]), column), what, severity="warning")
+    message = (
+        f"{at.size} of {column.values.size} values {'is' if at.size == 1 else 'are'} infinite and taken as missing"
+    )
+    return Finding(table.at(int(at[0]), column), message, severity="warning")
 
 
 def is_mark(line: str, separator: str) -> bool:

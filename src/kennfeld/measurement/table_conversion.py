@@ -13,7 +13,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, concatenate
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.measurement.cells import shown
+from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.resampling import grid, resample_all, samples_on
 from kennfeld.measurement.table import Column, Selection, Table, text_findings, without_infinite
 from kennfeld.measurement.time_column import clock_of, find_time, merge, pieces, seconds, time_findings, unit_remedy
@@ -24,9 +24,9 @@ __all__ = [
     "TableDescription",
     "TimeDescription",
     "assemble",
-    "checked",
+    "check_columns",
     "described",
-    "frozen",
+    "readonly_view",
 ]
 
 _MOST = 500_000_000  # values of a resampled dataset, 4 GB
@@ -34,9 +34,9 @@ _MOST = 500_000_000  # values of a resampled dataset, 4 GB
 
 def assemble(table: Table, name: str, selection: Selection, raster: float | None = None) -> Dataset:
     """The dataset in a table; `InputError` with all that is wrong in the columns it needs."""
-    time, channels = checked(table, selection, raster)
+    time, channels = check_columns(table, selection, raster)
     if time is None:
-        made = tuple(Channel(c.name, frozen(c.values), c.unit, c.description) for c in channels)
+        made = tuple(Channel(c.name, readonly_view(c.values), c.unit, c.description) for c in channels)
         return Dataset(name, made, remarks=table.remarks)
     stamps = seconds(time)
     parts = [_piece(name, stamps[k], channels, k, raster) for k in pieces(table, stamps)]
@@ -49,18 +49,20 @@ def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, ras
     if raster is not None:
         even = grid(stamps, raster)
         stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
-    made = (Channel(c.name, frozen(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
-    return Dataset(name, tuple(made), frozen(stamps))
+    made = (Channel(c.name, readonly_view(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
+    return Dataset(name, tuple(made), readonly_view(stamps))
 
 
-def frozen(values: Float) -> Float:
+def readonly_view(values: Float) -> Float:
     """The values, read-only in place, so that the domain types need no copy; the arrays are ours alone."""
     if values.flags.writeable:
         values.setflags(write=False)
     return values
 
 
-def checked(table: Table, selection: Selection, raster: float | None = None) -> tuple[Column | None, list[Column]]:
+def check_columns(
+    table: Table, selection: Selection, raster: float | None = None
+) -> tuple[Column | None, list[Column]]:
     """The time column, if any, and the channels; `InputError` with all findings."""
     time = find_time(table, selection.channels or ())
     channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
@@ -96,8 +98,10 @@ def _missing(table: Table, selection: Selection) -> list[Finding]:
         elif name in by_name and by_name[name].is_text:
             column = by_name[name]
             sample, cell = column.texts[0]
-            mend = "Choose another channel, or replace the text by numbers."
-            found.append(Finding(table.at(sample, column), f"the column holds text, such as {shown(cell)}", mend))
+            remedy = "Choose another channel, or replace the text by numbers."
+            found.append(
+                Finding(table.at(sample, column), f"the column holds text, such as {quote_cell(cell)}", remedy)
+            )
     return found
 
 
@@ -121,20 +125,20 @@ def _time_findings(table: Table, column: Column, raster: float | None, channels:
     if points <= 1000.0 * time.size + 1e6 and points * max(channels, 1) <= _MOST:
         return []
     widest = int(np.argmax(np.diff(time))) + 1
-    what = f"raster={raster:g} s would make {points:.3g} samples of {time.size}; the longest gap ends here"
-    mend = "Choose a coarser raster, or correct the time stamp."
+    message = f"raster={raster:g} s would make {points:.3g} samples of {time.size}; the longest gap ends here"
+    remedy = "Choose a coarser raster, or correct the time stamp."
     if clock_of(column).in_milliseconds:
-        what += "; the time stamps look like milliseconds"
-        mend = unit_remedy(column.name)
-    return [Finding(table.at(widest, column), what, mend)]
+        message += "; the time stamps look like milliseconds"
+        remedy = unit_remedy(column.name)
+    return [Finding(table.at(widest, column), message, remedy)]
 
 
 def _no_time(table: Table, raster: float) -> Finding:
     text = next((c for c in table.columns if c.is_text and c.texts and "time" in c.name.casefold()), None)
-    what = f"raster={raster:g} s needs a time column, and there is none"
+    message = f"raster={raster:g} s needs a time column, and there is none"
     if text is not None:
-        what += f": {text.name} holds text, such as {shown(text.texts[0][1])}"
-    return Finding(table.place, what, "Call it time, in seconds, or leave the raster out for steady-state points.")
+        message += f": {text.name} holds text, such as {quote_cell(text.texts[0][1])}"
+    return Finding(table.place, message, "Call it time, in seconds, or leave the raster out for steady-state points.")
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,17 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split
 from kennfeld.measurement.encoding import GUESSED, encoding_of
-from kennfeld.measurement.file_kind import Source
-from kennfeld.measurement.table import KEPT, Column, ColumnBuilder, Selection, Table, capped, is_mark, marks_detail
+from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.table import (
+    KEPT,
+    Column,
+    ColumnBuilder,
+    Selection,
+    Table,
+    is_mark,
+    limit_findings,
+    marks_detail,
+)
 from kennfeld.measurement.time_column import find_time, seconds
 
 __all__ = ["lines_of"]
@@ -49,7 +58,7 @@ _LINE = 16_000_000  # characters; no line of a measurement is longer
 _BLOCK = 4096  # rows
 
 
-def read_clean(source: Source, dialect: Dialect, selection: Selection) -> Table | None:
+def read_clean(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
     """The table of a text file, or None where the exact reader has to look at it."""
     header = dialect.header
     width = len(header.names)
@@ -83,16 +92,16 @@ def read_clean(source: Source, dialect: Dialect, selection: Selection) -> Table 
     return Table(source.name, made, rows, names=header.names, details=dialect.details)
 
 
-def with_doubts(source: Source, dialect: Dialect, table: Table) -> Table:
+def with_doubts(source: MeasurementFile, dialect: Dialect, table: Table) -> Table:
     """Return the table of a text file with a remark for each thing that the file leaves open."""
     remarks = [*_encoding(source, dialect), *_thousands(source, dialect, table)]
     return replace(table, remarks=(*table.remarks, *remarks)) if remarks else table
 
 
-def _encoding(source: Source, dialect: Dialect) -> Iterator[Finding]:
+def _encoding(source: MeasurementFile, dialect: Dialect) -> Iterator[Finding]:
     if dialect.encoding in GUESSED:
-        what = f"is not UTF-8 and was read as {GUESSED[dialect.encoding]}, which most of its characters suggest"
-        yield Finding(source.name, what, "Save it as UTF-8 if names or units are wrong.", severity="remark")
+        message = f"is not UTF-8 and was read as {GUESSED[dialect.encoding]}, which most of its characters suggest"
+        yield Finding(source.name, message, "Save it as UTF-8 if names or units are wrong.", severity="remark")
 
 
 @dataclass
@@ -104,7 +113,7 @@ class _Grouped:
     count: int = 0
 
 
-def _thousands(source: Source, dialect: Dialect, table: Table) -> Iterator[Finding]:
+def _thousands(source: MeasurementFile, dialect: Dialect, table: Table) -> Iterator[Finding]:
     """A warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point."""
     if dialect.separator in (",", " ") or dialect.decimal != ".":
         return
@@ -118,12 +127,12 @@ def _thousands(source: Source, dialect: Dialect, table: Table) -> Iterator[Findi
         if values.size == cell.count or values.max() >= _LEAST_GROUPED:
             continue
         meant = cell.text.replace(".", "")
-        what = f"{cell.text} is read as {float(cell.text):g}, but may mean {meant}: other cells have no point"
-        mend = f"If it means {meant}, export the file without thousands separators; if not, ignore this."
-        yield Finding(f"{table.place} line {cell.line}, column {column.place}", what, mend, severity="warning")
+        message = f"{cell.text} is read as {float(cell.text):g}, but may mean {meant}: other cells have no point"
+        remedy = f"If it means {meant}, export the file without thousands separators; if not, ignore this."
+        yield Finding(f"{table.place} line {cell.line}, column {column.place}", message, remedy, severity="warning")
 
 
-def _grouped(source: Source, dialect: Dialect) -> dict[int, _Grouped]:
+def _grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _Grouped]:
     """The numbers of each column that may be grouped; none if any cell of the file has a decimal point for sure."""
     found: dict[int, _Grouped] | None = {}
     for size in (_START, _MOST):
@@ -151,7 +160,7 @@ def _grouped_in(text: str, dialect: Dialect) -> dict[int, _Grouped] | None:
     return found
 
 
-def read_tables(source: Source, selection: Selection) -> list[Table]:
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of a text file."""
     dialect = dialect_of(source)
     if source.size > BULK:
@@ -164,7 +173,7 @@ def read_tables(source: Source, selection: Selection) -> list[Table]:
     return [with_doubts(source, dialect, table)]
 
 
-def dialect_of(source: Source) -> Dialect:
+def dialect_of(source: MeasurementFile) -> Dialect:
     """How the file is written; `InputError` where it holds no table."""
     with source.open() as stream:
         start = stream.read(1 << 16)
@@ -188,7 +197,7 @@ def _limited(lines: Iterator[tuple[int, str]], count: int) -> Iterator[tuple[int
         yield number_, line
 
 
-def lines_of(source: Source, encoding: str) -> Iterator[tuple[int, str]]:
+def lines_of(source: MeasurementFile, encoding: str) -> Iterator[tuple[int, str]]:
     """Line number, counted from 1, and line, without its end."""
     with io.TextIOWrapper(source.open(), encoding, errors="replace", newline=None) as stream:
         count = 0
@@ -200,7 +209,7 @@ def lines_of(source: Source, encoding: str) -> Iterator[tuple[int, str]]:
 
 
 @dataclass
-class _Rows:
+class _TextRows:
     """The rows of a table as they are read."""
 
     width: int  # cells that a row must have
@@ -234,7 +243,7 @@ class _Rows:
         return (cells + [""] * (self.limit - len(cells)))[: self.limit]
 
 
-def read_exactly(source: Source, dialect: Dialect, selection: Selection) -> Table:
+def read_exactly(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table:
     """The table, read line by line."""
     table, flipped = _pass(source, dialect, selection)
     if flipped is None:
@@ -248,10 +257,10 @@ def _text_cells(table: Table) -> int:
     return sum(column.text_count for column in table.columns)
 
 
-def _pass(source: Source, dialect: Dialect, selection: Selection) -> tuple[Table, Decimal | None]:
+def _pass(source: MeasurementFile, dialect: Dialect, selection: Selection) -> tuple[Table, Decimal | None]:
     header = dialect.header
     builders = {i: ColumnBuilder(header.names[i], header.units[i], header.names[i]) for i in selection.wants(header)}
-    rows = _Rows(header.width, len(header.names), builders, dialect.decimal)
+    rows = _TextRows(header.width, len(header.names), builders, dialect.decimal)
     block: list[tuple[int, list[str]]] = []
     for row in _cells(source, dialect, rows):
         block.append(row)
@@ -272,7 +281,7 @@ def _pass(source: Source, dialect: Dialect, selection: Selection) -> tuple[Table
     return table, _other_decimal(table, dialect)
 
 
-def _marks(table: Table, rows: _Rows) -> tuple[tuple[str, str], ...]:
+def _marks(table: Table, rows: _TextRows) -> tuple[tuple[str, str], ...]:
     clock = find_time(table)
     if clock is None:
         return marks_detail([(None, text) for _, text in rows.marks], rows.mark_count)
@@ -281,7 +290,7 @@ def _marks(table: Table, rows: _Rows) -> tuple[tuple[str, str], ...]:
     return marks_detail([(float(time[k]), text) for k, (_, text) in zip(at, rows.marks, strict=True)], rows.mark_count)
 
 
-def _cells(source: Source, dialect: Dialect, rows: _Rows) -> Iterator[tuple[int, list[str]]]:
+def _cells(source: MeasurementFile, dialect: Dialect, rows: _TextRows) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each row of data."""
     separator, first = dialect.separator, dialect.header.data
     blank = separator + " \t"
@@ -304,17 +313,17 @@ def _cells(source: Source, dialect: Dialect, rows: _Rows) -> Iterator[tuple[int,
         yield opened, split(held, separator)
 
 
-def _odd_rows(place: str, rows: _Rows) -> Iterator[Finding]:
+def _odd_rows(place: str, rows: _TextRows) -> Iterator[Finding]:
     last = rows.numbers[-1] if rows.numbers else 0
     found = []
     for line, cells in rows.odd[:200]:
-        what = f"the row has {cells} cell{'s' * (cells != 1)}, the header names {rows.width}"
+        message = f"the row has {cells} cell{'s' * (cells != 1)}, the header names {rows.width}"
         if line == last and cells < rows.width:
-            mend = "The file seems to be cut off here: copy or export it anew, or remove this line."
+            remedy = "The file seems to be cut off here: copy or export it anew, or remove this line."
         else:
-            mend = "Give the row as many cells as the header."
-        found.append(Finding(f"{place} line {line}", what, mend))
-    yield from capped(found, place, "rows with too many or too few cells", max(len(rows.odd) - 200, 0))
+            remedy = "Give the row as many cells as the header."
+        found.append(Finding(f"{place} line {line}", message, remedy))
+    yield from limit_findings(found, place, "rows with too many or too few cells", max(len(rows.odd) - 200, 0))
 
 
 def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
@@ -325,7 +334,7 @@ def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
     return other if any(number(cell, other) is not None for cell in cells) else None
 
 
-def read_msl_tables(source: Source, selection: Selection) -> list[Table]:
+def read_msl_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of a text log; each restart of its time begins a new piece."""
     dialect = dialect_of(source)
     above = []

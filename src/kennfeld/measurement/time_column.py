@@ -12,7 +12,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Clock
 from kennfeld.errors import Finding
-from kennfeld.measurement.table import Column, Table, capped
+from kennfeld.measurement.table import Column, Table, limit_findings
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, states_unit_of_time, time_unit
 
 __all__ = [
@@ -113,14 +113,14 @@ def unit_remedy(name: str) -> str:
 
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     """What is wrong with the time stamps: gaps, steps backwards, a clock that stands still."""
-    what = "rows with a wrong time stamp"
+    message = "rows with a wrong time stamp"
     gaps = np.flatnonzero(np.isnan(time))
     if gaps.size:
-        mend = "Remove the row or give it a time."
-        return capped(
-            [Finding(table.at(k, column), "the time stamp is missing", mend) for k in gaps[:200]],
+        remedy = "Remove the row or give it a time."
+        return limit_findings(
+            [Finding(table.at(k, column), "the time stamp is missing", remedy) for k in gaps[:200]],
             table.place,
-            what,
+            message,
             max(gaps.size - 200, 0),
         )
     latest = np.maximum.accumulate(time)
@@ -129,14 +129,14 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     found = [] if table.restarts else found
     still = int(np.count_nonzero(time[1:] < (time if table.restarts else latest)[:-1] + SAME))
     if not found and 2 * still > time.size:
-        mend = "Write the time with more digits, or rename the column if it is no time."
-        found = [Finding(f"{table.place}, column {column.place}", f"time stands still at {still} samples", mend)]
-    return capped(found, table.place, what, 0 if table.restarts else max(back.size - 200, 0))
+        remedy = "Write the time with more digits, or rename the column if it is no time."
+        found = [Finding(f"{table.place}, column {column.place}", f"time stands still at {still} samples", remedy)]
+    return limit_findings(found, table.place, message, 0 if table.restarts else max(back.size - 200, 0))
 
 
 def _backwards(table: Table, column: Column, time: Float, k: int) -> Finding:
-    what = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
-    return Finding(table.at(k, column), what, "Split the file here, or rename the column if it is no time.")
+    message = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
+    return Finding(table.at(k, column), message, "Split the file here, or rename the column if it is no time.")
 
 
 def pieces(table: Table, time: Float) -> list[slice]:
@@ -200,6 +200,6 @@ def without_untimed(table: Table) -> Table:
 def _remark(table: Table, kept: Bool) -> Finding:
     lost = np.flatnonzero(~kept)
     word = table.row_word if lost.size == 1 else f"{table.row_word}s"
-    what = f"{lost.size} {word} of {kept.size} left out, without a time stamp or later than the next one"
+    message = f"{lost.size} {word} of {kept.size} left out, without a time stamp or later than the next one"
     severity = "warning" if lost.size > _SHARE * kept.size and lost.size > 1 else "remark"
-    return Finding(table.at(int(lost[0])), what, severity=severity)  # type: ignore[arg-type]
+    return Finding(table.at(int(lost[0])), message, severity=severity)  # type: ignore[arg-type]

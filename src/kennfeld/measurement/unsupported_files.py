@@ -19,8 +19,8 @@ _DATABASE = "a database of bus messages: it describes signals and holds no sampl
 class _Foreign:
     """A kind of file by how it begins; `text` is sought within its first bytes, whatever the case of letters."""
 
-    what: str
-    mend: str
+    message: str
+    remedy: str
     text: bytes
 
     def begins(self, start: bytes) -> bool:
@@ -60,4 +60,4 @@ def refuse_foreign(place: str, start: bytes) -> None:
     text = start.removeprefix(b"\xef\xbb\xbf")
     for one in _FOREIGN:
         if one.begins(text):
-            raise InputError.of(place, f"this is {one.what}", one.mend)
+            raise InputError.of(place, f"this is {one.message}", one.remedy)

@@ -12,10 +12,10 @@ from kennfeld.graph import Graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-if TYPE_CHECKING:  # most models call none
+if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Model", "started"]
+__all__ = ["Model", "merge_start_values"]
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -60,7 +60,7 @@ class Model:
         return expansions(self.surrogates).merged(self.values)
 
 
-def started(own: ParameterSet, given: ParameterSet, *, continued: bool = True) -> ParameterSet:
+def merge_start_values(own: ParameterSet, given: ParameterSet, *, continued: bool = True) -> ParameterSet:
     """The parameters of a model with given ones, mostly those of calibration files, in their place.
 
     Limits are the given ones, where a parameter has any, else those of the model. With `continued`, a table goes on

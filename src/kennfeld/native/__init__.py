@@ -1,7 +1,7 @@
 """Graphs compiled to machine code."""
 
 from kennfeld.criteria import Loss
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native.accumulator import Accumulator, Normal
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.gram import Gram
@@ -22,5 +22,5 @@ __all__ = [
     "Piece",
     "Samples",
     "Simulator",
-    "Values",
+    "ValueLayout",
 ]

@@ -243,12 +243,12 @@ class Accumulator:
 
 def _check(kernel: Kernel, samples: Samples) -> None:
     """Refuse samples that the kernel would read beyond their rows."""
-    for what, rows, needed in (
+    for message, rows, needed in (
         ("inputs", samples.inputs, len(kernel.layout.inputs)),
         ("targets", samples.wanted, len(kernel.outputs)),
     ):
         if len(rows.parts) != needed:
-            raise ArgumentError(f"{len(rows.parts)} rows of {what} for a kernel with {needed}")
+            raise ArgumentError(f"{len(rows.parts)} rows of {message} for a kernel with {needed}")
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

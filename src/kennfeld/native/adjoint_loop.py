@@ -9,10 +9,10 @@ sample, the factors. It is compiled once for each number of lanes.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import accumulate, count
 
-from kennfeld.graph.adjoints import PullBack
+from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.native.elementwise import c_function
-from kennfeld.native.engine import Shared
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.engine import SharedFunction
+from kennfeld.native.ir import FunctionWriter, literal
 
 __all__ = ["FILLED", "PullProgram"]
 
@@ -44,9 +44,9 @@ FILLED = tuple(("ptr", name) for name in ("factors", "seeds", "weights", "source
 CACHE_LINE = 64  # bytes
 
 
-def _pull(lanes: int) -> Function:
+def _pull(lanes: int) -> FunctionWriter:
     """`pull(...)`: all rows of one sample, `lanes` at a time; the last block overlaps the one before."""
-    f = Function("pull", PARAMETERS)
+    f = FunctionWriter("pull", PARAMETERS)
     v = _Vectors(f, lanes)
     blocks = f.new(f"sdiv i64 {f.add('%rows', lanes - 1)}, {lanes}")
     last = f.add("%rows", -lanes)
@@ -60,7 +60,7 @@ def _pull(lanes: int) -> Function:
     return f
 
 
-def _sweep(f: Function, v: "_Vectors", row: str, product: Callable[[str, str], str]) -> None:
+def _sweep(f: FunctionWriter, v: "_Vectors", row: str, product: Callable[[str, str], str]) -> None:
     """All adjoints of the rows from `row` on."""
     f.do(f"call void @llvm.memset.p0.i64(ptr %adjoints, i8 0, i64 {f.mul('%slots', 8 * v.lanes)}, i1 false)")
     for lane in range(v.lanes):
@@ -73,7 +73,7 @@ def _sweep(f: Function, v: "_Vectors", row: str, product: Callable[[str, str], s
         v.store(v.sum(v.load("%adjoints", onto), passed), "%adjoints", onto)
 
 
-def _wild(f: Function, v: "_Vectors") -> str:
+def _wild(f: FunctionWriter, v: "_Vectors") -> str:
     """Whether a slope is not finite: then zeros may have met what is not, which is rare and takes longer to do well."""
     total = f.slot(v.kind)
     f.do(f"store {v.kind} zeroinitializer, ptr {total}")
@@ -87,11 +87,11 @@ def _wild(f: Function, v: "_Vectors") -> str:
     return f.new(f"fcmp uno double {found}, {found}")
 
 
-def _index(f: Function, table: str, at: str) -> str:
+def _index(f: FunctionWriter, table: str, at: str) -> str:
     return f.new(f"sext i32 {f.load(table, at, 'i32')} to i64")
 
 
-def _fill_entries(f: Function, v: "_Vectors", row: str) -> None:
+def _fill_entries(f: FunctionWriter, v: "_Vectors", row: str) -> None:
     """Write the slopes of entries."""
     with f.loop(0, "%entries") as entry:
         adjoint = v.load("%adjoints", _index(f, "%sources", entry))
@@ -99,7 +99,7 @@ def _fill_entries(f: Function, v: "_Vectors", row: str) -> None:
         v.store(v.guarded_product(adjoint, f.load("%weights", entry)), "%slope", place)
 
 
-def _fill_matrices(f: Function, v: "_Vectors", row: str) -> None:
+def _fill_matrices(f: FunctionWriter, v: "_Vectors", row: str) -> None:
     """Write the slopes with respect to states, of the rows from `row` on."""
     for lane in range(v.lanes):
         own = f.add(row, lane)
@@ -113,7 +113,7 @@ def _fill_matrices(f: Function, v: "_Vectors", row: str) -> None:
 class _Vectors:
     """Instructions on vectors of doubles."""
 
-    def __init__(self, f: Function, lanes: int) -> None:
+    def __init__(self, f: FunctionWriter, lanes: int) -> None:
         self.f, self.lanes, self.kind = f, lanes, f"<{lanes} x double>"
 
     def load(self, pointer: str, index: str) -> str:
@@ -147,8 +147,8 @@ class _Vectors:
         return f.new(f"select <{self.lanes} x i1> {both}, {self.kind} {product}, {self.kind} zeroinitializer")
 
 
-def _shared(lanes: int) -> Shared:
-    return Shared("pull", lambda: _pull(lanes).text())
+def _shared(lanes: int) -> SharedFunction:
+    return SharedFunction("pull", lambda: _pull(lanes).text())
 
 
 PULL = {lanes: _shared(lanes) for lanes in (1, 2, 4)}  # by lanes; more would no longer fit the nearest cache
@@ -163,7 +163,9 @@ class PullProgram:
     entries that a sample can have.
     """
 
-    def __init__(self, name: str, back: PullBack, cells: Sequence[Sequence[tuple[int, int]]], entries: int) -> None:
+    def __init__(
+        self, name: str, back: AdjointProgram, cells: Sequence[Sequence[tuple[int, int]]], entries: int
+    ) -> None:
         self.name = name
         self.rows = len(back.roots)
         self.scales = back.scales
@@ -184,9 +186,9 @@ class PullProgram:
 
     def tables(self) -> str:
         """The tables as constants of the module."""
-        return "".join(_table(f"{self.name}_{what}", numbers) for what, numbers in self._tables.items())
+        return "".join(_table(f"{self.name}_{message}", numbers) for message, numbers in self._tables.items())
 
-    def memory(self, f: Function) -> dict[str, str]:
+    def memory(self, f: FunctionWriter) -> dict[str, str]:
         """Memory for the run of a native function, by the names of the loop's parameters; `free` gives it back."""
         sizes = {
             "adjoints": self._slots * self._lanes,
@@ -204,7 +206,7 @@ class PullProgram:
             at = f.at(at, size)
         return places
 
-    def run(self, f: Function, memory: Mapping[str, str], **places: str | int) -> None:
+    def run(self, f: FunctionWriter, memory: Mapping[str, str], **places: str | int) -> None:
         """Run all rows for one sample; `places` are the loop's `entries`, `slope`, `outputs`, `c` and `a`."""
         sizes = {
             "rows": self.rows,
@@ -212,12 +214,12 @@ class PullProgram:
             "slots": self._slots,
             "leaf_count": len(self._tables["leaves"]),
         }
-        tables = {what: f"@{self.name}_{what}" for what in self._tables}
+        tables = {message: f"@{self.name}_{message}" for message in self._tables}
         given: dict[str, str | int] = {**sizes, **tables, **memory, **places}
         arguments = ", ".join(f"{kind} {given[name]}" for kind, name in PARAMETERS)
         f.do(f"call void {PULL[self._lanes]}({arguments})")
 
-    def free(self, f: Function, memory: Mapping[str, str]) -> None:
+    def free(self, f: FunctionWriter, memory: Mapping[str, str]) -> None:
         """Give the memory back."""
         f.do(f"call void {_c('free')}(ptr {memory['room']})")
 

@@ -17,9 +17,9 @@ from kennfeld.arrays import Bool, Float, Int, aligned
 from kennfeld.native.addresses import INT64, address, is_strided, strided
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
-from kennfeld.native.ir import EIGHT, LANES, Function, literal
+from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
 
-__all__ = ["FACTOR", "Cholesky", "Factor", "column_of", "divide", "first_of", "more", "panel_of", "reduced"]
+__all__ = ["FACTOR", "Cholesky", "Factor", "add_outer", "column_of", "divide", "first_of", "panel_of", "reduced_block"]
 
 FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
 ZERO = literal(0.0)
@@ -31,22 +31,22 @@ ROWS = (("ptr", "rows"), ("i64", "count"))
 ONE = literal(1.0)
 
 
-def panel_of(f: Function, block: str) -> str:
+def panel_of(f: FunctionWriter, block: str) -> str:
     """The address of column 0 of a block row; only those from its first on exist."""
     return f.at("%panels", f.load("%start", block, "i64"))
 
 
-def first_of(f: Function, block: str) -> str:
+def first_of(f: FunctionWriter, block: str) -> str:
     """The first column of a block row."""
     return f.mul(f.load("%first", block, "i64"), BLOCK)
 
 
-def column_of(f: Function, panel: str, column: str) -> str:
+def column_of(f: FunctionWriter, panel: str, column: str) -> str:
     """The address of a column of a block row."""
     return f.at(panel, column, EIGHT)
 
 
-def reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[str]:
+def reduced_block(f: FunctionWriter, panel: str, other: str, first: str, end: str) -> list[str]:
     """The eight columns of a block, less the product of the columns from `first` on; `other` is the block column's."""
     rest = [f.slot(EIGHT) for _ in range(BLOCK)]
     for c, column in enumerate(rest):
@@ -55,30 +55,30 @@ def reduced(f: Function, panel: str, other: str, first: str, end: str) -> list[s
         own = f.load(column_of(f, panel, k), kind=EIGHT)
         scalars = column_of(f, other, k)
         for c, column in enumerate(rest):
-            f.store(less(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
+            f.store(subtract_outer(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
     return [f.load(column, kind=EIGHT) for column in rest]
 
 
-def less(f: Function, column: str, vector: str, scalar: str) -> str:
+def subtract_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
     """The column less vector times scalar."""
     product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
     return f.new(f"fsub contract {EIGHT} {column}, {product}")
 
 
-def more(f: Function, column: str, vector: str, scalar: str) -> str:
+def add_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
     """The column and vector times scalar."""
     product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
     return f.new(f"fadd contract {EIGHT} {column}, {product}")
 
 
-def divide(f: Function, panel: str, other: str, j: str, rest: list[str]) -> None:
+def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -> None:
     """Columns of the block: X L' = rest with the diagonal block L of block row j."""
     at = f.mul(j, BLOCK)
     done: list[str] = []
     for c in range(BLOCK):
         column = rest[c]
         for d, solved in enumerate(done):
-            column = less(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
+            column = subtract_outer(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
         scale = f.splat(f.load("%inverse", f.add(at, c)))
         done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
     for c, column in enumerate(done):
@@ -222,9 +222,9 @@ def _functions() -> dict[str, Callable[..., None]]:
     return {f.name: engine.function(f.name, f.parameters) for f in written}
 
 
-def _load() -> Function:
+def _load() -> FunctionWriter:
     """`load(factor, matrix, counts)`: fill the panels; counts non-zeros below the diagonal, and those in the panels."""
-    f = Function("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
+    f = FunctionWriter("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
     with f.loop(0, "%size") as i:
         row = f.at("%matrix", f.mul(i, "%stride"))
         whole = f.new(f"and i64 {i}, -{LANES}")
@@ -250,7 +250,7 @@ def _load() -> Function:
     return f
 
 
-def _count(f: Function, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:
+def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:
     """Add to a count the non-zeros of a row."""
     total = f.slot("i64")
     f.store("0", total, kind="i64")
@@ -260,7 +260,7 @@ def _count(f: Function, row: str, first: str | int, end: str, index: Callable[[s
     f.store(f.add(f.load("%counts", result, "i64"), f.load(total, kind="i64")), "%counts", result, "i64")
 
 
-def _count_eights(f: Function, row: str, end: str) -> None:
+def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
     """Add to the first count the non-zeros of the first `end` entries of a row, a multiple of eight."""
     with f.walk(end) as (k, position):
         entries = f.load(f.at(row, k), kind=EIGHT)
@@ -271,22 +271,22 @@ def _count_eights(f: Function, row: str, end: str) -> None:
         f.store(f.add(k, LANES), position, kind="i64")
 
 
-def _factor() -> Function:
+def _factor() -> FunctionWriter:
     """`factor(factor, failed)`: block row by block row, each block from those left of it."""
-    f = Function("factor", [*FACTOR, ("ptr", "failed")])
+    f = FunctionWriter("factor", [*FACTOR, ("ptr", "failed")])
     with f.loop(0, "%blocks") as i:
         panel, first = panel_of(f, i), f.load("%first", i, "i64")
         with f.loop(first, i) as j:
             other = panel_of(f, j)
             later = f.new(f"call i64 @llvm.smax.i64(i64 {first_of(f, i)}, i64 {first_of(f, j)})")
-            rest = reduced(f, panel, other, later, f.mul(j, BLOCK))
+            rest = reduced_block(f, panel, other, later, f.mul(j, BLOCK))
             divide(f, panel, other, j, rest)
-        rest = reduced(f, panel, panel, first_of(f, i), f.mul(i, BLOCK))
+        rest = reduced_block(f, panel, panel, first_of(f, i), f.mul(i, BLOCK))
         _factor_block(f, panel, i, rest)
     return f
 
 
-def _factor_block(f: Function, panel: str, i: str, rest: list[str]) -> None:
+def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> None:
     """The diagonal block: one column after the other, taken out of those that follow."""
     at = f.mul(i, BLOCK)
     for c in range(BLOCK):
@@ -302,13 +302,13 @@ def _factor_block(f: Function, panel: str, i: str, rest: list[str]) -> None:
         f.store(inverse, "%inverse", f.add(at, c))
         rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {f.splat(inverse)}")
         for d in range(c + 1, BLOCK):
-            rest[d] = less(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
+            rest[d] = subtract_outer(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
         f.store(rest[c], column_of(f, panel, f.add(at, c)), kind=EIGHT)
 
 
-def _forward() -> Function:
+def _forward() -> FunctionWriter:
     """`forward(factor, rows)`: L x = b in place, from the first block of b that is not zero."""
-    f = Function("forward", [*FACTOR, *ROWS])
+    f = FunctionWriter("forward", [*FACTOR, *ROWS])
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as i:
@@ -317,19 +317,23 @@ def _forward() -> Function:
             f.store(f.load(f.at(x, at), kind=EIGHT), rest, kind=EIGHT)
             with f.loop(first_of(f, i), at) as k:
                 column = f.load(column_of(f, panel, k), kind=EIGHT)
-                f.store(less(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
+                f.store(subtract_outer(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
             for c in range(BLOCK):
                 now = f.load(rest, kind=EIGHT)
                 own = f.new(f"extractelement {EIGHT} {now}, i64 {c}")
                 value = f.fmul(own, f.load("%inverse", f.add(at, c)))
                 f.store(value, x, f.add(at, c))
-                f.store(less(f, now, f.load(column_of(f, panel, f.add(at, c)), kind=EIGHT), value), rest, kind=EIGHT)
+                f.store(
+                    subtract_outer(f, now, f.load(column_of(f, panel, f.add(at, c)), kind=EIGHT), value),
+                    rest,
+                    kind=EIGHT,
+                )
     return f
 
 
-def _backward() -> Function:
+def _backward() -> FunctionWriter:
     """`backward(factor, rows)`: L' x = b in place."""
-    f = Function("backward", [*FACTOR, *ROWS])
+    f = FunctionWriter("backward", [*FACTOR, *ROWS])
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as back:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.native.addresses import UINT32, address
-from kennfeld.native.ir import Function
+from kennfeld.native.ir import FunctionWriter
 
-__all__ = ["BLOCK", "HEAD", "Order", "Row", "Rows", "find", "load_sample", "visit"]
+__all__ = ["BLOCK", "HEAD", "ColumnTable", "Order", "Row", "find", "load_sample", "visit"]
 
 SHIFT = 12
 BLOCK = 1 << SHIFT  # samples
@@ -27,12 +27,12 @@ Order = NDArray[np.uint32]
 Row = Float | Sequence[Float]  # one array, or several that follow each other
 
 
-class Rows:
+class ColumnTable:
     """Rows of `count` samples each; only blocks in which two arrays of a row meet are copied.
 
     Without a `count`, the first row tells. Raises `ArgumentError` where a row has more or fewer samples.
 
-    >>> Rows([[np.zeros(5), np.ones(3)]]).take(np.array([4, 5, 7]))
+    >>> ColumnTable([[np.zeros(5), np.ones(3)]]).take(np.array([4, 5, 7]))
     array([[0., 1., 1.]])
     """
 
@@ -95,12 +95,12 @@ def _taken(parts: Sequence[Float], samples: Int | Order) -> Float:
     return taken
 
 
-def find(f: Function, sample: str) -> tuple[str, str]:
+def find(f: FunctionWriter, sample: str) -> tuple[str, str]:
     """The block that holds a sample, and its place in it."""
     return f.new(f"lshr i64 {sample}, {SHIFT}"), f.new(f"and i64 {sample}, {BLOCK - 1}")
 
 
-def visit(f: Function, order: str, k: str, rows: Sequence[tuple[str, int]]) -> tuple[str, str]:
+def visit(f: FunctionWriter, order: str, k: str, rows: Sequence[tuple[str, int]]) -> tuple[str, str]:
     """The block and the place of the sample that is visited as number `k`, before `%last`; `order` is a pointer.
 
     An order leaps about in the measurement, where no cache foresees what comes: `rows`, (table, row) pairs, are
@@ -118,14 +118,14 @@ def visit(f: Function, order: str, k: str, rows: Sequence[tuple[str, int]]) -> t
     return find(f, f.load(sample, kind="i64"))
 
 
-def _ordered(f: Function, order: str, k: str) -> str:
+def _ordered(f: FunctionWriter, order: str, k: str) -> str:
     return f.new(f"zext i32 {f.load(order, k, 'i32')} to i64")
 
 
-def _start(f: Function, table: str, row: int) -> str:
+def _start(f: FunctionWriter, table: str, row: int) -> str:
     return f.load(table, f.mul("%stride", row), "ptr")
 
 
-def load_sample(f: Function, table: str, row: int, place: str) -> str:
+def load_sample(f: FunctionWriter, table: str, row: int, place: str) -> str:
     """The value of a row at a place of the block that `table` points to."""
     return f.load(_start(f, table, row), place)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import FunctionWriter, literal
 
 __all__ = ["CONDITIONS", "ELEMENTARY", "VALUES", "c_function", "power"]
 
@@ -41,7 +41,7 @@ def c_function(name: str) -> int:
     return address
 
 
-def call_elementary(f: Function, name: str, arguments: Sequence[str]) -> str:
+def call_elementary(f: FunctionWriter, name: str, arguments: Sequence[str]) -> str:
     """A double from one of `ELEMENTARY`."""
     given = ", ".join(f"double {argument}" for argument in arguments)
     return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({given}) nounwind memory(none)")
@@ -62,31 +62,31 @@ def _elementary(name: str) -> Callable[..., str]:
 def _extreme(comparison: str) -> Callable[..., str]:
     """The first argument where it wins, ties or is NaN, else the second; NaN if either is."""
 
-    def emit(f: Function, a: str, b: str) -> str:
+    def emit(f: FunctionWriter, a: str, b: str) -> str:
         first = f.select(f.new(f"fcmp {comparison} double {a}, {b}"), a, b)
         return f.select(f.new(f"fcmp uno double {b}, {b}"), b, first)
 
     return emit
 
 
-def _mod(f: Function, a: str, b: str) -> str:
+def _mod(f: FunctionWriter, a: str, b: str) -> str:
     """The remainder with the sign of the divisor; the number itself where that is zero."""
     whole = f.new(f"call double @llvm.floor.f64(double {f.new(f'fdiv double {a}, {b}')})")
     rest = f.new(f"fsub double {a}, {f.new(f'fmul double {whole}, {b}')}")
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
 
 
-def _guard(f: Function, a: str, b: str) -> str:
+def _guard(f: FunctionWriter, a: str, b: str) -> str:
     return f.select(f.new(f"fcmp oeq double {a}, {ZERO}"), ZERO, f.fmul(a, b))
 
 
-def _abs(f: Function, x: str) -> str:
+def _abs(f: FunctionWriter, x: str) -> str:
     # LLVM needs ten times as long for its own fabs in long code, and makes one of this in short code
     bits = f.new(f"and i64 {f.new(f'bitcast double {x} to i64')}, {2**63 - 1}")
     return f.new(f"bitcast i64 {bits} to double")
 
 
-def _round(f: Function, x: str) -> str:
+def _round(f: FunctionWriter, x: str) -> str:
     """The nearest whole number; halves go away from zero."""
     whole = f.new(f"call double @llvm.trunc.f64(double {x})")
     rest = f.new(f"call double @llvm.fabs.f64(double {f.new(f'fsub double {x}, {whole}')})")
@@ -94,12 +94,12 @@ def _round(f: Function, x: str) -> str:
     return f.select(f.new(f"fcmp oge double {rest}, {HALF}"), away, whole)
 
 
-def _sign(f: Function, x: str) -> str:
+def _sign(f: FunctionWriter, x: str) -> str:
     above = f.select(f.new(f"fcmp ogt double {x}, {ZERO}"), ONE, x)
     return f.select(f.new(f"fcmp olt double {x}, {ZERO}"), literal(-1.0), above)
 
 
-def power(f: Function, base: str, exponent: int) -> str:
+def power(f: FunctionWriter, base: str, exponent: int) -> str:
     """A whole power by repeated squaring."""
     if exponent < 0:
         return f.new(f"fdiv double {ONE}, {power(f, base, -exponent)}")

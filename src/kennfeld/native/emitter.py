@@ -16,12 +16,12 @@ from kennfeld.graph import Node
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
 from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.elementwise import CONDITIONS, VALUES, power
-from kennfeld.native.engine import Shared
-from kennfeld.native.ir import LANES, Function, literal
+from kennfeld.native.engine import SharedFunction
+from kennfeld.native.ir import LANES, FunctionWriter, literal
 from kennfeld.native.rbf_code import evaluation, value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
-__all__ = ["PARAMETERS", "Item", "Layout", "Step", "emit_items"]
+__all__ = ["PARAMETERS", "CodeItem", "MemoryLayout", "StepEmitter", "emit_items"]
 
 SEGMENT = 600  # items a function
 
@@ -37,7 +37,7 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class MemoryLayout:
     """Where things lie in the arrays that the compiled code is given."""
 
     inputs: Mapping[str, int]
@@ -85,31 +85,33 @@ def _before(sizes: Sequence[int]) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True)
-class Item:
+class CodeItem:
     """A piece of code: a node, or a tail action that uses the values of the nodes `needs`."""
 
     needs: tuple[int, ...]
-    emit: "Callable[[Step], None]"
+    emit: "Callable[[StepEmitter], None]"
     node: int | None = None
 
 
-class Truth(NamedTuple):
+class Condition(NamedTuple):
     """An i1, or what it is not: a negation costs nothing where something is chosen by it."""
 
     register: str
     negated: bool = False
 
 
-class Step:
+class StepEmitter:
     """Code under construction for one sample, at place `%k` of its block, within one function."""
 
-    def __init__(self, f: Function, nodes: Sequence[Node], layout: Layout, frame: Mapping[int, int]) -> None:
+    def __init__(
+        self, f: FunctionWriter, nodes: Sequence[Node], layout: MemoryLayout, frame: Mapping[int, int]
+    ) -> None:
         self.f = f
         self.nodes = nodes
         self.layout = layout
         self.frame = frame
         self._values: dict[int, str] = {}
-        self._truths: dict[int, Truth] = {}
+        self._truths: dict[int, Condition] = {}
         self._cells: dict[tuple[int, int], Cell] = {}
         self._windows: dict[tuple[int, AxisRef], Window] = {}
         self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
@@ -123,9 +125,9 @@ class Step:
                 self._values[node] = self.f.load("%frame", self.frame[node])
         return self._values[node]
 
-    def _truth(self, node: int) -> Truth:
+    def _truth(self, node: int) -> Condition:
         if node not in self._truths:
-            self._truths[node] = Truth(self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}"))
+            self._truths[node] = Condition(self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}"))
         return self._truths[node]
 
     def condition(self, node: int) -> str:
@@ -144,12 +146,12 @@ class Step:
         f = self.f
         if op in CONDITIONS:
             a, b = (self.value(x) for x in args)
-            self._truths[node] = Truth(f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}"))
+            self._truths[node] = Condition(f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}"))
         elif op in ("and", "or"):
-            self._truths[node] = Truth(f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}"))
+            self._truths[node] = Condition(f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}"))
         elif op == "not":
             register, negated = self._truth(args[0])
-            self._truths[node] = Truth(register, not negated)
+            self._truths[node] = Condition(register, not negated)
         else:
             self._values[node] = self._double(node, op, args, payload)
 
@@ -282,7 +284,7 @@ class Step:
         self._call_expansion(value_slopes(ref.inputs), ref, args, out)
         return count, out
 
-    def _call_expansion(self, function: Shared, ref: ExpansionRef, args: tuple[int, ...], out: str) -> None:
+    def _call_expansion(self, function: SharedFunction, ref: ExpansionRef, args: tuple[int, ...], out: str) -> None:
         f, x = self.f, self.f.slot("double", ref.inputs)
         for d, a in enumerate(args):
             f.store(self.value(a), x, d)
@@ -304,24 +306,24 @@ class Step:
 
 
 def emit_items(
-    name: str, passed: Sequence[tuple[str, str]], items: Sequence[Item], nodes: Sequence[Node], layout: Layout
+    name: str, passed: Sequence[tuple[str, str]], items: Sequence[CodeItem], nodes: Sequence[Node], layout: MemoryLayout
 ) -> str:
     """A function `name` that runs the items for the sample at `%k`; long lists become several functions.
 
     `passed` are its parameters besides `k`.
     """
     segments = [items[i : i + SEGMENT] for i in range(0, len(items), SEGMENT)] or [[]]
-    whole = Function(name, [*passed, ("i64", "k")], "alwaysinline")
+    whole = FunctionWriter(name, [*passed, ("i64", "k")], "alwaysinline")
     if len(segments) == 1:
-        _emit_segment(Step(whole, nodes, layout, {}), items)
+        _emit_segment(StepEmitter(whole, nodes, layout, {}), items)
         return whole.text()
     frame = _crossing(segments)
     room = whole.slot("double", max(len(frame), 1))
     given = [(kind, f"%{parameter}") for kind, parameter in whole.parameters] + [("ptr", room)]
     texts = []
     for number, segment in enumerate(segments):
-        part = Function(f"{name}_{number}", [*whole.parameters, ("ptr", "frame")], "noinline")
-        step = Step(part, nodes, layout, frame)
+        part = FunctionWriter(f"{name}_{number}", [*whole.parameters, ("ptr", "frame")], "noinline")
+        step = StepEmitter(part, nodes, layout, frame)
         _emit_segment(step, segment)
         for item in segment:
             if item.node is not None and item.node in frame:
@@ -331,14 +333,14 @@ def emit_items(
     return "".join(texts) + whole.text()
 
 
-def _emit_segment(step: Step, items: Sequence[Item]) -> None:
+def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
     for item in items:
         for needed in item.needs:
             step.value(needed)
         item.emit(step)
 
 
-def _crossing(segments: Sequence[Sequence[Item]]) -> dict[int, int]:
+def _crossing(segments: Sequence[Sequence[CodeItem]]) -> dict[int, int]:
     """Frame slots of the nodes that are used in a later segment than their own."""
     home: dict[int, int] = {}
     frame: dict[int, int] = {}

@@ -10,11 +10,35 @@ import llvmlite.binding as llvm
 
 from kennfeld.native.elementwise import c_function
 
-__all__ = ["Engine", "Shared"]
+__all__ = ["Engine", "SharedFunction"]
 
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 
 _compiling = threading.Lock()
+
+_KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
+
+_DECLARATIONS = """
+declare double @llvm.fabs.f64(double)
+declare double @llvm.sqrt.f64(double)
+declare double @llvm.copysign.f64(double, double)
+declare double @llvm.floor.f64(double)
+declare double @llvm.ceil.f64(double)
+declare double @llvm.trunc.f64(double)
+declare i64 @llvm.smin.i64(i64, i64)
+declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+declare i64 @llvm.smax.i64(i64, i64)
+declare i8 @llvm.ctpop.i8(i8)
+declare double @llvm.maxnum.f64(double, double)
+declare <8 x double> @llvm.maxnum.v8f64(<8 x double>, <8 x double>)
+declare <8 x double> @llvm.minnum.v8f64(<8 x double>, <8 x double>)
+declare <8 x double> @llvm.masked.load.v8f64.p0(ptr, i32, <8 x i1>, <8 x double>)
+declare void @llvm.masked.store.v8f64.p0(<8 x double>, ptr, i32, <8 x i1>)
+declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
+declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
+"""
 
 
 class Engine:
@@ -46,7 +70,7 @@ class Engine:
         return called
 
 
-class Shared:
+class SharedFunction:
     """A function that knows no model, as generated code calls it: compiled once, when it is first needed.
 
     `write` gives its text, after that of what it calls.
@@ -63,9 +87,6 @@ class Shared:
                 engine = Engine(self._write())
                 self._compiled = engine, f"inttoptr (i64 {engine.address(self._name)} to ptr)"
             return self._compiled[1]
-
-
-_KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
 
 
 @cache
@@ -107,26 +128,3 @@ def _optimise(module: Any, machine: Any) -> None:
     options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-
-
-_DECLARATIONS = """
-declare double @llvm.fabs.f64(double)
-declare double @llvm.sqrt.f64(double)
-declare double @llvm.copysign.f64(double, double)
-declare double @llvm.floor.f64(double)
-declare double @llvm.ceil.f64(double)
-declare double @llvm.trunc.f64(double)
-declare i64 @llvm.smin.i64(i64, i64)
-declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
-declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
-declare i64 @llvm.smax.i64(i64, i64)
-declare i8 @llvm.ctpop.i8(i8)
-declare double @llvm.maxnum.f64(double, double)
-declare <8 x double> @llvm.maxnum.v8f64(<8 x double>, <8 x double>)
-declare <8 x double> @llvm.minnum.v8f64(<8 x double>, <8 x double>)
-declare <8 x double> @llvm.masked.load.v8f64.p0(ptr, i32, <8 x i1>, <8 x double>)
-declare void @llvm.masked.store.v8f64.p0(<8 x double>, ptr, i32, <8 x i1>)
-declare <8 x double> @llvm.fabs.v8f64(<8 x double>)
-declare double @llvm.vector.reduce.fadd.v8f64(double, <8 x double>)
-declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
-"""

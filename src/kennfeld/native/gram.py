@@ -11,10 +11,10 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native.addresses import INT64, address
-from kennfeld.native.cholesky import FACTOR, Factor, column_of, divide, first_of, more, panel_of, reduced
+from kennfeld.native.cholesky import FACTOR, Factor, add_outer, column_of, divide, first_of, panel_of, reduced_block
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK
-from kennfeld.native.ir import EIGHT, Function
+from kennfeld.native.ir import EIGHT, FunctionWriter
 
 __all__ = ["Gram"]
 
@@ -89,32 +89,32 @@ def _functions() -> dict[str, Callable[..., None]]:
     return {f.name: engine.function(f.name, f.parameters) for f in written}
 
 
-def _row(f: Function, block: str, blocks: str) -> str:
+def _row(f: FunctionWriter, block: str, blocks: str) -> str:
     """The address of column 0 of a block row of V."""
     return f.at("%halves", f.mul(f.mul(block, blocks), BLOCK * BLOCK))
 
 
-def _begin(f: Function, block: str) -> str:
+def _begin(f: FunctionWriter, block: str) -> str:
     """The first column of a block row of V."""
     return f.mul(f.load("%begins", block, "i64"), BLOCK)
 
 
-def _halve() -> Function:
+def _halve() -> FunctionWriter:
     """`halve(factor, rows)`: V L' = A P' in place, one block after the other."""
-    f = Function("halve", [*FACTOR, *ROWS])
+    f = FunctionWriter("halve", [*FACTOR, *ROWS])
     with f.loop("%known", "%count") as b:
         panel = _row(f, b, "%blocks")
         with f.loop(f.load("%begins", b, "i64"), "%blocks") as j:
             other = panel_of(f, j)
             later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {first_of(f, j)})")
-            divide(f, panel, other, j, reduced(f, panel, other, later, f.mul(j, BLOCK)))
+            divide(f, panel, other, j, reduced_block(f, panel, other, later, f.mul(j, BLOCK)))
     return f
 
 
-def _multiply() -> Function:
+def _multiply() -> FunctionWriter:
     """`multiply(rows, blocks, numbers, products, stride)`: V V' of the block rows after those known with all."""
     result = (("ptr", "numbers"), ("ptr", "products"), ("i64", "stride"))
-    f = Function("multiply", [*ROWS, ("i64", "blocks"), *result])
+    f = FunctionWriter("multiply", [*ROWS, ("i64", "blocks"), *result])
     with f.loop("%known", "%count") as b, f.loop(0, f.add(b, 1)) as c:
         own, other = _row(f, b, "%blocks"), _row(f, c, "%blocks")
         later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {_begin(f, c)})")
@@ -125,12 +125,12 @@ def _multiply() -> Function:
             vector = f.load(column_of(f, own, k), kind=EIGHT)
             scalars = column_of(f, other, k)
             for lane, total in enumerate(sums):
-                f.store(more(f, f.load(total, kind=EIGHT), vector, f.load(scalars, lane)), total, kind=EIGHT)
+                f.store(add_outer(f, f.load(total, kind=EIGHT), vector, f.load(scalars, lane)), total, kind=EIGHT)
         _spread(f, [f.load(total, kind=EIGHT) for total in sums], b, c)
     return f
 
 
-def _spread(f: Function, block: list[str], b: str, c: str) -> None:
+def _spread(f: FunctionWriter, block: list[str], b: str, c: str) -> None:
     """The columns of a block into the symmetric matrix of products, on both sides of its diagonal."""
     stored = f.slot(EIGHT, BLOCK)
     for lane, vector in enumerate(block):

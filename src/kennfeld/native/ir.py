@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
 
-__all__ = ["EIGHT", "LANES", "Function", "Vector", "literal"]
+__all__ = ["EIGHT", "LANES", "FunctionWriter", "Vector", "literal"]
 
 DOUBLE = "double"
 LANES = 8
@@ -34,7 +34,7 @@ def literal(value: float) -> str:
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
-class Function:
+class FunctionWriter:
     """The text of one function under construction.
 
     `internal` is empty for a function to be called from outside, else how LLVM shall treat it: `noinline`, ...
@@ -198,7 +198,7 @@ class Function:
 class Vector:
     """Arithmetic on eight doubles at once."""
 
-    f: Function
+    f: FunctionWriter
 
     def __call__(self, instruction: str, a: str, b: str) -> str:
         return self.f.new(f"{instruction} contract {EIGHT} {a}, {b}")

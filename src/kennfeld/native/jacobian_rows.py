@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from kennfeld.graph.derivative import Linearization, Written
 from kennfeld.graph.lookup_lowering import ExpansionRef
 from kennfeld.native.adjoint_loop import PullProgram
-from kennfeld.native.emitter import Item, Layout, Step
+from kennfeld.native.emitter import CodeItem, MemoryLayout, StepEmitter
 from kennfeld.native.ir import literal
 from kennfeld.native.sample_loop import Output, counts
 from kennfeld.native.table_lookup import Corner, corners
-from kennfeld.native.tape_layout import Pattern
+from kennfeld.native.tape_layout import TapeLayout
 
 __all__ = ["PulledRows", "WrittenRows", "entries_of", "entry_items", "output_row", "state_row"]
 
@@ -34,7 +34,7 @@ class Entries:
     fixed: bool
 
 
-def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Entries:
+def entries_of(line: Linearization, layout: MemoryLayout, atoms: Sequence[int]) -> Entries:
     """Room for the grid points that the atoms of one sample touch."""
     room, fixed = 0, True
     for atom in atoms:
@@ -55,24 +55,24 @@ def entries_of(line: Linearization, layout: Layout, atoms: Sequence[int]) -> Ent
 
 def entry_items(
     line: Linearization,
-    layout: Layout,
+    layout: MemoryLayout,
     atoms: Sequence[int],
-    writer: Callable[[Step, int], EntryWriter],
+    writer: Callable[[StepEmitter, int], EntryWriter],
     needs: Callable[[int], Iterable[int]],
-) -> list[Item]:
+) -> list[CodeItem]:
     """Items that go through the grid points of each atom, one after the other, and write their columns.
 
     `writer(step, atom)` says how to write the rest, `needs(atom)` are the nodes it uses.
     """
     entries = entries_of(line, layout, atoms)
 
-    def begin(step: Step) -> None:
+    def begin(step: StepEmitter) -> None:
         step.f.store(str(entries.room if entries.fixed else 0), "%count", "%row", "i32")
 
-    items, first = [Item((), begin)], 0
+    items, first = [CodeItem((), begin)], 0
     for atom in atoms:
         points = _Points(line, layout, entries, writer, atom, first)
-        items.append(Item((*points.needs, *needs(atom)), points.emit))
+        items.append(CodeItem((*points.needs, *needs(atom)), points.emit))
         first += entries_of(line, layout, [atom]).room
     return items
 
@@ -82,9 +82,9 @@ class _Points:
     """The grid points of one atom; the first is entry `first` where all samples have as many."""
 
     line: Linearization
-    layout: Layout
+    layout: MemoryLayout
     entries: Entries
-    writer: Callable[[Step, int], EntryWriter]
+    writer: Callable[[StepEmitter, int], EntryWriter]
     atom: int
     first: int
 
@@ -94,7 +94,7 @@ class _Points:
         op, args, _ = self.line.nodes[self.atom]
         return (self.atom,) if op == "position" else args
 
-    def emit(self, step: Step) -> None:
+    def emit(self, step: StepEmitter) -> None:
         """Write all entries of the atom."""
         write = self.writer(step, self.atom)
         start = step.f.mul("%row", self.entries.room)
@@ -105,7 +105,7 @@ class _Points:
             write(entry, place, corner.weight)
             self._count(step)
 
-    def _corners(self, step: Step) -> Iterator[Corner]:
+    def _corners(self, step: StepEmitter) -> Iterator[Corner]:
         op, args, payload = self.line.nodes[self.atom]
         if op == "position":
             return corners(step.f, [step.cell(self.atom)], [1])
@@ -119,23 +119,23 @@ class _Points:
         op, _, payload = self.line.nodes[self.atom]
         return self.layout.moving[payload.key] if op == "position" else self.layout.offsets[payload.name]
 
-    def _number(self, step: Step, number: int) -> str:
+    def _number(self, step: StepEmitter, number: int) -> str:
         if self.entries.fixed:
             return str(self.first + number)
         return step.f.new(f"sext i32 {step.f.load('%count', '%row', 'i32')} to i64")
 
-    def _write_column(self, step: Step, place: str, corner: Corner) -> None:
+    def _write_column(self, step: StepEmitter, place: str, corner: Corner) -> None:
         f = step.f
         column = f.add(corner.index, self._column)
         f.store(f.new(f"trunc i64 {column} to i32"), "%index", place, "i32")
 
-    def _count(self, step: Step) -> None:
+    def _count(self, step: StepEmitter) -> None:
         if not self.entries.fixed:
             count = step.f.load("%count", "%row", "i32")
             step.f.store(step.f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
 
 
-def _all_values(step: Step, ref: ExpansionRef, args: tuple[int, ...]) -> Iterator[Corner]:
+def _all_values(step: StepEmitter, ref: ExpansionRef, args: tuple[int, ...]) -> Iterator[Corner]:
     count, weights = step.expansion_weights(ref, args)
     with step.f.loop(0, count) as value:
         yield Corner(value, step.f.load(weights, value))
@@ -145,7 +145,7 @@ def _all_values(step: Step, ref: ExpansionRef, args: tuple[int, ...]) -> Iterato
 class SlopeRow:
     """A row of slopes as the tape holds it: times `factor` where it `counts`, else 0, whatever the slopes are."""
 
-    counts: Callable[[Step], str]  # an i1
+    counts: Callable[[StepEmitter], str]  # an i1
     factor: float = 1.0
     needs: tuple[int, ...] = ()  # nodes that `counts` uses
 
@@ -161,7 +161,7 @@ def state_row(node: int) -> SlopeRow:
     They count where the state is finite: elsewhere only a condition can keep it from the outputs.
     """
 
-    def finite(step: Step) -> str:
+    def finite(step: StepEmitter) -> str:
         nothing = step.f.new(f"fsub double {step.value(node)}, {step.value(node)}")
         return step.f.new(f"fcmp oeq double {nothing}, {ZERO}")
 
@@ -183,7 +183,7 @@ class WrittenRows:
         """The nodes that the slopes with respect to an atom or a state use."""
         return (node for row, slopes in self._rows if leaf in slopes for node in (slopes[leaf], *row.needs))
 
-    def _slope(self, step: Step, row: int, leaf: int) -> str:
+    def _slope(self, step: StepEmitter, row: int, leaf: int) -> str:
         counted, slopes = self._rows[row]
         if leaf not in slopes:
             return ZERO
@@ -191,7 +191,7 @@ class WrittenRows:
         scaled = slope if counted.factor == 1.0 else step.f.fmul(slope, literal(counted.factor))
         return step.f.select(counted.counts(step), scaled, ZERO)
 
-    def writer(self, step: Step, atom: int) -> EntryWriter:
+    def writer(self, step: StepEmitter, atom: int) -> EntryWriter:
         """Writes the slopes of all rows at a grid point of an atom."""
         slopes = [self._slope(step, row, atom) for row in range(len(self._rows))]
 
@@ -202,22 +202,22 @@ class WrittenRows:
 
         return write
 
-    def matrix_items(self, seeds: Sequence[int], pattern: Pattern) -> list[Item]:
+    def matrix_items(self, seeds: Sequence[int], pattern: TapeLayout) -> list[CodeItem]:
         """Items that write the slopes with respect to states: of the first rows to `%c`, of the others to `%a`."""
         return [self._matrix_row(row, seeds, pattern) for row in range(len(self._rows))]
 
-    def _matrix_row(self, row: int, seeds: Sequence[int], pattern: Pattern) -> Item:
+    def _matrix_row(self, row: int, seeds: Sequence[int], pattern: TapeLayout) -> CodeItem:
         counted, slopes = self._rows[row]
         of_output = row < pattern.outputs
         matrix, size = ("%c", pattern.outputs * pattern.carried) if of_output else ("%a", pattern.cells)
         cells = [(seeds[i], place) for i, place in pattern.places[row]]
 
-        def emit(step: Step) -> None:
+        def emit(step: StepEmitter) -> None:
             into = step.f.at(matrix, step.f.mul("%row", size))
             for seed, place in cells:
                 step.f.store(self._slope(step, row, seed), into, place)
 
-        return Item((*counted.needs, *(slopes[seed] for seed, _ in cells)), emit)
+        return CodeItem((*counted.needs, *(slopes[seed] for seed, _ in cells)), emit)
 
 
 class PulledRows:
@@ -227,22 +227,22 @@ class PulledRows:
         self._rows, self._scales = tuple(rows), program.scales
         self.program = program
 
-    def factor_items(self) -> dict[int, Item]:
+    def factor_items(self) -> dict[int, CodeItem]:
         """For each node that is a factor an item that keeps it."""
 
-        def keep(node: int, at: int) -> Item:
-            return Item((node,), lambda step: step.f.store(step.value(node), "%factors", at))
+        def keep(node: int, at: int) -> CodeItem:
+            return CodeItem((node,), lambda step: step.f.store(step.value(node), "%factors", at))
 
         return {node: keep(node, at) for node, at in self.program.factors.items()}
 
-    def seed_items(self) -> list[Item]:
+    def seed_items(self) -> list[CodeItem]:
         """Items that write where each row's adjoint starts."""
 
-        def start(at: int, row: SlopeRow) -> Item:
-            def emit(step: Step) -> None:
+        def start(at: int, row: SlopeRow) -> CodeItem:
+            def emit(step: StepEmitter) -> None:
                 step.f.store(step.f.select(row.counts(step), literal(row.factor), ZERO), "%seeds", at)
 
-            return Item(row.needs, emit)
+            return CodeItem(row.needs, emit)
 
         return [start(at, row) for at, row in enumerate(self._rows)]
 
@@ -250,7 +250,7 @@ class PulledRows:
         """The nodes that `writer` uses."""
         return (self._scales[atom],) if atom in self._scales else ()
 
-    def writer(self, step: Step, atom: int) -> EntryWriter:
+    def writer(self, step: StepEmitter, atom: int) -> EntryWriter:
         """Leaves the weight of a grid point, and whose adjoint it is to be multiplied with."""
         source = str(self.program.source[atom])
         scale = step.value(self._scales[atom]) if atom in self._scales else ""

@@ -7,8 +7,8 @@ at. A state that takes over what another was, as in a shift register, takes over
 from collections.abc import Sequence
 from itertools import accumulate, chain
 
-from kennfeld.native.ir import EIGHT, LANES, Function, literal
-from kennfeld.native.tape_layout import Pattern
+from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
+from kennfeld.native.tape_layout import TapeLayout
 
 __all__ = ["ManyStates", "add_combination", "many_tables"]
 
@@ -16,7 +16,7 @@ ZERO = literal(0.0)
 STRIP = 4  # vectors of columns at a time: as many sums as hide the time that one takes
 
 
-def many_tables(pattern: Pattern) -> str:
+def many_tables(pattern: TapeLayout) -> str:
     """The constants that `ManyStates` reads."""
     latencies = pattern.latencies
     tables = {
@@ -43,7 +43,7 @@ class ManyStates:
     sample.
     """
 
-    def __init__(self, f: Function, pattern: Pattern) -> None:
+    def __init__(self, f: FunctionWriter, pattern: TapeLayout) -> None:
         self.f, self.pattern, self.count = f, pattern, pattern.carried
         self._rows, self._factors = f.slot("ptr", self.count), f.slot("double", self.count)
 
@@ -107,13 +107,13 @@ class ManyStates:
         self.f.call("add_combination", [*given, ("i64", "%width")])
 
 
-def add_combination(most: int) -> Function:
+def add_combination(most: int) -> FunctionWriter:
     """`add_combination(target, rows, states, factors, count, width)`: adds factors[i] times the row of states[i].
 
     What is multiplied by zero does not count, even where it is not finite. `count` is `most` at most.
     """
     head = [("ptr noalias", "target"), ("ptr", "rows"), ("ptr", "states"), ("ptr", "factors")]
-    f = Function("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline")
+    f = FunctionWriter("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline")
     picked, weights, number = f.slot("ptr", most), f.slot("double", most), f.slot("i64")
     f.store("0", number, kind="i64")
     with f.loop(0, "%count") as i:
@@ -132,7 +132,7 @@ def add_combination(most: int) -> Function:
     return f
 
 
-def _add(f: Function, column: str, vectors: int, rows: str, weights: str, number: str) -> None:
+def _add(f: FunctionWriter, column: str, vectors: int, rows: str, weights: str, number: str) -> None:
     """The sums of some vectors of columns from `column` on."""
     columns = [f.add(column, i * LANES) for i in range(vectors)]
     sums = [f.slot(EIGHT) for _ in columns]

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import differentiate
-from kennfeld.graph.lookup_lowering import Free, Lowered
+from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
-from kennfeld.native.emitter import Layout
+from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.jacobian_rows import entries_of
 from kennfeld.native.sample_loop import Output, compiled, cost_code
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape import start_code, tape_code
-from kennfeld.native.tape_layout import Pattern
+from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["Kernel", "input_rows"]
@@ -23,12 +23,12 @@ class Kernel:
     Making one compiles it. A kernel holds no data and can be used by several threads at once.
     """
 
-    def __init__(self, lowered: Lowered, outputs: Sequence[Output], parameters: ParameterSet, free: Free) -> None:
+    def __init__(self, lowered: LoweredGraph, outputs: Sequence[Output], parameters: ParameterSet, free: Free) -> None:
         graph = lowered.graph
         self.outputs = tuple(outputs)
         self.line = differentiate(graph, [output.node for output in outputs], free)
         self.values = order_values(self.line, parameters, tuple(lowered.shapes), free)
-        self.layout = Layout(
+        self.layout = MemoryLayout(
             input_rows(graph.nodes),
             self.values.offsets,
             lowered.shapes,
@@ -38,7 +38,7 @@ class Kernel:
             self.values.free,
         )
         self.axes = self.layout.breakpoints
-        self.pattern = Pattern.of(self.line)
+        self.pattern = TapeLayout.of(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
         self.sweeps = sweeps(self.pattern)

@@ -6,8 +6,8 @@ Eight centres are worked on at once. The functions know the number of inputs, no
 from collections.abc import Iterator
 from functools import cache
 
-from kennfeld.native.engine import Shared
-from kennfeld.native.ir import EIGHT, LANES, Function, Vector, literal
+from kennfeld.native.engine import SharedFunction
+from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
 
 __all__ = ["evaluation", "value_slopes"]
 
@@ -23,22 +23,22 @@ PARAMETERS = (
 
 
 @cache
-def evaluation(inputs: int, *, reciprocal: bool) -> Shared:
+def evaluation(inputs: int, *, reciprocal: bool) -> SharedFunction:
     """`expand(values, centres, x, out)`: the value into out[0], its slopes along the inputs behind it.
 
     With `reciprocal` one over the widths stands in their place.
     """
-    return Shared("expand", lambda: _evaluation(inputs, reciprocal).text())
+    return SharedFunction("expand", lambda: _evaluation(inputs, reciprocal).text())
 
 
 @cache
-def value_slopes(inputs: int) -> Shared:
+def value_slopes(inputs: int) -> SharedFunction:
     """`bells(values, centres, x, out)`: the derivatives with respect to the values, in their order."""
-    return Shared("bells", lambda: _value_slopes(inputs).text())
+    return SharedFunction("bells", lambda: _value_slopes(inputs).text())
 
 
-def _evaluation(inputs: int, reciprocal: bool) -> Function:
-    f = Function("expand", PARAMETERS)
+def _evaluation(inputs: int, reciprocal: bool) -> FunctionWriter:
+    f = FunctionWriter("expand", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     slopes = [f.load("%values", 1 + d) for d in range(inputs)]
     starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
@@ -57,8 +57,8 @@ def _evaluation(inputs: int, reciprocal: bool) -> Function:
     return f
 
 
-def _value_slopes(inputs: int) -> Function:
-    f = Function("bells", PARAMETERS)
+def _value_slopes(inputs: int) -> FunctionWriter:
+    f = FunctionWriter("bells", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     f.store(literal(1.0), "%out")
     for d, at in enumerate(x):
@@ -71,7 +71,7 @@ def _value_slopes(inputs: int) -> Function:
     return f
 
 
-def _each_eight(f: Function, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
+def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
     """Emit the body for eight centres after the other, and once more for those left over."""
     whole = f.new(f"and i64 %centres, -{LANES}")
     with f.walk(whole) as (first, position):
@@ -89,7 +89,7 @@ def _each_eight(f: Function, x: list[str], reciprocal: bool) -> Iterator["_Eight
 class _EightCentres:
     """The bells of eight centres at a point; lanes that the mask leaves out have weight 0."""
 
-    def __init__(self, f: Function, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
+    def __init__(self, f: FunctionWriter, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
         self._f, self._v, self._first, self._mask = f, Vector(f), first, mask
         self._divide = "fmul" if reciprocal else "fdiv"
         inputs = len(x)

@@ -12,16 +12,16 @@ from kennfeld.criteria import Loss
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
-from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
+from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
 from kennfeld.native.engine import Engine
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import FunctionWriter, literal
 
 __all__ = [
     "RANGE",
     "ROW",
-    "Code",
+    "FunctionSource",
     "Output",
-    "Sample",
+    "SampleCursor",
     "compiled",
     "cost_code",
     "counts",
@@ -39,9 +39,9 @@ ZERO = literal(0.0)
 
 RANGE = (("i64", "first"), ("i64", "last"))
 ROW = ("i64", "row")
-NOTHING: Mapping[int, Item] = MappingProxyType({})
+NOTHING: Mapping[int, CodeItem] = MappingProxyType({})
 
-Items = Sequence[Item]
+Items = Sequence[CodeItem]
 Arguments = Sequence[tuple[str, str]]
 
 
@@ -61,7 +61,7 @@ class Output:
         return (self.node,) if self.weight is None else (self.node, self.weight)
 
 
-def scaled_residual(step: Step, at: int, output: Output) -> tuple[str, str]:
+def scaled_residual(step: StepEmitter, at: int, output: Output) -> tuple[str, str]:
     """(value - target) / scale, and whether the sample is scored: a target of NaN is not."""
     f = step.f
     target, scored = _target(f, at)
@@ -69,24 +69,24 @@ def scaled_residual(step: Step, at: int, output: Output) -> tuple[str, str]:
     return f.fmul(difference, literal(1.0 / output.scale)), scored
 
 
-def _target(f: Function, at: int) -> tuple[str, str]:
+def _target(f: FunctionWriter, at: int) -> tuple[str, str]:
     """The target of an output, and whether there is one."""
     target = load_sample(f, "%targets", at, "%k")
     return target, f.new(f"fcmp ord double {target}, {target}")
 
 
-def counts(f: Function, at: int) -> str:
+def counts(f: FunctionWriter, at: int) -> str:
     """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
     weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
     return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
 
 
-def weighted(step: Step, factor: str, output: Output) -> str:
+def weighted(step: StepEmitter, factor: str, output: Output) -> str:
     """A factor of the loss, times the weight of the sample."""
     return factor if output.weight is None else step.f.fmul(factor, step.value(output.weight))
 
 
-def loss_of(f: Function, r: str, output: Output) -> tuple[str, str]:
+def loss_of(f: FunctionWriter, r: str, output: Output) -> tuple[str, str]:
     """The loss of a residual, and its slope over 2 r, the weight of the equivalent square."""
     square = f.fmul(r, r)
     delta = literal(output.delta)
@@ -122,22 +122,22 @@ def needed_nodes(nodes: Sequence[Node], roots: Sequence[int]) -> list[int]:
     return sorted(seen)
 
 
-def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, Item] = NOTHING) -> list[Item]:
+def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, CodeItem] = NOTHING) -> list[CodeItem]:
     """An item for each node that the roots need; those of `behind` follow their node at once."""
 
-    def compute(node: int) -> Callable[[Step], None]:
+    def compute(node: int) -> Callable[[StepEmitter], None]:
         return lambda step: step.compute(node)
 
-    items: list[Item] = []
+    items: list[CodeItem] = []
     for n in needed_nodes(nodes, [*roots, *behind]):
-        items.append(Item(nodes[n].args, compute(n), n))
+        items.append(CodeItem(nodes[n].args, compute(n), n))
         if n in behind:
             items.append(behind[n])
     return items
 
 
 @dataclass(frozen=True)
-class Code:
+class FunctionSource:
     """LLVM IR of a function and the helpers it calls."""
 
     name: str
@@ -145,33 +145,37 @@ class Code:
     text: str
 
 
-def compiled(*codes: Code) -> list[Callable[..., None]]:
+def compiled(*codes: FunctionSource) -> list[Callable[..., None]]:
     """The functions, compiled as one module."""
     engine = Engine("".join(code.text for code in codes))
     return [engine.function(code.name, code.parameters) for code in codes]
 
 
-def step_items(line: Linearization, layout: Layout, tail: Items, behind: Mapping[int, Item] = NOTHING) -> list[Item]:
+def step_items(
+    line: Linearization, layout: MemoryLayout, tail: Items, behind: Mapping[int, CodeItem] = NOTHING
+) -> list[CodeItem]:
     """The nodes that `tail` and the states need, `tail`, and the states' step; see `node_items` for `behind`."""
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
     return [*node_items(line.nodes, roots, behind), *tail, *_advance(line, layout)]
 
 
-def loop_code(name: str, extra: Arguments, tail: Items, line: Linearization, layout: Layout, outputs: int = 0) -> Code:
+def loop_code(
+    name: str, extra: Arguments, tail: Items, line: Linearization, layout: MemoryLayout, outputs: int = 0
+) -> FunctionSource:
     """A function that runs the step and `tail` for each sample of a range; see `each_sample`."""
     own = [*PARAMETERS, *extra]
     step = emit_items(f"{name}_step", [*own, ROW], step_items(line, layout, tail), line.nodes, layout)
-    f = Function(name, [*own, *RANGE])
+    f = FunctionWriter(name, [*own, *RANGE])
     with each_sample(f, line, layout, outputs) as sample:
         f.call(f"{name}_step", [*sample.given(own), *sample.place])
-    return Code(f.name, f.parameters, step + f.text())
+    return FunctionSource(f.name, f.parameters, step + f.text())
 
 
 @dataclass(frozen=True)
-class Sample:
+class SampleCursor:
     """Where a native function stands: at number `row` of its range, which lies in a block of the measurement."""
 
-    f: Function
+    f: FunctionWriter
     row: str
     block: str
     at: str
@@ -188,7 +192,9 @@ class Sample:
 
 
 @contextmanager
-def each_sample(f: Function, line: Linearization, layout: Layout, outputs: int = 0) -> Iterator[Sample]:
+def each_sample(
+    f: FunctionWriter, line: Linearization, layout: MemoryLayout, outputs: int = 0
+) -> Iterator[SampleCursor]:
     """Run the body for each sample from `%first` to before `%last`.
 
     Without states, sums over `outputs` targets visit the samples in their order.
@@ -197,13 +203,13 @@ def each_sample(f: Function, line: Linearization, layout: Layout, outputs: int =
     order = f.load("%data", kind="ptr")
     with f.loop("%first", "%last") as k:
         row = f.new(f"sub i64 {k}, %first")
-        yield Sample(f, row, *(find(f, k) if line.states or not outputs else visit(f, order, k, read)))
+        yield SampleCursor(f, row, *(find(f, k) if line.states or not outputs else visit(f, order, k, read)))
 
 
-def _advance(line: Linearization, layout: Layout) -> list[Item]:
+def _advance(line: Linearization, layout: MemoryLayout) -> list[CodeItem]:
     """Write the next value of every state, after all reads."""
 
-    def emit(step: Step) -> None:
+    def emit(step: StepEmitter) -> None:
         f = step.f
         for i, state in enumerate(line.states):
             f.store(step.value(state.next), "%memory", step.ring(i))
@@ -212,34 +218,34 @@ def _advance(line: Linearization, layout: Layout) -> list[Item]:
                 wrapped = f.new(f"icmp eq i64 {following}, {state.latency}")
                 f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%hints", i, "i64")
 
-    return [Item(tuple(state.next for state in line.states), emit)] if line.states else []
+    return [CodeItem(tuple(state.next for state in line.states), emit)] if line.states else []
 
 
-def values_code(line: Linearization, layout: Layout, roots: Sequence[int]) -> Code:
+def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> FunctionSource:
     """`values(..., out, out_stride, first, last)`: the roots of each sample, out[root][sample - first]."""
 
-    def write(at: int, root: int) -> Item:
-        def emit(step: Step) -> None:
+    def write(at: int, root: int) -> CodeItem:
+        def emit(step: StepEmitter) -> None:
             f = step.f
             f.store(step.value(root), f.at("%out", f.mul("%out_stride", at)), "%row")
 
-        return Item((root,), emit)
+        return CodeItem((root,), emit)
 
     tail = [write(at, root) for at, root in enumerate(roots)]
     return loop_code("values", [("ptr", "out"), ("i64", "out_stride")], tail, line, layout)
 
 
-def cost_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
+def cost_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
     """`cost(..., targets, sums, first, last)`: adds each output's sum of losses to sums[output]."""
 
-    def add(at: int, output: Output) -> Item:
-        def emit(step: Step) -> None:
+    def add(at: int, output: Output) -> CodeItem:
+        def emit(step: StepEmitter) -> None:
             f = step.f
             residual, scored = scaled_residual(step, at, output)
             loss, _ = loss_of(f, residual, output)
             f.increase(f.select(scored, weighted(step, loss, output), ZERO), "%sums", at)
 
-        return Item(output.nodes, emit)
+        return CodeItem(output.nodes, emit)
 
     tail = [add(at, output) for at, output in enumerate(outputs)]
     return loop_code("cost", [("ptr", "targets"), ("ptr", "sums")], tail, line, layout, len(outputs))

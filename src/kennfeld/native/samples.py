@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
-from kennfeld.native.column_table import BLOCK, Order, Row, Rows
+from kennfeld.native.column_table import BLOCK, ColumnTable, Order, Row
 
 __all__ = ["Chunk", "Piece", "Samples", "shares"]
 
@@ -52,8 +52,8 @@ class Samples:
     def __init__(
         self, data: Iterable[Row], targets: Iterable[Row], pieces: Sequence[Piece], order: Order | None = None
     ) -> None:
-        self.wanted = Rows(targets)
-        self.inputs = Rows(data, self.wanted.count)
+        self.wanted = ColumnTable(targets)
+        self.inputs = ColumnTable(data, self.wanted.count)
         self.pieces = tuple(pieces)
         self.order = None if order is None else np.require(order, np.uint32, ["C", "A"])
         self._check()

@@ -7,11 +7,11 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.derivative import differentiate
-from kennfeld.graph.lookup_lowering import Lowered
+from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.value_layout import order_values
 from kennfeld.native.addresses import INT64, POINTER, address
-from kennfeld.native.column_table import Rows
-from kennfeld.native.emitter import Layout
+from kennfeld.native.column_table import ColumnTable
+from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.kernel import input_rows
 from kennfeld.native.sample_loop import compiled, values_code
 from kennfeld.native.tape import start_code
@@ -25,10 +25,10 @@ CHUNK = 65536  # samples a native call, so that it ends within milliseconds
 class Simulator:
     """Computes the nodes `roots` of a lowered graph."""
 
-    def __init__(self, lowered: Lowered, roots: Sequence[int], parameters: ParameterSet) -> None:
+    def __init__(self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet) -> None:
         self._line = differentiate(lowered.graph, roots, ())
         self._values = order_values(self._line, parameters, tuple(lowered.shapes), ())
-        self._layout = Layout(
+        self._layout = MemoryLayout(
             input_rows(self._line.nodes),
             self._values.offsets,
             lowered.shapes,
@@ -54,15 +54,15 @@ class Simulator:
 
         States start anew at the samples `starts`.
         """
-        return self._run_rows(parameters, Rows(data, data.shape[1]), starts)
+        return self._run_rows(parameters, ColumnTable(data, data.shape[1]), starts)
 
     def over(
         self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int] = (0,)
     ) -> Float:
         """The same, from columns of `count` samples by name, which are read where they are."""
-        return self._run_rows(parameters, Rows([columns[name] for name in self.inputs], count), starts)
+        return self._run_rows(parameters, ColumnTable([columns[name] for name in self.inputs], count), starts)
 
-    def _run_rows(self, parameters: ParameterSet, rows: Rows, starts: Sequence[int]) -> Float:
+    def _run_rows(self, parameters: ParameterSet, rows: ColumnTable, starts: Sequence[int]) -> Float:
         count = rows.count
         self._check(rows, starts)
         out = np.empty((len(self._roots), count))
@@ -81,7 +81,7 @@ class Simulator:
                 self._run(*model, into + at * out.itemsize, count, at, min(at + CHUNK, last))
         return out
 
-    def _check(self, rows: Rows, starts: Sequence[int]) -> None:
+    def _check(self, rows: ColumnTable, starts: Sequence[int]) -> None:
         """Refuse data that the compiled code would read beyond their end."""
         if len(rows.parts) != len(self.inputs):
             raise ArgumentError(f"{len(rows.parts)} rows of data for the {len(self.inputs)} inputs of the model")

@@ -9,21 +9,24 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 from kennfeld.native.engine import Engine
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.ir import FunctionWriter, literal
 from kennfeld.native.jacobian_sweeps import ManyStates, add_combination, many_tables
-from kennfeld.native.tape_layout import MANY, Pattern
+from kennfeld.native.tape_layout import MANY, TapeLayout
 
-__all__ = ["MANY", "VECTOR", "Pattern", "Sweeps", "sweeps"]
+__all__ = ["VECTOR", "sweeps"]
 
 VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]
 
+ENTRIES = (("ptr", "index"), ("ptr", "slope"), ("ptr", "count"), ("i64", "room"))
+SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))  # columns from one row of the matrix to the next
+
 
 class Sweeps:
     """The native sweeps for tapes of one pattern, each compiled when it is first used."""
 
-    def __init__(self, pattern: Pattern) -> None:
+    def __init__(self, pattern: TapeLayout) -> None:
         self.pattern = pattern
 
     @cached_property
@@ -54,33 +57,33 @@ class Sweeps:
 
 
 @cache
-def sweeps(pattern: Pattern) -> Sweeps:
+def sweeps(pattern: TapeLayout) -> Sweeps:
     """The sweeps of a pattern; kernels that share it share them."""
     return Sweeps(pattern)
 
 
-def _compiled(*functions: Function, loops: bool = True, tables: str = "") -> Callable[..., None]:
+def _compiled(*functions: FunctionWriter, loops: bool = True, tables: str = "") -> Callable[..., None]:
     """The last of the functions, which may call the others; without `loops` where to optimise them costs more time."""
     f = functions[-1]
     return Engine(tables + "".join(g.text() for g in functions), loops=loops).function(f.name, f.parameters)
 
 
-def _row(f: Function, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
+def _row(f: FunctionWriter, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
     """The `size` doubles of sample k; zero where they are not `present`."""
     base = f.mul(k, size)
     return [f.load(array, f.add(base, i)) if present is None or i in present else ZERO for i in range(size)]
 
 
-def _dot(f: Function, a: Sequence[str], b: Sequence[str]) -> str:
+def _dot(f: FunctionWriter, a: Sequence[str], b: Sequence[str]) -> str:
     return f.dot([(x, y) for x, y in zip(a, b, strict=True) if ZERO not in (x, y)])
 
 
-def _times(f: Function, a: str, b: str) -> str:
+def _times(f: FunctionWriter, a: str, b: str) -> str:
     return ZERO if ZERO in (a, b) else f.fmul(a, b)
 
 
 def _entries(
-    f: Function, k: str, width: int, wanted: int | None = None
+    f: FunctionWriter, k: str, width: int, wanted: int | None = None
 ) -> tuple[str, Callable[[str], tuple[str, Rows]]]:
     """How many entries sample k has, and a reader of their column and slopes, or of the first `wanted` slopes."""
     count = f.new(f"sext i32 {f.load('%count', k, 'i32')} to i64")
@@ -95,15 +98,11 @@ def _entries(
     return count, read
 
 
-ENTRIES = (("ptr", "index"), ("ptr", "slope"), ("ptr", "count"), ("i64", "room"))
-SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))  # columns from one row of the matrix to the next
-
-
-def _normal(pattern: Pattern) -> Function:
+def _normal(pattern: TapeLayout) -> FunctionWriter:
     """`normal(length, residual, weight, entries, sums)`: without states, sparse rows go straight into the sums."""
     m = pattern.outputs
     head = [("i64", "length"), ("ptr", "residual"), ("ptr", "weight")]
-    f = Function("normal", [*head, *ENTRIES, *SUMS])
+    f = FunctionWriter("normal", [*head, *ENTRIES, *SUMS])
     with f.loop(0, "%length") as k:
         residual, weight = _row(f, "%residual", k, m), _row(f, "%weight", k, m)
         count, read = _entries(f, k, m)
@@ -116,7 +115,7 @@ def _normal(pattern: Pattern) -> Function:
 
 
 def _pairs(
-    f: Function,
+    f: FunctionWriter,
     e: str,
     column: str,
     read: Callable[[str], tuple[str, Rows]],
@@ -131,14 +130,14 @@ def _pairs(
         f.increase(product(other_slopes), row, other_column)
 
 
-def _backward(pattern: Pattern) -> Function:
+def _backward(pattern: TapeLayout) -> FunctionWriter:
     """`backward(length, residual, weight, c, a, q, l, q_next, l_next)`: Q and L, the later steps' share of the cost.
 
     `q`, `l` come in as of after the last sample and leave as of the first; `q_next[k]`, `l_next[k]` are those after k.
     """
     m, n = pattern.outputs, pattern.carried
     names = ("residual", "weight", "c", "a", "q", "l", "q_next", "l_next")
-    f = Function("backward", [("i64", "length"), *(("ptr", name) for name in names)])
+    f = FunctionWriter("backward", [("i64", "length"), *(("ptr", name) for name in names)])
     with f.loop(0, "%length") as back:
         k = f.new(f"sub i64 {f.add('%length', -1)}, {back}")
         q, l = _row(f, "%q", "0", n * n), _row(f, "%l", "0", n)  # noqa: E741
@@ -160,7 +159,7 @@ def _backward(pattern: Pattern) -> Function:
     return f
 
 
-def _forward(pattern: Pattern) -> list[Function]:
+def _forward(pattern: TapeLayout) -> list[FunctionWriter]:
     """`forward(length, ..., sensitivities, width, reach, entries, sums)`: sums, from S at the first sample to S after.
 
     `sensitivities` holds S, n rows of `width`, the columns that can reach a state, with room for `batch` more of them;
@@ -170,7 +169,7 @@ def _forward(pattern: Pattern) -> list[Function]:
     n, batch = pattern.carried, pattern.batch
     names = ("residual", "weight", "c", "a", "q_next", "l_next", "sensitivities")
     head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "reach")]
-    f = Function("forward", [*head, *ENTRIES, *SUMS])
+    f = FunctionWriter("forward", [*head, *ENTRIES, *SUMS])
     with f.walk("%length") as (k, position):
         together = f.slot("i64")
         f.store("0", together, kind="i64")
@@ -187,7 +186,7 @@ def _forward(pattern: Pattern) -> list[Function]:
     return [*(_add_rows_function(count, n * size) for count in (1, 2) for size in sorted({1, batch})), f]
 
 
-def _compare_columns(f: Function, k: str, batch: int, result: str) -> None:
+def _compare_columns(f: FunctionWriter, k: str, batch: int, result: str) -> None:
     """Set `result` to 1 if the `batch` samples from k on touch the same columns."""
     differ = f.slot("i32")
     f.store("0", differ, kind="i32")
@@ -208,7 +207,7 @@ def _compare_columns(f: Function, k: str, batch: int, result: str) -> None:
     f.store(f.new(f"zext i1 {same} to i64"), result, kind="i64")
 
 
-def _add_batch(f: Function, pattern: Pattern, k: str, size: int) -> None:
+def _add_batch(f: FunctionWriter, pattern: TapeLayout, k: str, size: int) -> None:
     """Add `size` samples from k on, which touch the same columns, and carry S over them."""
     n = pattern.carried
     terms = [_Terms(f, pattern, f.add(k, i)) for i in range(size)]
@@ -237,7 +236,7 @@ def _add_batch(f: Function, pattern: Pattern, k: str, size: int) -> None:
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _TapeEntry:
     """What one entry adds: slopes, slopes times weight or Q, its part of the gradient, and the factors of S."""
 
     slopes: Rows
@@ -249,7 +248,7 @@ class _Entry:
 class _Terms:
     """The tape of one sample, loaded."""
 
-    def __init__(self, f: Function, pattern: Pattern, k: str) -> None:
+    def __init__(self, f: FunctionWriter, pattern: TapeLayout, k: str) -> None:
         m, n = pattern.outputs, pattern.carried
         self.f, self.m, self.n = f, m, n
         self.residual, self.weight = _row(f, "%residual", k, m), _row(f, "%weight", k, m)
@@ -265,7 +264,7 @@ class _Terms:
         """Slopes of entry e: of the outputs, then of the next states."""
         return self._read(e)[1]
 
-    def of_entry(self, e: str) -> _Entry:
+    def of_entry(self, e: str) -> _TapeEntry:
         """Everything that entry e adds to the sums."""
         f, m, n = self.f, self.m, self.n
         slopes = self.slopes(e)
@@ -273,20 +272,20 @@ class _Terms:
         qb = [_dot(f, self.q[i * n : i * n + n], slopes[m:]) for i in range(n)]
         gradient = f.fadd(_dot(f, slopes[m:], self.l), _dot(f, wd, self.residual))
         reach = [f.fadd(_dot(f, self.a[i::n], qb), _dot(f, self.c[i::n], wd)) for i in range(n)]
-        return _Entry(slopes, [*wd, *qb], gradient, reach)
+        return _TapeEntry(slopes, [*wd, *qb], gradient, reach)
 
 
-def _whole(f: Function) -> str:
+def _whole(f: FunctionWriter) -> str:
     """The width, told to be whole vectors, so that loops over it have no rest to do one by one."""
     return f.new(f"and i64 %width, -{VECTOR}")
 
 
-def _sensitivity(f: Function, n: int, slot: int, state: int) -> str:
+def _sensitivity(f: FunctionWriter, n: int, slot: int, state: int) -> str:
     """The row of S of one state, `slot` samples after the first."""
     return f.at("%sensitivities", f.mul("%width", slot * n + state))
 
 
-def _step_sensitivities(f: Function, term: _Terms, n: int, from_: int, to: int) -> None:
+def _step_sensitivities(f: FunctionWriter, term: _Terms, n: int, from_: int, to: int) -> None:
     """S of the next sample, A S + B."""
     old_rows, new_rows = ([_sensitivity(f, n, slot, i) for i in range(n)] for slot in (from_, to))
     with f.loop(0, _whole(f)) as j:
@@ -300,7 +299,7 @@ def _step_sensitivities(f: Function, term: _Terms, n: int, from_: int, to: int) 
             f.increase(slope, row, column)
 
 
-def _add_sensitivities(f: Function, term: _Terms, factors: int) -> None:
+def _add_sensitivities(f: FunctionWriter, term: _Terms, factors: int) -> None:
     """Add rows of S times `%reach` to the rows of the matrix, two rows at a time where they differ."""
 
     def add(rows: Rows, e: str) -> None:
@@ -326,11 +325,13 @@ def _add_sensitivities(f: Function, term: _Terms, factors: int) -> None:
         f.store(f.add(following, f.load(paired, kind="i64")), position, kind="i64")
 
 
-def _add_rows_function(count: int, factors: int) -> Function:
+def _add_rows_function(count: int, factors: int) -> FunctionWriter:
     """`add_rows_COUNT_FACTORS(rows..., sensitivities, width, factors)`: rows += factors times rows of S."""
     rows = [f"row{i}" for i in range(count)]
     pointers = [("ptr noalias", name) for name in (*rows, "sensitivities")]
-    f = Function(f"add_rows_{count}_{factors}", [*pointers, ("i64", "width"), ("ptr noalias", "factors")], "noinline")
+    f = FunctionWriter(
+        f"add_rows_{count}_{factors}", [*pointers, ("i64", "width"), ("ptr noalias", "factors")], "noinline"
+    )
     given = [[f.load("%factors", i * factors + t) for t in range(factors)] for i in range(count)]
     sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(factors)]
     with f.loop(0, _whole(f)) as j:
@@ -340,7 +341,7 @@ def _add_rows_function(count: int, factors: int) -> Function:
     return f
 
 
-def _add_rows(f: Function, target: str, rows: Rows, factors: Rows) -> None:
+def _add_rows(f: FunctionWriter, target: str, rows: Rows, factors: Rows) -> None:
     """target[:width] += sum of factors times rows."""
     if all(factor == ZERO for factor in factors):
         return
@@ -348,7 +349,7 @@ def _add_rows(f: Function, target: str, rows: Rows, factors: Rows) -> None:
         f.increase(_dot(f, factors, [f.load(row, j) for row in rows]), target, j)
 
 
-def _rows(pattern: Pattern) -> list[Function]:
+def _rows(pattern: TapeLayout) -> list[FunctionWriter]:
     """`rows(length, weight, c, a, sensitivities, width, rings, entries, jacobian, columns)`: sqrt(w) times rows of J.
 
     A state of latency d has d rows of S in a ring; `rings[i]` is where its oldest one stands.
@@ -356,7 +357,7 @@ def _rows(pattern: Pattern) -> list[Function]:
     m, n = pattern.outputs, pattern.carried
     names = ("weight", "c", "a", "sensitivities")
     head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "rings"), ("ptr", "next")]
-    f = Function("rows", [*head, *ENTRIES, ("ptr", "jacobian"), ("i64", "columns")])
+    f = FunctionWriter("rows", [*head, *ENTRIES, ("ptr", "jacobian"), ("i64", "columns")])
     states = ManyStates(f, pattern) if n > MANY else None
     with f.loop(0, "%length") as k:
         weight = _row(f, "%weight", k, m)
@@ -369,7 +370,7 @@ def _rows(pattern: Pattern) -> list[Function]:
     return [add_combination(n), f] if n > MANY else [f]
 
 
-def _few_rows(f: Function, pattern: Pattern, k: str, roots: Rows, out: Rows) -> None:
+def _few_rows(f: FunctionWriter, pattern: TapeLayout, k: str, roots: Rows, out: Rows) -> None:
     """The rows of one sample and the next S, all written out."""
     m, n, latencies = pattern.outputs, pattern.carried, pattern.latencies
     places = [f.add(f.load("%rings", i, "i64"), sum(latencies[:i])) for i in range(n)]
@@ -394,7 +395,7 @@ def _few_rows(f: Function, pattern: Pattern, k: str, roots: Rows, out: Rows) -> 
     _turn_rings(f, latencies)
 
 
-def _many_rows(f: Function, pattern: Pattern, k: str, states: ManyStates, roots: Rows, out: Rows) -> None:
+def _many_rows(f: FunctionWriter, pattern: TapeLayout, k: str, states: ManyStates, roots: Rows, out: Rows) -> None:
     """The same by loops over the states."""
     m, n = pattern.outputs, pattern.carried
     states.begin()
@@ -412,12 +413,12 @@ def _many_rows(f: Function, pattern: Pattern, k: str, states: ManyStates, roots:
     states.turn()
 
 
-def _clear_row(f: Function, row: str) -> None:
+def _clear_row(f: FunctionWriter, row: str) -> None:
     with f.loop(0, "%columns") as j:
         f.store(ZERO, row, j)
 
 
-def _next_rows(f: Function, s: Rows, a: Rows) -> None:
+def _next_rows(f: FunctionWriter, s: Rows, a: Rows) -> None:
     """The next S, A S, without the entries' part."""
     n = len(s)
     with f.loop(0, _whole(f)) as j:
@@ -426,7 +427,7 @@ def _next_rows(f: Function, s: Rows, a: Rows) -> None:
             f.store(_dot(f, a[i * n : i * n + n], old), f.at("%next", f.mul("%width", i)), j)
 
 
-def _turn_rings(f: Function, latencies: Sequence[int]) -> None:
+def _turn_rings(f: FunctionWriter, latencies: Sequence[int]) -> None:
     """Move on to what is the oldest row of each state now."""
     for i, latency in enumerate(latencies):
         if latency > 1:
@@ -435,9 +436,9 @@ def _turn_rings(f: Function, latencies: Sequence[int]) -> None:
             f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%rings", i, "i64")
 
 
-def _fold() -> Function:
+def _fold() -> FunctionWriter:
     """`fold(matrix, columns, count)`: G of `count` columns becomes H = G + G', in blocks that fit a cache."""
-    f = Function("fold", [("ptr", "matrix"), ("i64", "columns"), ("i64", "count")])
+    f = FunctionWriter("fold", [("ptr", "matrix"), ("i64", "columns"), ("i64", "count")])
     block = 32
     blocks = f.new(f"sdiv i64 {f.add('%count', block - 1)}, {block}")
     with f.loop(0, blocks) as bi, f.loop(0, f.add(bi, 1)) as bj:

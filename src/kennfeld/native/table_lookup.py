@@ -17,8 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.native.engine import Shared
-from kennfeld.native.ir import EIGHT, LANES, Function, Vector, literal
+from kennfeld.native.engine import SharedFunction
+from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
 
 __all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
 
@@ -34,12 +34,12 @@ MILLS = (
 ONE, ZERO = literal(1.0), literal(0.0)
 
 
-def smooth() -> Function:
+def smooth() -> FunctionWriter:
     """`smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
 
     `points`, `weights` and `slopes` have room for `LANES` more.
     """
-    f = Function(
+    f = FunctionWriter(
         "smooth",
         [
             *(("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear")),
@@ -62,7 +62,7 @@ def smooth() -> Function:
     return f
 
 
-def _ramps(f: Function, first: str, end: str) -> None:
+def _ramps(f: FunctionWriter, first: str, end: str) -> None:
     """The smoothed ramp that starts at each breakpoint into the weights, its slope into the slopes."""
     positive = f.new(f"call double @llvm.maxnum.f64(double %width, double {literal(1e-300)})")
     inverse = f.new(f"fdiv double {literal(1.0)}, {positive}")
@@ -91,7 +91,7 @@ def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
     return v.where(above, t, v.where(below, zero, soft)), v.where(above, one, v.where(below, zero, share))
 
 
-def _straight_ends(f: Function) -> None:
+def _straight_ends(f: FunctionWriter) -> None:
     """With linear extrapolation the lookup does not bend at its first and last breakpoint."""
     last = f.add("%count", -1)
     f.store(f.new(f"fsub double %x, {f.load('%points')}"), "%weights")
@@ -100,7 +100,7 @@ def _straight_ends(f: Function) -> None:
     f.store(literal(0.0), "%slopes", last)
 
 
-def _differences(f: Function, first: str, end: str) -> None:
+def _differences(f: FunctionWriter, first: str, end: str) -> None:
     """Weights from ramps, in place: a grid point's weight is the share climbed before it less that after it."""
     arrays = ("%weights", "%slopes")
     climbed = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
@@ -119,12 +119,12 @@ def _differences(f: Function, first: str, end: str) -> None:
             f.store(share, climbed, at + 2)
 
 
-def _search() -> Function:
+def _search() -> FunctionWriter:
     """`search(breakpoints, count, x, result)`: the cell that holds x, 0 for NaN.
 
     Bisection by selects: which half it is cannot be foretold, and a branch foretold wrongly costs more than the rest.
     """
-    f = Function("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
+    f = FunctionWriter("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
     cells, low = f.add("%count", -1), f.slot("i64")
     f.store("0", low, kind="i64")
     with f.walk(f.add("%count", -2)) as (excluded, position):
@@ -138,8 +138,8 @@ def _search() -> Function:
     return f
 
 
-SEARCH = Shared("search", lambda: _search().text())
-SMOOTH = Shared("smooth", lambda: _search().text() + smooth().text())
+SEARCH = SharedFunction("search", lambda: _search().text())
+SMOOTH = SharedFunction("smooth", lambda: _search().text() + smooth().text())
 
 
 @dataclass(frozen=True)
@@ -150,14 +150,14 @@ class Cell:
     fraction: str
     single: bool = False  # an axis of one breakpoint
 
-    def weights(self, f: Function) -> list[tuple[str, str]]:
+    def weights(self, f: FunctionWriter) -> list[tuple[str, str]]:
         """(grid point, weight) pairs."""
         if self.single:
             return [(self.index, f.fadd(ONE, f.fmul(self.fraction, ZERO)))]
         rest = f.new(f"fsub double {ONE}, {self.fraction}")
         return [(self.index, rest), (f.add(self.index, 1), self.fraction)]
 
-    def slopes(self, f: Function) -> list[tuple[str, str]]:
+    def slopes(self, f: FunctionWriter) -> list[tuple[str, str]]:
         """(grid point, slope of the weight) pairs."""
         if self.single:
             return [(self.index, ZERO)]
@@ -182,7 +182,7 @@ class Corner:
     weight: str
 
 
-def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
+def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
     """Cell, x minus its left end, and its width. `hint` remembers the cell, as the next sample is mostly near."""
     guess = f.load(hint, kind="i64")
     after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
@@ -196,7 +196,7 @@ def find_cell(f: Function, x: str, points: str, count: int, hint: str) -> tuple[
 
 
 def corners(
-    f: Function, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
+    f: FunctionWriter, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
 ) -> Iterator[Corner]:
     """Emit the body once for each grid point around the coordinate, `slope` naming the axis to differentiate along.
 
@@ -206,7 +206,7 @@ def corners(
 
 
 def _walk(
-    f: Function, sides: list[tuple[Cell | Window, int]], slope: int | None, index: str, weight: str
+    f: FunctionWriter, sides: list[tuple[Cell | Window, int]], slope: int | None, index: str, weight: str
 ) -> Iterator[Corner]:
     if not sides:
         yield Corner(index, weight or ONE)
@@ -228,7 +228,7 @@ def _walk(
             yield from step(point, f.load(side.slope if along else side.weight, point))
 
 
-def smooth_window(f: Function, x: str, points: str, count: int, width: str, linear: bool) -> Window:
+def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str, linear: bool) -> Window:
     """The window of weights of a smoothed axis around x."""
     weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)

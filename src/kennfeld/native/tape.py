@@ -16,19 +16,19 @@ may occur in several entries.
 
 from collections.abc import Sequence
 
-from kennfeld.graph.adjoints import PullBack
+from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Linearization
 from kennfeld.native.adjoint_loop import FILLED, PullProgram
 from kennfeld.native.column_table import find
-from kennfeld.native.emitter import PARAMETERS, Item, Layout, Step, emit_items
-from kennfeld.native.ir import Function, literal
+from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
+from kennfeld.native.ir import FunctionWriter, literal
 from kennfeld.native.jacobian_rows import PulledRows, WrittenRows, entries_of, entry_items, output_row, state_row
 from kennfeld.native.sample_loop import (
     RANGE,
     ROW,
-    Code,
+    FunctionSource,
     Output,
-    Sample,
+    SampleCursor,
     counts,
     each_sample,
     loop_code,
@@ -38,7 +38,7 @@ from kennfeld.native.sample_loop import (
     step_items,
     weighted,
 )
-from kennfeld.native.tape_layout import Pattern
+from kennfeld.native.tape_layout import TapeLayout
 
 __all__ = ["start_code", "tape_code"]
 
@@ -47,17 +47,17 @@ START = tuple(("ptr", name) for name in ("index", "slope", "count"))
 ZERO = literal(0.0)
 
 
-def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) -> Code:
+def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
     """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
 
     `scores[output]` is the weight of the dataset and criterion.
     """
-    pattern = Pattern.of(line)
+    pattern = TapeLayout.of(line)
     rows = [output_row(at, output) for at, output in enumerate(outputs)]
     rows += [state_row(line.states[line.carried[i]].next) for i in pattern.kept]
     slopes = line.slopes.only([*range(len(outputs)), *(len(outputs) + i for i in pattern.kept)])
     tail = [_residual(at, output, len(outputs)) for at, output in enumerate(outputs)]
-    if isinstance(slopes, PullBack):
+    if isinstance(slopes, AdjointProgram):
         room = entries_of(line, layout, line.atoms).room
         cells = [[(line.seeds[i], place) for i, place in row] for row in pattern.places]
         program = PullProgram("tape", slopes, cells, room)
@@ -68,10 +68,10 @@ def tape_code(line: Linearization, layout: Layout, outputs: Sequence[Output]) ->
     return loop_code("tape", TAPE, tail, line, layout, len(outputs))
 
 
-def _residual(at: int, output: Output, outputs: int) -> Item:
+def _residual(at: int, output: Output, outputs: int) -> CodeItem:
     """Writes residual and weight of an output."""
 
-    def emit(step: Step) -> None:
+    def emit(step: StepEmitter) -> None:
         f = step.f
         residual, _ = scaled_residual(step, at, output)
         scored = counts(f, at)
@@ -81,19 +81,19 @@ def _residual(at: int, output: Output, outputs: int) -> Item:
         f.store(f.select(scored, residual, ZERO), "%residual", place)
         f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
 
-    return Item(output.nodes, emit)
+    return CodeItem(output.nodes, emit)
 
 
 def _pulled_tape(
-    line: Linearization, layout: Layout, rows: PulledRows, tail: list[Item], room: int, pattern: Pattern
-) -> Code:
+    line: Linearization, layout: MemoryLayout, rows: PulledRows, tail: list[CodeItem], room: int, pattern: TapeLayout
+) -> FunctionSource:
     """The tape by a pull-back: the code of a sample leaves what that needs, a loop does the rest."""
     program, outputs = rows.program, pattern.outputs
     tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
     items = step_items(line, layout, tail, rows.factor_items())
     own = [*PARAMETERS, *TAPE]
     step = emit_items("tape_step", [*own, *FILLED, ROW], items, line.nodes, layout)
-    f = Function("tape", [*own, *RANGE])
+    f = FunctionWriter("tape", [*own, *RANGE])
     memory = program.memory(f)
     filled = [(kind, memory[name]) for kind, name in FILLED]
     with each_sample(f, line, layout, outputs) as sample:
@@ -103,13 +103,13 @@ def _pulled_tape(
         slope = f.at("%slope", f.mul(sample.row, room * program.rows))
         program.run(f, memory, entries=_entry_count(f, sample.row), slope=slope, outputs=outputs, c=c, a=a)
     program.free(f, memory)
-    return Code(f.name, f.parameters, program.tables() + step + f.text())
+    return FunctionSource(f.name, f.parameters, program.tables() + step + f.text())
 
 
-def start_code(line: Linearization, layout: Layout) -> Code:
+def start_code(line: Linearization, layout: MemoryLayout) -> FunctionSource:
     """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
     rows = [state_row(line.starts[i]) for i in line.carried]
-    if isinstance(line.start_slopes, PullBack):
+    if isinstance(line.start_slopes, AdjointProgram):
         room = entries_of(line, layout, line.start_atoms).room
         return _pulled_start(
             line, layout, PulledRows(rows, PullProgram("start", line.start_slopes, [() for _ in rows], room))
@@ -120,13 +120,13 @@ def start_code(line: Linearization, layout: Layout) -> Code:
     items.append(_fill_memory(line, layout))
     own = [*PARAMETERS, *START]
     step = emit_items("start_step", [*own, ROW], items, line.nodes, layout)
-    f = Function("start", [*own, ("i64", "k")])
-    sample = Sample(f, "0", *find(f, "%k"))
+    f = FunctionWriter("start", [*own, ("i64", "k")])
+    sample = SampleCursor(f, "0", *find(f, "%k"))
     f.call("start_step", [*sample.given(own), *sample.place])
-    return Code(f.name, f.parameters, step + f.text())
+    return FunctionSource(f.name, f.parameters, step + f.text())
 
 
-def _pulled_start(line: Linearization, layout: Layout, rows: PulledRows) -> Code:
+def _pulled_start(line: Linearization, layout: MemoryLayout, rows: PulledRows) -> FunctionSource:
     """The start by a pull-back."""
     program = rows.program
     items = node_items(line.nodes, line.starts, rows.factor_items())
@@ -134,19 +134,19 @@ def _pulled_start(line: Linearization, layout: Layout, rows: PulledRows) -> Code
     items.append(_fill_memory(line, layout))
     own = [*PARAMETERS, *START]
     step = emit_items("start_step", [*own, *FILLED, ROW], items, line.nodes, layout)
-    f = Function("start", [*own, ("i64", "k")])
-    memory, sample = program.memory(f), Sample(f, "0", *find(f, "%k"))
+    f = FunctionWriter("start", [*own, ("i64", "k")])
+    memory, sample = program.memory(f), SampleCursor(f, "0", *find(f, "%k"))
     filled = [(kind, memory[name]) for kind, name in FILLED]
     f.call("start_step", [*sample.given(own), *filled, *sample.place])
     program.run(f, memory, entries=_entry_count(f, "0"), slope="%slope", outputs=0, c="null", a="null")
     program.free(f, memory)
-    return Code(f.name, f.parameters, program.tables() + step + f.text())
+    return FunctionSource(f.name, f.parameters, program.tables() + step + f.text())
 
 
-def _fill_memory(line: Linearization, layout: Layout) -> Item:
+def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
     """Writes the first value of every state to all its cells."""
 
-    def emit(step: Step) -> None:
+    def emit(step: StepEmitter) -> None:
         f = step.f
         for i, state in enumerate(line.states):
             first = step.value(line.starts[i])
@@ -156,9 +156,9 @@ def _fill_memory(line: Linearization, layout: Layout) -> Item:
             if state.latency > 1:
                 f.store("0", "%hints", i, "i64")
 
-    return Item(tuple(line.starts), emit)
+    return CodeItem(tuple(line.starts), emit)
 
 
-def _entry_count(f: Function, row: str) -> str:
+def _entry_count(f: FunctionWriter, row: str) -> str:
     """How many entries a sample has."""
     return f.new(f"sext i32 {f.load('%count', row, 'i32')} to i64")

@@ -6,14 +6,14 @@ from functools import cached_property
 
 from kennfeld.graph.derivative import Linearization
 
-__all__ = ["MANY", "Pattern"]
+__all__ = ["MANY", "TapeLayout"]
 
 TERMS = 4  # factors of S that are added at once: more no longer fit the registers
 MANY = 8  # states beyond which loops over them are faster than code for each
 
 
 @dataclass(frozen=True)
-class Pattern:
+class TapeLayout:
     """Sizes of a tape and where its matrices can differ from zero.
 
     `copies` are pairs of states, of which the first takes over what the second was: their rows of `a` need no tape.
@@ -28,7 +28,7 @@ class Pattern:
     copies: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def of(cls, line: Linearization) -> "Pattern":
+    def of(cls, line: Linearization) -> "TapeLayout":
         """The pattern of a step."""
         m, n = len(line.outputs), len(line.seeds)
         number = {seed: i for i, seed in enumerate(line.seeds)}

@@ -6,16 +6,17 @@ from kennfeld.optimize.api import calibrate, simulate
 from kennfeld.optimize.options import Options, Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Keep, Progress, Result, Saved, Seconds, StartResult, TraceLine
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.optimize.trust import Direction, NullSpace, Remedy, Trust
 
 __all__ = [
+    "Checkpoint",
+    "CheckpointSink",
     "Criterion",
     "Direction",
     "Equality",
-    "Keep",
     "Limit",
     "NullSpace",
     "Options",
@@ -26,7 +27,6 @@ __all__ = [
     "Region",
     "Remedy",
     "Result",
-    "Saved",
     "Seconds",
     "Shape",
     "StartResult",

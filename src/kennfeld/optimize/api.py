@@ -11,28 +11,28 @@ from kennfeld.criteria import Criterion
 from kennfeld.dataset import Dataset, Use
 from kennfeld.errors import ArgumentError, Finding, InputError, warn
 from kennfeld.formatting import nearest
-from kennfeld.free_axes import freed
+from kennfeld.free_axes import with_free_axes
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.traversal import rewrite
-from kennfeld.models import Model, started
+from kennfeld.models import Model, merge_start_values
 from kennfeld.models.formula import formula
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.overlap import overlap_findings
 from kennfeld.optimize.problem import Factor, Problem, Smoothness
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.result import Progress, Result
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Scalar
-from kennfeld.preprocessing.binding import bind
+from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.coercion import Data, dataset_of
-from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded_samples, refined
+from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded_samples, refine_step
 from kennfeld.preprocessing.sample_weights import weight_findings
-from kennfeld.preprocessing.time_shift import shifted
+from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["calibrate", "problem_of", "resolved", "simulate"]
+__all__ = ["bind_scalars", "build_problem", "calibrate", "simulate"]
 
 Start = ParameterSet | Mapping[str, float | Parameter]
 
@@ -92,7 +92,7 @@ def calibrate(
     >>> result.status, round(result.parameters["b"].value, 9)
     ('converged', 2.0)
     """
-    problem = problem_of(
+    problem = build_problem(
         model,
         data,
         start,
@@ -112,7 +112,7 @@ def calibrate(
     return run(problem, options or Options(), progress)
 
 
-def problem_of(
+def build_problem(
     model: Model | str,
     data: Data | Sequence[Data],
     start: Start,
@@ -133,9 +133,9 @@ def problem_of(
     """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
     if isinstance(free_axes, str):
         raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
-    bounds, outputs = _told_apart(limits or {}, given := freed(_parameters(start, model), free_axes))
+    bounds, outputs = split_limits(limits or {}, given := with_free_axes(_parameters(start, model), free_axes))
     parameters = given.with_parameters(*(given[name].with_bounds(*pair) for name, pair in bounds.items()))
-    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
+    ready = bind_scalars(model if isinstance(model, Model) else formula(model, parameters=list(parameters)), parameters)
     if target is not None:
         criteria = (Criterion(_output(ready, node), target), *criteria)
     inputs = {(channels or {}).get(name, name) for name in ready.graph.inputs}
@@ -181,21 +181,21 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     array([3., 5.])
     """
     values = _parameters(parameters, model)
-    ready = resolved(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
+    ready = bind_scalars(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
     inputs = {(channels or {}).get(name, name) for name in ready.graph.inputs}
     dataset = dataset_of(data, "data", ready.graph, inputs)
-    findings = missing(ready.graph, [dataset], values, channels or {})
+    findings = check_inputs(ready.graph, [dataset], values, channels or {})
     findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
     findings += delay_findings(ready, 0)
     if findings:
         raise InputError(findings)
     finer = _on_step(ready, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
-    bound = bind(finer, ready.graph, channels or {}, ready.step)
-    nodes = Nodes(ready.graph, values).dataset(bound, values)
+    bound = bind_inputs(finer, ready.graph, channels or {}, ready.step)
+    nodes = NodeSimulator(ready.graph, values).dataset(bound, values)
     return nodes if finer.scored is None else recorded_samples(nodes, bound.scored)
 
 
-def resolved(model: Model, parameters: ParameterSet) -> Model:
+def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
     """The model with the inputs that are scalar parameters of the set turned into lookups of them."""
     names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
     if not names:
@@ -220,10 +220,10 @@ def _parameters(given: Start, model: Model | str) -> ParameterSet:
         given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
     if not isinstance(model, Model):
         return given
-    return started(model.carried, given, continued=given.origin is not None)
+    return merge_start_values(model.carried, given, continued=given.origin is not None)
 
 
-def _told_apart(
+def split_limits(
     limits: Mapping[str, tuple[float, float]] | Sequence[Limit], parameters: ParameterSet
 ) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
     """Bounds of parameters by name, and limits of outputs."""
@@ -275,7 +275,9 @@ def _moved(
             raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
     known = {name: float(by) for name, by in shift.items() if by != "auto"}
     unknown = tuple(name for name, by in shift.items() if by == "auto")
-    return tuple(shifted(data, known) for data in datasets), {d.name: unknown for d in datasets} if unknown else {}
+    return tuple(shift_channels(data, known) for data in datasets), {
+        d.name: unknown for d in datasets
+    } if unknown else {}
 
 
 def _is_shift(given: Any) -> bool:
@@ -303,13 +305,15 @@ def _on_step(
     for data in datasets:
         place = f"dataset {data.name}"
         try:
-            made.append(refined(data, model.step, inputs, place))
+            made.append(refine_step(data, model.step, inputs, place))
         except InputError as error:
             findings += error.findings
             continue
         if made[-1] is not data and data.name in unknown:
-            what = f"a shift cannot be found while the model's step of {model.step:g} s is finer than that of the data"
-            findings.append(Finding(place, what, f"Resample the data to {model.step:g} s, or give the shift in s."))
+            message = (
+                f"a shift cannot be found while the model's step of {model.step:g} s is finer than that of the data"
+            )
+            findings.append(Finding(place, message, f"Resample the data to {model.step:g} s, or give the shift in s."))
     if findings:
         raise InputError(findings)
     return tuple(made)
@@ -325,12 +329,12 @@ def _output(model: Model, node: str | None) -> str:
 
 
 def _check(problem: Problem) -> None:
-    findings = missing(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
+    findings = check_inputs(problem.model.graph, problem.datasets, problem.parameters, problem.channels)
     findings += step_findings(problem.model, problem.datasets, problem.model.step, lambda d: f"dataset {d.name}")
     for name in problem.channels:
         if name not in problem.model.graph.inputs:
-            mend = nearest(name, problem.model.graph.inputs)
-            findings.append(Finding("channels", f"{name} is no input of the function", mend))
+            remedy = nearest(name, problem.model.graph.inputs)
+            findings.append(Finding("channels", f"{name} is no input of the function", remedy))
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
@@ -344,8 +348,8 @@ def _check(problem: Problem) -> None:
     for criterion in problem.criteria:
         for node in (criterion.node, problem.target_node(criterion)):
             if node is not None and node not in names:
-                mend = nearest(node, [*names, *channels])
-                findings.append(Finding("criterion", f"{node} is no node of the function and no channel", mend))
+                remedy = nearest(node, [*names, *channels])
+                findings.append(Finding("criterion", f"{node} is no node of the function and no channel", remedy))
     findings += [] if findings else delay_findings(problem.model, problem.free_size)
     findings += [] if findings else matrix_findings("parameters", problem.free_size)
     findings += [] if findings else check_limits(problem)
@@ -353,15 +357,15 @@ def _check(problem: Problem) -> None:
         raise InputError(findings)
 
 
-def missing(
+def check_inputs(
     graph: Graph, datasets: Sequence[Dataset], parameters: ParameterSet, channels: Mapping[str, str]
 ) -> list[Finding]:
     """Inputs without a channel, lookups without a parameter, and tables with another number of axes."""
     findings = []
     for name, count in graph.parameters.items():
         if name not in parameters:
-            mend = nearest(name, parameters)
-            findings.append(Finding("function", f"{name} is no parameter of the set", mend))
+            remedy = nearest(name, parameters)
+            findings.append(Finding("function", f"{name} is no parameter of the set", remedy))
         elif parameters[name].coordinates != count:
             has = parameters[name].coordinates
             findings.append(Finding("function", f"{name} is given {count} coordinates, but has {has} axes"))
@@ -369,6 +373,6 @@ def missing(
         for name in graph.inputs:
             channel = channels.get(name, name)
             if channel not in dataset:
-                mend = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:12])}."
-                findings.append(Finding(f"dataset {dataset.name}", f"there is no channel {channel}", mend))
+                remedy = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:12])}."
+                findings.append(Finding(f"dataset {dataset.name}", f"there is no channel {channel}", remedy))
     return findings

@@ -10,18 +10,18 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
-from kennfeld.graph.lookup_lowering import Lowered, lower
-from kennfeld.graph.partition import split
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
+from kennfeld.graph.partition import partition_graph
 from kennfeld.graph.traversal import rewrite
 from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.restraint import Penalty, penalty_of
-from kennfeld.preprocessing.binding import Bound
-from kennfeld.preprocessing.sample_weights import Weighting
-from kennfeld.preprocessing.samples import Source, gather
-from kennfeld.preprocessing.settling import ages, fewer_pieces, restarted
+from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.sample_weights import SampleWeights
+from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
+from kennfeld.preprocessing.settling import fewer_pieces, restart_states, sample_ages
 
-__all__ = ["Compiled", "Rejected", "smoothable"]
+__all__ = ["CompiledProblem", "RejectedTrials", "smoothable"]
 
 MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
 
@@ -32,12 +32,12 @@ def _outputs(problem: Problem) -> list[str]:
 
 def smoothable(problem: Problem) -> bool:
     """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
-    lowered = lower(problem.graph, problem.parameters, problem.free_names)
-    needed = split(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
+    lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
+    needed = partition_graph(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
-class Rejected:
+class RejectedTrials:
     """Counts trial values whose cost is no finite number, and keeps the first few of them."""
 
     MOST = 8
@@ -57,28 +57,28 @@ class Rejected:
         self.count, self.first = 0, []
 
 
-class Compiled:
+class CompiledProblem:
     """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
     smoothed, and at most `MOST_SMOOTHED` samples of steady-state data are used.
     """
 
-    def __init__(self, problem: Problem, smooth_like: "Compiled | None" = None) -> None:
+    def __init__(self, problem: Problem, smooth_like: "CompiledProblem | None" = None) -> None:
         self.problem = problem
-        self.rejected: Rejected = Rejected() if smooth_like is None else smooth_like.rejected
+        self.rejected: RejectedTrials = RejectedTrials() if smooth_like is None else smooth_like.rejected
         parameters, free = problem.parameters, problem.free_names
-        self.weighting = Weighting.of(problem.criteria, problem.training)
+        self.weighting = SampleWeights.of(problem.criteria, problem.training)
         graph = self.weighting.extended(problem.graph)
         self._restarts = any(bound.hold is not None for bound in problem.training)
         if self._restarts:
-            graph = restarted(graph)
+            graph = restart_states(graph)
         self._step = _even_step(problem.training)
-        lowered = self._lowered = lower(_with_step(graph, self._step), parameters, free if smooth_like else ())
+        lowered = self._lowered = lower_lookups(_with_step(graph, self._step), parameters, free if smooth_like else ())
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         outputs = _outputs(problem)
-        self._split = split(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
-        reduced = Lowered(self._split.graph, lowered.axes, lowered.shapes)
+        self._split = partition_graph(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
+        reduced = LoweredGraph(self._split.graph, lowered.axes, lowered.shapes)
         names = reduced.graph.names
         weights = {i: names[name] for i, name in self.weighting.inputs.items()}
         self.kernel = Kernel(
@@ -117,7 +117,7 @@ class Compiled:
                 counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
         return counts
 
-    def reweighted(self, factors: Float) -> "Compiled":
+    def reweighted(self, factors: Float) -> "CompiledProblem":
         """The same with the weight of each criterion times a factor; nothing is compiled again."""
         made = copy(self)
         made.samples = self.samples.reweighted(factors)
@@ -132,40 +132,40 @@ class Compiled:
         """Smooth by so many mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
-    def moved(self, problem: Problem) -> "Compiled":
+    def moved(self, problem: Problem) -> "CompiledProblem":
         """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
         other = copy(self)
         other.problem, other.start = problem, self.values.pack(problem.parameters)
         return other
 
-    def over(self, problem: Problem) -> "Compiled":
+    def over(self, problem: Problem) -> "CompiledProblem":
         """The same for a problem that differs in datasets and start alone, compiled anew only if their step does."""
         if _even_step(problem.training) != self._step:
-            return Compiled(problem)
+            return CompiledProblem(problem)
         other = self.moved(problem)
-        other.weighting = Weighting.of(problem.criteria, problem.training)
+        other.weighting = SampleWeights.of(problem.criteria, problem.training)
         other.samples = other._gathered(self._lowered)
         other.accumulator = Accumulator(self.kernel, other.samples)
         return other
 
-    def _gathered(self, lowered: Lowered) -> Samples:
+    def _gathered(self, lowered: LoweredGraph) -> Samples:
         problem = self.problem
         sources = []
         for bound in problem.gathered:
-            further = self.weighting.columns(bound) | (ages(bound.hold, bound.count) if self._restarts else {})
+            further = self.weighting.columns(bound) | (sample_ages(bound.hold, bound.count) if self._restarts else {})
             starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [
                 partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
                 for i, c in enumerate(problem.criteria)
             ]
-            sources.append(Source(whole, targets, self._scores(bound)))
-        return gather(sources, lowered, self._split, self.kernel, problem.parameters)
+            sources.append(TrainingSource(whole, targets, self._scores(bound)))
+        return assemble_samples(sources, lowered, self._split, self.kernel, problem.parameters)
 
-    def _scores(self, bound: Bound) -> Float:
+    def _scores(self, bound: BoundDataset) -> Float:
         return np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
 
-    def _shared(self, lowered: Lowered, other: "Compiled") -> Samples:
+    def _shared(self, lowered: LoweredGraph, other: "CompiledProblem") -> Samples:
         """The samples of another form of the problem, where its data-only part is the same."""
         mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
         if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
@@ -177,7 +177,7 @@ class Compiled:
         return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
 
 
-def _even_step(bounds: Sequence[Bound]) -> float | None:
+def _even_step(bounds: Sequence[BoundDataset]) -> float | None:
     """The step of all data, where they have the same even one."""
     steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     return steps.pop() if len(steps) == 1 else None

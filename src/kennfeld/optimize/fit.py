@@ -14,38 +14,38 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.free_axes import AxisKey, FreeAxis
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of, touching_pairs
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.sensitivity import without_vanished
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.augmented_lagrangian import descend_within
-from kennfeld.optimize.strategies.breakpoint_placement import Placing, coarse
+from kennfeld.optimize.strategies.breakpoint_placement import BreakpointPlacement, coarse
 from kennfeld.optimize.strategies.output_limits import OutputLimits
-from kennfeld.optimize.strategies.smoothing_continuation import LONG, SHORT, Continuation
-from kennfeld.optimize.trust.assessment import Inspection
-from kennfeld.optimize.validation import left_behind
+from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
+from kennfeld.optimize.trust.assessment import TrustAssessment
+from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.optimize.worsening import admissible_share, worsened
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import blas_threads
 
-__all__ = ["Run", "run", "told"]
+__all__ = ["FitRun", "run"]
 
 ROUGH = 1e-5  # relative change of the cost that ends a descent while another is lower
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 SADDLES = 3  # descents that may begin anew where values cannot move
-CREASED = 3e-3  # relative difference of two ends from which creases matter
+KINK_COST_DIFFERENCE = 3e-3  # relative difference of two ends from which creases matter
 
-Search = Callable[[Float, Limits], Descent]
+Search = Callable[[Float, LinearLimits], SolverResult]
 
 
 def told(axes: Mapping[AxisKey, FreeAxis], parameters: ParameterSet) -> str:
@@ -66,12 +66,12 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
 
     Raises `InputError` where the problem has nothing to fit. All that can happen afterwards is a status of the result.
     """
-    running = Run(problem, options, progress, seconds or Seconds())
+    running = FitRun(problem, options, progress, seconds or Seconds())
     with blas_threads(running.exact.values.free):
         return running.result()
 
 
-class Run:
+class FitRun:
     """The running state of a calibration."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
@@ -79,8 +79,8 @@ class Run:
         self.problem, self.options, self.progress = problem, options, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # hears of the values as well
         self.began = time.perf_counter()
-        self.exact = Compiled(problem)
-        self.objective = SumOfSquares(self.exact)
+        self.exact = CompiledProblem(problem)
+        self.objective = LeastSquaresObjective(self.exact)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(problem, self.exact) if smoothed else None
         self.read = seconds.read
@@ -103,18 +103,18 @@ class Run:
         """The limits of outputs, where there are any."""
         return OutputLimits(self.problem) if self.problem.limits else None
 
-    def moved(self, problem: Problem) -> "Run":
+    def moved(self, problem: Problem) -> "FitRun":
         """The same run from other values of its free parameters; nothing is compiled again."""
         other = copy(self)
         for made_for_one_start in ("scorer", "outputs"):
             other.__dict__.pop(made_for_one_start, None)
         other.problem, other.exact = problem, self.exact.moved(problem)
-        other.objective = SumOfSquares(other.exact)
+        other.objective = LeastSquaresObjective(other.exact)
         other.continuation = self.continuation and self.continuation.moved(other.exact)
         other.trace = []
         return other
 
-    def begin(self, limits: Limits) -> tuple[Float | None, str]:
+    def begin(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """The start moved into the limits, and off a saddle; None where that is impossible. And a remark on it."""
         kept, remark = project(self.objective.start, limits)
         if kept is None or self.options.method == "global" or self.objective.cost(kept) == 0:
@@ -122,14 +122,14 @@ class Run:
         off = departure(self.exact, kept, limits)
         return (kept, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
 
-    def end(self, search: Search | None = None) -> tuple[Descent, str]:
+    def end(self, search: Search | None = None) -> tuple[SolverResult, str]:
         """Where the search ends that begins at `begin`, and a remark on that start."""
         self.exact.rejected.clear()
         given = self.objective.start
-        limits = limits_of(self.problem, self.exact.values)
+        limits = linear_limits(self.problem, self.exact.values)
         start, remark = self.begin(limits)
         if start is None:
-            return Descent(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+            return SolverResult(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
         if search is not None:
             return self._within(search(start, limits), limits), remark
         end = self._limited(self._off_saddles(self._descend(start, limits), limits), start, limits)
@@ -139,7 +139,7 @@ class Run:
             end, remark = replace(end, values=kept, cost=self.objective.cost(kept)), usual
         return self._within(self._with_reasons(self._with_slopes(end, limits)), limits), remark
 
-    def _with_slopes(self, end: Descent, limits: Limits) -> Descent:
+    def _with_slopes(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """The end, which has failed if no free value has a slope there although errors are left.
 
         Values that all lie on bounds may be the best ones.
@@ -156,7 +156,7 @@ class Run:
         )
         return replace(end, status="failed", message=message)
 
-    def _within(self, end: Descent, limits: Limits) -> Descent:
+    def _within(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """The end, moved onto the limits if it misses one; only values that keep all of them have converged."""
         missed = missed_limits(end.values, limits)
         if not missed or not np.isfinite(end.cost):
@@ -170,7 +170,7 @@ class Run:
         message = "The values found missed their limits and were moved to the nearest ones that keep them: they are "
         return replace(moved, status="failed", message=f"{message}not the best. Missed: {missed}.")
 
-    def _off_saddles(self, end: Descent, limits: Limits) -> Descent:
+    def _off_saddles(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """The end of descents from an end at which values cannot move; it has failed if they all lead to such ends."""
         ends = [end]
         for _ in range(SADDLES):
@@ -196,7 +196,7 @@ class Run:
         _ = search or self.outputs
         self.compile = time.perf_counter() - self.began
         before = self.objective.cost(self.objective.start)
-        limits = limits_of(self.problem, self.exact.values)
+        limits = linear_limits(self.problem, self.exact.values)
         end, remark = self.end(search)
         parameters = self.parameters(end.values)
         informed = self._informed(end)
@@ -223,7 +223,7 @@ class Run:
             warnings=self._warnings(end, limits, quality),
         )
 
-    def _warnings(self, end: Descent, limits: Limits, quality: Sequence[Quality]) -> tuple[Finding, ...]:
+    def _warnings(self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality]) -> tuple[Finding, ...]:
         """What to know of the errors that the fit ends with, if they are larger than at the start."""
         if end.status in ("infeasible", "failed"):
             return ()
@@ -236,7 +236,7 @@ class Run:
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
         return tuple(worsened(quality, self.scored, outweighed=outweighed, share=share))
 
-    def _descend(self, start: Float, limits: Limits) -> Descent:
+    def _descend(self, start: Float, limits: LinearLimits) -> SolverResult:
         """The end of the lowest cost: of the plain descent and, where there are creases, of continuations.
 
         Where the short continuation and the plain descent end at about the same cost, creases do not matter; else the
@@ -245,42 +245,49 @@ class Run:
         if self.options.method == "global":
             return self._searched(start, limits)
         settings = coarse(self.options.settings) if self.problem.free_axes else self.options.settings
-        ends: list[Descent] = []
+        ends: list[SolverResult] = []
         if self.continuation is not None:
-            ends.append(self.continuation.descend(SHORT, start, limits, settings, self._report))
+            ends.append(self.continuation.descend(SHORT_SCHEDULE, start, limits, settings, self._report))
         if not ends or ends[-1].status != "stopped":
             ends += self._plain(start, limits, settings, ends)
         if self.continuation is not None and _differ(ends):
-            ends.append(self.continuation.descend(LONG, start, limits, settings, self._report))
+            ends.append(self.continuation.descend(LONG_SCHEDULE, start, limits, settings, self._report))
         if self.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
-            placing = Placing(self.problem, self.exact, smoothed=self.options.continuation != "off")
+            placing = BreakpointPlacement(self.problem, self.exact, smoothed=self.options.continuation != "off")
             ends.append(placing.descend(_lowest(ends).values, limits, self.options.settings, self._report))
         return _lowest(ends)
 
-    def _searched(self, start: Float, limits: Limits) -> Descent:
+    def _searched(self, start: Float, limits: LinearLimits) -> SolverResult:
         """The end of a search without gradients, and of a descent from there."""
-        from kennfeld.optimize.strategies.global_search import FeasibleFirst, GlobalSettings, global_search, polished
+        from kennfeld.optimize.strategies.global_search import (
+            FeasibilityFirstCost,
+            GlobalSettings,
+            global_search,
+            polish,
+        )
 
         search = GlobalSettings(self.options.max_evaluations, self.options.seed)
         if self.outputs is not None:
-            first = FeasibleFirst(self.objective, self.outputs, self.parameters)
+            first = FeasibilityFirstCost(self.objective, self.outputs, self.parameters)
             found = first.search(start, limits, search, partial(self._report, "global"))
             return first.polished(found, limits, self.options.settings, self._report)
         found = global_search(self.objective, start, limits, search, partial(self._report, "global"))
-        return polished(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
+        return polish(self.objective, found, limits, self.options.settings, partial(self._report, "polish"))
 
-    def _plain(self, start: Float, limits: Limits, settings: Settings, before: Sequence[Descent]) -> list[Descent]:
+    def _plain(
+        self, start: Float, limits: LinearLimits, settings: SolverSettings, before: Sequence[SolverResult]
+    ) -> list[SolverResult]:
         """The plain descent; where another one came before, it goes on to its very end only if it came lower."""
         report = partial(self._report, "plain")
         if not before:
-            return [gauss_newton(self.objective, start, limits, settings, report)]
+            return [levenberg_marquardt(self.objective, start, limits, settings, report)]
         rough = replace(settings, tolerance=max(settings.tolerance, ROUGH), patience=2)
-        ends = [gauss_newton(self.objective, start, limits, rough, report)]
+        ends = [levenberg_marquardt(self.objective, start, limits, rough, report)]
         if ends[0].status == "converged" and not ends[0].cost > before[-1].cost:
-            ends.append(gauss_newton(self.objective, ends[0].values, limits, settings, report))
+            ends.append(levenberg_marquardt(self.objective, ends[0].values, limits, settings, report))
         return ends
 
-    def _limited(self, end: Descent, start: Float, limits: Limits) -> Descent:
+    def _limited(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """The end moved to where the limits of outputs hold; from there, else from the start."""
         outputs = self.outputs
         if outputs is None or end.status in ("stopped", "failed") or outputs.kept(self.parameters(end.values)):
@@ -297,7 +304,7 @@ class Run:
         best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
         return _with_effort(best, ends)
 
-    def _faint_restored(self, end: Descent, start: Float, limits: Limits) -> Descent:
+    def _faint_restored(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """The end with the start of the values whose effect is mere rounding there.
 
         They may have moved while it was more than that: an initial state while a time constant was larger.
@@ -319,30 +326,32 @@ class Run:
             return end
         return self._descended_without(faint, end, values, limits)
 
-    def _keeps_as_well(self, values: Float, end: Descent, limits: Limits) -> bool:
+    def _keeps_as_well(self, values: Float, end: SolverResult, limits: LinearLimits) -> bool:
         """Whether values keep the limits as well as an end does."""
         return limits.violation(values) <= max(limits.violation(end.values), FEASIBLE)
 
-    def _descended_without(self, faint: Bool, end: Descent, values: Float, limits: Limits) -> Descent:
+    def _descended_without(self, faint: Bool, end: SolverResult, values: Float, limits: LinearLimits) -> SolverResult:
         """The end of a descent from values of which the faint ones stay; another one if they do matter.
 
         A faint value that had moved far follows the noise of some samples, which costs a little to undo.
         """
-        again = gauss_newton(self.objective, values, limits, self.options.settings, partial(self._report, "plain"))
+        again = levenberg_marquardt(
+            self.objective, values, limits, self.options.settings, partial(self._report, "plain")
+        )
         kept = np.array_equal(again.values[faint], values[faint])
         if self.outputs is not None and not self.outputs.kept(self.parameters(again.values)):
             return end
         return _with_effort(again, [end, again]) if kept and again.cost <= NOISE * end.cost else end
 
-    def _with_reasons(self, end: Descent) -> Descent:
+    def _with_reasons(self, end: SolverResult) -> SolverResult:
         """The end with a sentence on the trial values that were rejected on the way."""
         rejected = self.exact.rejected
         if not rejected.count:
             return end
-        from kennfeld.optimize.rejected_steps import Reasons, told
+        from kennfeld.optimize.rejected_steps import RejectionReasons, told
 
         if not np.isfinite(end.cost):
-            reason = Reasons(self.problem).of(self.parameters(end.values))
+            reason = RejectionReasons(self.problem).of(self.parameters(end.values))
             return replace(end, message=f"{end.message} At these values {reason}.")
         return replace(end, message=f"{end.message} {told(self.problem, rejected, self.parameters)}")
 
@@ -352,7 +361,7 @@ class Run:
         full[: values.size] = values
         return self.exact.values.unpack(full, self.problem.parameters)
 
-    def _report(self, stage: str, line: Iteration, values: Float, compiled: Compiled | None = None) -> None:
+    def _report(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:
         cost = line.cost - (compiled or self.exact).roughness.cost(values)
         entry = TraceLine(
             iteration=line.iteration,
@@ -371,14 +380,14 @@ class Run:
         if self.progress is not None:
             self.progress(entry)
 
-    def _inspection(self, end: Descent, informed: Mapping[str, Bool]) -> Inspection | None:
+    def _inspection(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         """What tells the trust in the values, where there is anything to trust."""
         if end.status == "infeasible" or not informed:
             return None
         given = (self.problem, end.values, informed, self.exact, self.scorer)
-        return Inspection(*given, outputs=lambda: self.outputs, status=end.status)
+        return TrustAssessment(*given, outputs=lambda: self.outputs, status=end.status)
 
-    def _informed(self, end: Descent) -> Mapping[str, Bool]:
+    def _informed(self, end: SolverResult) -> Mapping[str, Bool]:
         """For each free parameter, the values that the cost depends on, at the end or on the way there."""
         if not np.isfinite(end.cost):
             return {}
@@ -397,15 +406,15 @@ class Run:
         }
 
 
-def _differ(ends: Sequence[Descent]) -> bool:
+def _differ(ends: Sequence[SolverResult]) -> bool:
     """Whether all descents ran to their end, and these are not about equal."""
     if any(end.status in ("stopped", "failed") for end in ends):
         return False
     costs = [end.cost for end in ends]
-    return max(costs) - min(costs) > CREASED * min(costs)
+    return max(costs) - min(costs) > KINK_COST_DIFFERENCE * min(costs)
 
 
-def _lowest(ends: Sequence[Descent]) -> Descent:
+def _lowest(ends: Sequence[SolverResult]) -> SolverResult:
     """The best of several descents, with the effort of all."""
     best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
     if ends[-1].status == "stopped":
@@ -416,7 +425,7 @@ def _lowest(ends: Sequence[Descent]) -> Descent:
     return _with_effort(best, ends)
 
 
-def _with_effort(best: Descent, ends: Sequence[Descent]) -> Descent:
+def _with_effort(best: SolverResult, ends: Sequence[SolverResult]) -> SolverResult:
     """An end with the iterations and evaluations of all."""
     effort = {name: sum(getattr(end, name) for end in ends) for name in ("iterations", "evaluations")}
     return replace(best, **effort)
@@ -431,7 +440,7 @@ def _require(problem: Problem, options: Options) -> None:
         findings.append(
             Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
         )
-    findings += left_behind(problem.free_axes, problem.free_names)
+    findings += check_shared_axes(problem.free_axes, problem.free_names)
     if not any(bound.count for bound in problem.training):
         findings.append(Finding("datasets", "no training data are left", "Use at least one dataset for training."))
     else:

@@ -10,11 +10,11 @@ from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
 
-__all__ = ["Side", "channels_of", "sides_of", "with_sides"]
+__all__ = ["LimitSide", "add_limit_nodes", "channels_of", "limit_sides"]
 
 
 @dataclass(frozen=True)
-class Side:
+class LimitSide:
     """One side of a limit: `node`, made to be kept at or below `bound`."""
 
     limit: Limit
@@ -41,16 +41,16 @@ class Side:
         return f"{self.limit.node} {sign} {bound:g}"
 
 
-def sides_of(limits: Sequence[Limit]) -> tuple[Side, ...]:
+def limit_sides(limits: Sequence[Limit]) -> tuple[LimitSide, ...]:
     """The sides that bound something."""
-    sides = [Side(limit, number, sign) for number, limit in enumerate(limits, 1) for sign in (1, -1)]
+    sides = [LimitSide(limit, number, sign) for number, limit in enumerate(limits, 1) for sign in (1, -1)]
     return tuple(side for side in sides if np.isfinite(side.bound))
 
 
-def with_sides(model: Model, limits: Sequence[Limit]) -> Model:
+def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
     """The model with a node for each side and each condition; raises `InputError` with all that is wrong."""
     texts: dict[str, str] = {}
-    for side in sides_of(limits):
+    for side in limit_sides(limits):
         texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
         if side.limit.where:
             texts[side.where] = side.limit.where
@@ -60,7 +60,7 @@ def with_sides(model: Model, limits: Sequence[Limit]) -> Model:
 def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
     """The names in limits that are no names of the model: inputs that only the limits read."""
     try:
-        inputs = with_sides(model, limits).graph.inputs
+        inputs = add_limit_nodes(model, limits).graph.inputs
     except InputError:
         return []
     return [name for name in inputs if name not in model.graph.inputs]

@@ -12,20 +12,20 @@ from kennfeld.constraints import Equality, Pin, Shape, Term
 from kennfeld.errors import Finding, InputError
 from kennfeld.free_axes import AxisKey, FreeAxis, key_of
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.problem import Place, Problem
-from kennfeld.optimize.solver.linear_constraints import Limits, Rows
+from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["bounds_of", "grid_points", "limits_of", "order_of", "rising", "touching_pairs"]
+__all__ = ["breakpoint_bounds", "breakpoint_order", "grid_points", "is_ordered", "linear_limits", "touching_pairs"]
 
 TOUCHING = 1e-6  # of the mean distance, within which two breakpoints stand at their least distance
 
 DIRECTIONS = "xyzw"
 
 
-def bounds_of(axis: FreeAxis, parameters: ParameterSet, held: Sequence[Place] = ()) -> tuple[Float, Float]:
+def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, held: Sequence[Place] = ()) -> tuple[Float, Float]:
     """Lower and upper bounds of the breakpoints, equal for those that stay.
 
     The ends stay unless the axis has a range. So do breakpoints whose grid points are all locked, and those around the
@@ -52,7 +52,7 @@ def _around(table: Parameter, which: int, x: float) -> Bool:
     return np.asarray(weights[0] != 0)
 
 
-def order_of(axes: Mapping[AxisKey, FreeAxis], values: Values) -> Rows:
+def breakpoint_order(axes: Mapping[AxisKey, FreeAxis], values: ValueLayout) -> LinearRows:
     """Limits that keep the order and the distance of neighbouring breakpoints of all axes."""
     parts = []
     for key, axis in axes.items():
@@ -62,11 +62,11 @@ def order_of(axes: Mapping[AxisKey, FreeAxis], values: Values) -> Rows:
             columns = at + np.stack([gaps, gaps + 1], axis=1)
             names = tuple(f"distance of breakpoints {i + 1} and {i + 2} of {key}" for i in gaps)
             lower, upper = (np.full(gaps.size, side) for side in (axis.axis.least_distance, np.inf))
-            parts.append(Rows(columns, np.broadcast_to([-1.0, 1.0], columns.shape), lower, upper, names))
-    return Rows.together(parts)
+            parts.append(LinearRows(columns, np.broadcast_to([-1.0, 1.0], columns.shape), lower, upper, names))
+    return LinearRows.together(parts)
 
 
-def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tuple[str, ...]) -> Rows:
+def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tuple[str, ...]) -> LinearRows:
     """Limits of the slope between neighbours whose breakpoints move: `lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1)`.
 
     Linear in values and breakpoints together. `values` and `points` are the columns of z1, z2 and of x1, x2, both
@@ -77,11 +77,11 @@ def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tu
     for side, (low, high) in zip(sides, ((0.0, np.inf), (-np.inf, 0.0)), strict=True):
         if np.isfinite(side):
             coefficients = np.broadcast_to([-1.0, 1.0, side, -side], columns.shape)
-            parts.append(Rows(columns, coefficients, nothing + low, nothing + high, names))
-    return Rows.together(parts)
+            parts.append(LinearRows(columns, coefficients, nothing + low, nothing + high, names))
+    return LinearRows.together(parts)
 
 
-def rising(order: Rows, values: Float) -> bool:
+def is_ordered(order: LinearRows, values: Float) -> bool:
     """Whether breakpoints stand in their order, whatever rounding does to their distance."""
     return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
 
@@ -92,7 +92,7 @@ def touching_pairs(points: Float, least: float) -> Int:
     return np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
 
 
-def limits_of(problem: Problem, values: Values) -> Limits:
+def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
     """Bounds, locks, shapes, pins and equalities of the free values.
 
     Raises `InputError` where one of them concerns what is not free.
@@ -109,13 +109,13 @@ def limits_of(problem: Problem, values: Values) -> Limits:
     for table, (key, axis) in enumerate(problem.free_axes.items(), len(problem.free_names)):
         part = slice(values.moving[key], values.moving[key] + len(axis.axis))
         tables[part] = table
-        lower[part], upper[part] = bounds_of(axis, problem.parameters, problem.held)
+        lower[part], upper[part] = breakpoint_bounds(axis, problem.parameters, problem.held)
     findings = list(_findings(problem))
     if findings:
         raise InputError(findings)
-    writer = _Writer(problem, values)
-    order = order_of(problem.free_axes, values)
-    return Limits(lower, upper, Rows.together([writer.pins(), *writer.constraints(), order]), tables)
+    writer = _RowBuilder(problem, values)
+    order = breakpoint_order(problem.free_axes, values)
+    return LinearLimits(lower, upper, LinearRows.together([writer.pins(), *writer.constraints(), order]), tables)
 
 
 def _findings(problem: Problem) -> Iterator[Finding]:
@@ -124,31 +124,31 @@ def _findings(problem: Problem) -> Iterator[Finding]:
         yield from _of_term(problem, f"pin of {pin.parameter}", Term(pin.parameter, pin.at))
     for constraint in problem.constraints:
         if isinstance(constraint, Shape):
-            what = f"{constraint.kind} of {constraint.parameter}"
-            yield from _of_term(problem, what, Term(constraint.parameter))
+            message = f"{constraint.kind} of {constraint.parameter}"
+            yield from _of_term(problem, message, Term(constraint.parameter))
             if constraint.parameter in problem.parameters:
-                yield from _of_curvature(problem, what, constraint)
+                yield from _of_curvature(problem, message, constraint)
                 axes = len(problem.parameters[constraint.parameter].index_axes)
                 if not 0 <= constraint.axis < axes:
-                    yield Finding(what, f"axis {constraint.axis} does not exist, the parameter has {axes}")
+                    yield Finding(message, f"axis {constraint.axis} does not exist, the parameter has {axes}")
         else:
             for term in constraint.terms:
                 yield from _of_term(problem, f"equality {constraint}", term)
 
 
-def _of_term(problem: Problem, what: str, term: Term) -> Iterator[Finding]:
+def _of_term(problem: Problem, message: str, term: Term) -> Iterator[Finding]:
     if term.parameter not in problem.free_names:
-        yield Finding(what, f"{term.parameter} is not free", "Free it, or drop the limit.")
+        yield Finding(message, f"{term.parameter} is not free", "Free it, or drop the limit.")
     elif term.at is not None:
         axes = problem.parameters[term.parameter].index_axes
         if len(term.at) != len(axes):
-            yield Finding(what, f"{list(term.at)} has {len(term.at)} coordinates for {len(axes)} axes")
+            yield Finding(message, f"{list(term.at)} has {len(term.at)} coordinates for {len(axes)} axes")
 
 
-def _of_curvature(problem: Problem, what: str, shape: Shape) -> Iterator[Finding]:
+def _of_curvature(problem: Problem, message: str, shape: Shape) -> Iterator[Finding]:
     """A limit of the curvature is linear only while the breakpoints stand still."""
     if shape.kind == "curvature" and _moving(problem, shape) is not None:
-        yield Finding(what, "the breakpoints along this axis are free", "Keep them, or drop the limit.")
+        yield Finding(message, "the breakpoints along this axis are free", "Keep them, or drop the limit.")
 
 
 def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
@@ -160,18 +160,18 @@ def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
     return key if key in problem.free_axes else None
 
 
-class _Writer:
+class _RowBuilder:
     """Writes rows over the free values."""
 
-    def __init__(self, problem: Problem, values: Values) -> None:
+    def __init__(self, problem: Problem, values: ValueLayout) -> None:
         self.problem, self.values = problem, values
 
-    def pins(self) -> Rows:
+    def pins(self) -> LinearRows:
         """Pins as equalities."""
         pins = [(_pin_name(pin), Term(pin.parameter, pin.at), pin.value) for pin in self.problem.pins]
-        return Rows.together([self._equality(Equality([term], value), name) for name, term, value in pins])
+        return LinearRows.together([self._equality(Equality([term], value), name) for name, term, value in pins])
 
-    def constraints(self) -> Iterator[Rows]:
+    def constraints(self) -> Iterator[LinearRows]:
         """Shapes and equalities, in their order."""
         for constraint in self.problem.constraints:
             if isinstance(constraint, Shape):
@@ -179,15 +179,15 @@ class _Writer:
             else:
                 yield self._equality(constraint, f"equality {constraint}")
 
-    def _equality(self, equality: Equality, name: str) -> Rows:
+    def _equality(self, equality: Equality, name: str) -> LinearRows:
         row = np.zeros(self.values.free)
         for term in equality.terms:
             columns, weights = grid_points(self.problem.parameters[term.parameter], term.at)
             np.add.at(row, columns + self.values.offsets[term.parameter], term.factor * weights)
         side = np.array([equality.value])
-        return Rows.of(row[None], side, side, [name])
+        return LinearRows.of(row[None], side, side, [name])
 
-    def _shape(self, shape: Shape) -> Rows:
+    def _shape(self, shape: Shape) -> LinearRows:
         parameter = self.problem.parameters[shape.parameter]
         points, coefficients = _differences(parameter, shape)
         columns = points.reshape(-1, points.shape[-1]) + self.values.offsets[shape.parameter]
@@ -197,7 +197,7 @@ class _Writer:
             steps = np.repeat(np.arange(len(points)), points.shape[1]) + self.values.moving[key]
             return slopes_along(columns, np.stack([steps, steps + 1], axis=1), (shape.lower, shape.upper), names)
         lower, upper = (np.full(len(columns), side) for side in (shape.lower, shape.upper))
-        return Rows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
+        return LinearRows(columns, np.repeat(coefficients, points.shape[1], axis=0), lower, upper, names)
 
 
 def _pin_name(pin: Pin) -> str:

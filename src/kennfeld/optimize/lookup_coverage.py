@@ -12,14 +12,14 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
-from kennfeld.graph.lookup_lowering import Lowered, lower
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.traversal import dependent, extended
 from kennfeld.native import Simulator
 from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
 __all__ = ["BLOCK", "Coverage", "Lookup", "Lookups", "cell_shape", "coordinates", "touched"]
 
@@ -29,7 +29,7 @@ BLOCK = 65536  # samples at once, so that memory does not grow with the data
 
 
 @dataclass(frozen=True)
-class Block:
+class LookupBlock:
     """Coordinates of one lookup over some samples; `first` is the number of the first of them."""
 
     name: str
@@ -43,7 +43,7 @@ class Coverage:
     def __init__(
         self, graph: Graph, parameters: ParameterSet, names: Collection[str], *, of_data_alone: bool = False
     ) -> None:
-        lowered = lower(graph, parameters)
+        lowered = lower_lookups(graph, parameters)
         nodes = lowered.graph.nodes
         self._parameters, self._states = parameters, bool(lowered.graph.states)
         self._lookups = _lookups(lowered, names, of_data_alone)
@@ -53,7 +53,7 @@ class Coverage:
         # most axes carry an input as it is, and compiling takes longer than all else here
         self._simulator = Simulator(lowered, self._roots, parameters) if self._roots else None
 
-    def blocks(self, bound: Bound) -> Iterator[Block]:
+    def blocks(self, bound: BoundDataset) -> Iterator[LookupBlock]:
         """The coordinates of every lookup, block by block."""
         columns = bound.columns
         for first, last in self._ranges(bound):
@@ -62,15 +62,15 @@ class Coverage:
             if self._simulator is not None:
                 found |= zip(self._roots, self._simulator.over(held, last - first, self._parameters), strict=True)
             for name, places in self._lookups:
-                yield Block(name, first, tuple(found[at] for at in places))
+                yield LookupBlock(name, first, tuple(found[at] for at in places))
 
-    def _ranges(self, bound: Bound) -> Iterator[tuple[int, int]]:
+    def _ranges(self, bound: BoundDataset) -> Iterator[tuple[int, int]]:
         """Pieces where there are states, else blocks."""
         firsts = bound.starts.tolist() if self._states else range(0, bound.count, _BLOCK)
         yield from pairwise([*firsts, bound.count])
 
 
-def _lookups(lowered: Lowered, names: Collection[str], of_data_alone: bool) -> list[tuple[str, tuple[int, ...]]]:
+def _lookups(lowered: LoweredGraph, names: Collection[str], of_data_alone: bool) -> list[tuple[str, tuple[int, ...]]]:
     nodes = lowered.graph.nodes
     moving: Collection[int] = ()
     if of_data_alone:
@@ -85,7 +85,7 @@ def _lookups(lowered: Lowered, names: Collection[str], of_data_alone: bool) -> l
 
 
 def touched(
-    coverage: Coverage, parameters: Mapping[str, Parameter], bound: Bound, counts: Callable[[Bound], Bool]
+    coverage: Coverage, parameters: Mapping[str, Parameter], bound: BoundDataset, counts: Callable[[BoundDataset], Bool]
 ) -> dict[str, Bool]:
     """For each table, the values that a sample's lookup gives a weight; `counts` says which samples do."""
     counting = counts(bound)
@@ -175,12 +175,12 @@ class Lookups:
         }
         self._computed = coordinates(problem)
         self._values = dict(zip((d.name for d in problem.datasets), computed, strict=False))
-        self._nodes: Nodes | None = None
+        self._nodes: NodeSimulator | None = None
         if self._computed and not computed:
-            self._nodes = Nodes(extended(graph, self._computed), parameters, list(self._computed.values()))
+            self._nodes = NodeSimulator(extended(graph, self._computed), parameters, list(self._computed.values()))
         self._kept: dict[str, list[Lookup]] = {}
 
-    def blocks(self, bound: Bound) -> Iterable[Lookup]:
+    def blocks(self, bound: BoundDataset) -> Iterable[Lookup]:
         """Every lookup over the kept samples of a dataset."""
         if bound.count > BLOCK:
             return self._blocks(bound)
@@ -188,7 +188,7 @@ class Lookups:
             self._kept[bound.dataset.name] = list(self._blocks(bound))
         return self._kept[bound.dataset.name]
 
-    def _blocks(self, bound: Bound) -> Iterator[Lookup]:
+    def _blocks(self, bound: BoundDataset) -> Iterator[Lookup]:
         given = bound.columns
         for here, values in self._coordinates(bound):
             columns = {at: given[name][here] for at, name in self._inputs.items()}
@@ -197,7 +197,7 @@ class Lookups:
             for name, args in self._lookups:
                 yield self._one(self._parameters[name], here.start, args, columns, searched)
 
-    def _coordinates(self, bound: Bound) -> Iterator[tuple[slice, Float]]:
+    def _coordinates(self, bound: BoundDataset) -> Iterator[tuple[slice, Float]]:
         """The computed coordinates, shape (coordinates, samples), block by block."""
         known = self._values.get(bound.dataset.name)
         if known is None and self._nodes is not None:

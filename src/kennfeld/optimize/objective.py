@@ -4,28 +4,28 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Cholesky
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import order_of, rising
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 from kennfeld.optimize.sensitivity import Sensitivity
 
-__all__ = ["SumOfSquares"]
+__all__ = ["LeastSquaresObjective"]
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
 LEARNING_VALUES = 128
 
 
-class SumOfSquares:
+class LeastSquaresObjective:
     """Data cost plus roughness; see `gauss_newton_model.Objective`.
 
     Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
     """
 
-    def __init__(self, compiled: Compiled, *, by_rows: bool = True) -> None:
+    def __init__(self, compiled: CompiledProblem, *, by_rows: bool = True) -> None:
         """Without `by_rows`, even a small problem is solved by its sums: faster, with half the digits."""
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
-        self._order = order_of(compiled.problem.free_axes, compiled.values)
+        self._order = breakpoint_order(compiled.problem.free_axes, compiled.values)
         entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
         self._small = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         self._sensitivity = Sensitivity(compiled)
@@ -60,7 +60,7 @@ class SumOfSquares:
 
     def cost(self, values: Float) -> float:
         """Sum of losses plus roughness; infinite where breakpoints are out of order."""
-        if not rising(self._order, values):
+        if not is_ordered(self._order, values):
             return np.inf
         cost = self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
         if not np.isfinite(cost):

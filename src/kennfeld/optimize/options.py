@@ -14,7 +14,7 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.errors import ArgumentError
 from kennfeld.numeric import number
 from kennfeld.optimize.problem import Factor, Smoothness
-from kennfeld.optimize.solver.levenberg_marquardt import Settings
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.parameters import Parameter
 
 __all__ = ["MOST_STARTS", "Options", "Step", "matching"]
@@ -159,6 +159,6 @@ class Options:
         object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> SolverSettings:
         """The settings of one descent."""
-        return Settings(self.max_iterations, self.tolerance)
+        return SolverSettings(self.max_iterations, self.tolerance)

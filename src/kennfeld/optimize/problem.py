@@ -26,10 +26,19 @@ from kennfeld.models import Model
 from kennfeld.optimize.restraint import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-from kennfeld.preprocessing.binding import Bound, bind
+from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
 from kennfeld.preprocessing.settling import averaged, averages
 
-__all__ = ["Factor", "Place", "Problem", "Smoothness", "bounded", "difference", "fitted_axes", "time_constants"]
+__all__ = [
+    "Factor",
+    "Place",
+    "Problem",
+    "Smoothness",
+    "bound_time_constants",
+    "difference",
+    "fitted_axes",
+    "time_constants",
+]
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 
@@ -101,18 +110,18 @@ class Problem:
         return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
 
     @cached_property
-    def training(self) -> tuple[Bound, ...]:
+    def training(self) -> tuple[BoundDataset, ...]:
         """The training data, bound to the model."""
         return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
 
     @cached_property
-    def gathered(self) -> tuple[Bound, ...]:
+    def gathered(self) -> tuple[BoundDataset, ...]:
         """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
         return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
-    def bind(self, dataset: Dataset) -> Bound:
+    def bind(self, dataset: Dataset) -> BoundDataset:
         """A dataset as the model reads it."""
-        return bind(dataset, self.graph, self.channels, self.model.step)
+        return bind_inputs(dataset, self.graph, self.channels, self.model.step)
 
     @cached_property
     def graph(self) -> Graph:
@@ -136,7 +145,7 @@ class Problem:
         is_channel = target.kind == "channel" or any(target.name in data for data in self.datasets)
         return target.name if target.kind == "node" or (target.kind == "name" and not is_channel) else None
 
-    def target(self, criterion: Criterion, bound: Bound) -> Float:
+    def target(self, criterion: Criterion, bound: BoundDataset) -> Float:
         """What the difference node shall be at each kept sample; NaN where the sample is not scored."""
         if criterion.target.kind == "number":
             values = np.full(bound.count, criterion.target.value)
@@ -185,7 +194,7 @@ def time_constants(graph: Graph) -> list[int]:
     return list(found)
 
 
-def bounded(problem: Problem) -> Problem:
+def bound_time_constants(problem: Problem) -> Problem:
     """The problem with a lower bound of 0 for free parameters that are time constants and nothing else.
 
     Locked values, and parameters that may only be negative, stay as they are.

@@ -9,11 +9,11 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int, silent
 from kennfeld.errors import Finding, InputError
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native import Factor
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import solve
 
 __all__ = ["FEASIBLE", "infeasible", "missed_limits", "movable", "project"]
@@ -24,7 +24,7 @@ SLACK = 1e-9  # of the size of a limit: how near to its side a row counts as met
 FEASIBLE = 1e-9  # of the limits' scale
 
 
-def contradictions(limits: Limits, nearest: Float, missed: Int) -> str:
+def contradictions(limits: LinearLimits, nearest: Float, missed: Int) -> str:
     """Return a clause for each of the first rows that are missed, such as "pin of C at 0 must be 3, but ...".
 
     Args:
@@ -35,7 +35,7 @@ def contradictions(limits: Limits, nearest: Float, missed: Int) -> str:
     return "; ".join(_clause(limits, nearest, int(row)) for row in missed[:MOST])
 
 
-def _clause(limits: Limits, nearest: Float, row: int) -> str:
+def _clause(limits: LinearLimits, nearest: Float, row: int) -> str:
     rows = limits.rows
     low, high = _reach(limits, row)
     slack = SLACK * max(abs(side) for side in (low, high, rows.lower[row], rows.upper[row], 1.0) if np.isfinite(side))
@@ -49,7 +49,7 @@ def _clause(limits: Limits, nearest: Float, row: int) -> str:
     return f"{rows.names[row]} {_required(limits, row)}, but {against}"
 
 
-def _required(limits: Limits, row: int) -> str:
+def _required(limits: LinearLimits, row: int) -> str:
     low, high = limits.rows.lower[row], limits.rows.upper[row]
     return f"must be {low:g}" if low == high else f"must be {_side(low, high)}"
 
@@ -60,7 +60,7 @@ def _side(low: float, high: float) -> str:
     return f"<= {high:g}" if np.isinf(low) else f"between {low:g} and {high:g}"
 
 
-def _reach(limits: Limits, row: int) -> tuple[float, float]:
+def _reach(limits: LinearLimits, row: int) -> tuple[float, float]:
     """Return the least and the largest value that the bounds of its values allow a row."""
     used = limits.rows.coefficients[row] != 0
     factors, columns = limits.rows.coefficients[row][used], limits.rows.columns[row][used]
@@ -69,7 +69,7 @@ def _reach(limits: Limits, row: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _rivals(limits: Limits, nearest: Float, row: int) -> Iterator[int]:
+def _rivals(limits: LinearLimits, nearest: Float, row: int) -> Iterator[int]:
     """Yield the first other rows that share a value with a row and are at one of their sides, or miss it."""
     rows = limits.rows
     touched = set(rows.columns[row][rows.coefficients[row] != 0].tolist())
@@ -84,7 +84,7 @@ def _rivals(limits: Limits, nearest: Float, row: int) -> Iterator[int]:
 
 
 @silent()  # a scale that overflows is checked as any other
-def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
+def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
     """The values moved into the limits, None where that is impossible; and a remark, empty where nothing was moved.
 
     Distances are measured in units of each value's size.
@@ -109,7 +109,7 @@ def project(values: Float, limits: Limits) -> tuple[Float | None, str]:
     return there, "The start did not keep its limits and was moved to the nearest values that do."
 
 
-def missed_limits(values: Float, limits: Limits) -> str:
+def missed_limits(values: Float, limits: LinearLimits) -> str:
     """Name the bounds and rows that values miss by more than rounding; empty if all are kept."""
     rows = ~(limits.violations(values, limits.sizes(values)) <= FEASIBLE)
     names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:3]]
@@ -123,7 +123,7 @@ def infeasible(problem: Problem) -> list[Finding]:
         return []
     values = _in_order(problem)
     try:
-        limits = limits_of(problem, values)
+        limits = linear_limits(problem, values)
     except InputError as error:
         return list(error.findings)
     moved, remark = project(values.pack(problem.parameters)[: values.free], limits)
@@ -135,10 +135,10 @@ def movable(problem: Problem) -> int:
 
     Raises `InputError` where a limit concerns what is not free.
     """
-    return int(limits_of(problem, _in_order(problem)).movable.sum())
+    return int(linear_limits(problem, _in_order(problem)).movable.sum())
 
 
-def _in_order(problem: Problem) -> Values:
+def _in_order(problem: Problem) -> ValueLayout:
     """The free values one after the other, as no kernel is needed to compare limits."""
     offsets, end = {}, 0
     for name in problem.free_names:
@@ -148,7 +148,7 @@ def _in_order(problem: Problem) -> Values:
     for key, axis in problem.free_axes.items():
         moving[key], places[key] = end, axis.places[0]
         end += len(axis.axis)
-    return Values(offsets, free=end, reach=0, total=end, moving=moving, places=places)
+    return ValueLayout(offsets, free=end, reach=0, total=end, moving=moving, places=places)
 
 
 def _sizes(values: Float) -> Float:

@@ -12,13 +12,13 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.graph import Graph
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native import Simulator
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["CONSTANT", "Nodes", "Quality", "Scorer", "r2_text", "spread"]
+__all__ = ["CONSTANT", "NodeSimulator", "Quality", "Scorer", "r2_text", "spread"]
 
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
 
@@ -80,17 +80,17 @@ def _known(target: Float) -> Iterator[Float]:
             yield known
 
 
-class Nodes:
+class NodeSimulator:
     """Named nodes of a graph, compiled; all that are visible unless `names` says which."""
 
     def __init__(self, graph: Graph, parameters: ParameterSet, names: Sequence[str] | None = None) -> None:
         names = list(graph.names) if names is None else names
         self._names, self._units = names, graph.units
-        lowered = lower(graph, parameters)
+        lowered = lower_lookups(graph, parameters)
         self._remembers = bool(lowered.graph.states)
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 
-    def values(self, bound: Bound, parameters: ParameterSet) -> Float:
+    def values(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
         """Shape (names, samples)."""
         return self.over(bound.columns, bound.count, parameters, bound.starts.tolist())
 
@@ -98,7 +98,7 @@ class Nodes:
         """The values over columns of so many samples, whose pieces begin at `starts`; shape (names, samples)."""
         return self._simulator.over(columns, count, parameters, starts)
 
-    def blocks(self, bound: Bound, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
+    def blocks(self, bound: BoundDataset, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
         """Samples and their values, shape (names, samples), block by block; a piece with memory is computed at once."""
         columns = bound.columns
         for starts, end in _stretches(bound.starts if self._remembers else range(0, bound.count, BLOCK), bound.count):
@@ -109,7 +109,7 @@ class Nodes:
                 here = slice(at, min(at + BLOCK, end))
                 yield here, found[:, here.start - first : here.stop - first]
 
-    def dataset(self, bound: Bound, parameters: ParameterSet) -> Dataset:
+    def dataset(self, bound: BoundDataset, parameters: ParameterSet) -> Dataset:
         """The nodes as channels, over the samples of a bound dataset; one value a point where points are held."""
         values = self.values(bound, parameters)
         if bound.hold is not None:
@@ -135,10 +135,12 @@ class Scorer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._nodes = Nodes(problem.graph, problem.parameters, [difference(i) for i in range(len(problem.criteria))])
+        self._nodes = NodeSimulator(
+            problem.graph, problem.parameters, [difference(i) for i in range(len(problem.criteria))]
+        )
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
-    def errors(self, bound: Bound, parameters: ParameterSet) -> Float:
+    def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
         """Model minus target at each sample, shape (criteria, samples); NaN where it is not scored."""
         targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
         return self._nodes.values(bound, parameters) - np.array(targets)
@@ -147,14 +149,14 @@ class Scorer:
         """The quality of each criterion on each dataset."""
         return tuple(row for bound in self._bounds for row in self._rows(bound, before, after))
 
-    def _rows(self, bound: Bound, before: ParameterSet, after: ParameterSet) -> list[Quality]:
+    def _rows(self, bound: BoundDataset, before: ParameterSet, after: ParameterSet) -> list[Quality]:
         criteria = self._problem.criteria
         targets = [self._problem.target(criterion, bound) for criterion in criteria]
         old, new = (self._errors(bound, targets, parameters) for parameters in (before, after))
         parts = zip(criteria, targets, old, new, strict=True)
         return [_quality(criterion.node, bound, target, *errors) for criterion, target, *errors in parts]
 
-    def _errors(self, bound: Bound, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
+    def _errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
         """The errors of each criterion, model minus target, where it is scored."""
         found = [_Errors() for _ in targets]
         for samples, values in self._nodes.blocks(bound, parameters):
@@ -181,7 +183,7 @@ class _Errors:
             self.largest = float(np.abs(error).max(initial=self.largest))
 
 
-def _quality(criterion: str, bound: Bound, target: Float, old: _Errors, new: _Errors) -> Quality:
+def _quality(criterion: str, bound: BoundDataset, target: Float, old: _Errors, new: _Errors) -> Quality:
     variation = spread(target)
     return Quality(
         criterion=criterion,

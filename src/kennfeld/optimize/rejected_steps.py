@@ -11,21 +11,21 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.optimize.compiled import Rejected
+from kennfeld.optimize.compiled import RejectedTrials
 from kennfeld.optimize.problem import Problem, difference, time_constants
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["Reasons", "told"]
+__all__ = ["RejectionReasons", "told"]
 
 ANYWAY = "errors were too large for numbers"
 
 
-def told(problem: Problem, rejected: Rejected, parameters: Callable[[Float], ParameterSet]) -> str:
+def told(problem: Problem, rejected: RejectedTrials, parameters: Callable[[Float], ParameterSet]) -> str:
     """A sentence on the trial values that were rejected, or nothing where none were."""
     if not rejected.count:
         return ""
-    reasons = Reasons(problem)
+    reasons = RejectionReasons(problem)
     found = Counter(reasons.of(parameters(values)) for values in rejected.first)
     head = f"{rejected.count} trial step{'s were' if rejected.count > 1 else ' was'} rejected:"
     if len(found) == 1:
@@ -34,7 +34,7 @@ def told(problem: Problem, rejected: Rejected, parameters: Callable[[Float], Par
     return f"{head} {of_those}{'; '.join(f'in {times} {reason}' for reason, times in found.most_common())}."
 
 
-class Reasons:
+class RejectionReasons:
     """Tells why the training data of a problem cannot be simulated with some values."""
 
     def __init__(self, problem: Problem) -> None:
@@ -42,7 +42,7 @@ class Reasons:
         graph, self.lags = _with_time_constants(problem.graph)
         self.names = [name for name in graph.names if name.isprintable() or name in self.lags]
         self.order = np.array([graph.names[name] for name in self.names])
-        self.nodes = Nodes(graph, problem.parameters, self.names)
+        self.nodes = NodeSimulator(graph, problem.parameters, self.names)
         reached = _behind(graph, [graph.names[difference(i)] for i in range(len(problem.criteria))])
         self.matters = np.array([graph.names[name] in reached for name in self.names])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
@@ -107,7 +107,7 @@ Penalty = Roughness | MovingRoughness | Restrained
 
 def penalty_of(
     parameters: ParameterSet,
-    values: Values,
+    values: ValueLayout,
     smoothness: Mapping[str, tuple[float, ...]],
     restraints: Mapping[str, Restraint],
 ) -> Penalty:

@@ -21,9 +21,9 @@ from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
-    from kennfeld.optimize.trust import Inspection, Trust
+    from kennfeld.optimize.trust import Trust, TrustAssessment
 
-__all__ = ["Keep", "Progress", "Result", "Saved", "Seconds", "StartResult", "TraceLine"]
+__all__ = ["Checkpoint", "CheckpointSink", "Progress", "Result", "Seconds", "StartResult", "TraceLine"]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Result:
     free_values: int
     fixed_values: int
     seconds: Seconds = field(default_factory=Seconds)
-    inspection: "Inspection | None" = field(default=None, repr=False, compare=False)
+    inspection: "TrustAssessment | None" = field(default=None, repr=False, compare=False)
     starts: tuple[StartResult, ...] = ()
     resumed: tuple[str, ...] = ()
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -155,7 +155,7 @@ class Result:
                 for name, factors in self.smoothness.items()
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
-            "warnings": [{"sentence": f"{warning.what}.", "remedy": warning.mend} for warning in self.warnings],
+            "warnings": [{"sentence": f"{warning.message}.", "remedy": warning.remedy} for warning in self.warnings],
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
@@ -233,7 +233,7 @@ Progress = Callable[[TraceLine], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Saved:
+class Checkpoint:
     """An accepted parameter set of one start.
 
     `step` is the step of the sequence that it belongs to, from 1; `iteration` counts the accepted steps of the start
@@ -252,4 +252,4 @@ class Saved:
     name: str = ""
 
 
-Keep = Callable[[Saved], None]
+CheckpointSink = Callable[[Checkpoint], None]

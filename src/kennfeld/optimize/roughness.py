@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.free_axes import key_of
-from kennfeld.graph.value_layout import Values
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
@@ -59,7 +59,9 @@ class Roughness:
     coefficients: Float  # Float[rows, 3]
 
     @classmethod
-    def of(cls, parameters: ParameterSet, values: Values, smoothness: Mapping[str, Sequence[float]]) -> "Roughness":
+    def of(
+        cls, parameters: ParameterSet, values: ValueLayout, smoothness: Mapping[str, Sequence[float]]
+    ) -> "Roughness":
         """The penalty of the free parameters with these factors, one an axis."""
         columns, coefficients = [np.zeros((0, 3), dtype=np.int64)], [np.zeros((0, 3))]
         for name, factors in smoothness.items():
@@ -104,7 +106,7 @@ class Roughness:
         return self._differences(values), jacobian
 
 
-def roughness_of(parameters: ParameterSet, values: Values, smoothness: Factors) -> "Roughness | MovingRoughness":
+def roughness_of(parameters: ParameterSet, values: ValueLayout, smoothness: Factors) -> "Roughness | MovingRoughness":
     """The penalty of the free parameters with these factors, one an axis."""
     still = {
         name: tuple(0.0 if _moves(parameters, values, name, i) else factor for i, factor in enumerate(factors))
@@ -116,7 +118,7 @@ def roughness_of(parameters: ParameterSet, values: Values, smoothness: Factors) 
     return MovingRoughness.of(parameters, values, smoothness, fixed)
 
 
-def _moves(parameters: ParameterSet, values: Values, name: str, axis: int) -> bool:
+def _moves(parameters: ParameterSet, values: ValueLayout, name: str, axis: int) -> bool:
     at = values.moving.get(key_of(parameters[name], axis), values.free)
     return at < values.free and values.offsets.get(name, values.free) < values.free
 
@@ -135,7 +137,9 @@ class MovingRoughness:
     counts: Float  # Float[rows], cells of the axis
 
     @classmethod
-    def of(cls, parameters: ParameterSet, values: Values, smoothness: Factors, fixed: Roughness) -> "MovingRoughness":
+    def of(
+        cls, parameters: ParameterSet, values: ValueLayout, smoothness: Factors, fixed: Roughness
+    ) -> "MovingRoughness":
         """The rows of all tables along all axes that move."""
         columns, weights, counts = [np.zeros((0, 8), dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
         for name, factors in smoothness.items():
@@ -191,7 +195,7 @@ class MovingRoughness:
         return np.concatenate([residual, row]), np.vstack([above, jacobian])
 
 
-def _columns(parameters: ParameterSet, values: Values, name: str, axis: int) -> Int:
+def _columns(parameters: ParameterSet, values: ValueLayout, name: str, axis: int) -> Int:
     """Columns of the rows of all lines of a table along one axis."""
     table = parameters[name]
     count = table.values.shape[axis]

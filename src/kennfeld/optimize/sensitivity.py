@@ -18,9 +18,9 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator, Piece, Samples
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.solver.levenberg_marquardt import Descent
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
 
 __all__ = ["Sensitivity", "without_vanished"]
 
@@ -41,7 +41,9 @@ BLOCK = 65536  # samples whose targets are copied at a time
 Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
 
 
-def without_vanished(end: Descent, before: float, quality: Sequence[Quality], scored: Collection[str]) -> Descent:
+def without_vanished(
+    end: SolverResult, before: float, quality: Sequence[Quality], scored: Collection[str]
+) -> SolverResult:
     """Return an end that has failed where errors are left that the cost does not show, else the same end.
 
     Args:
@@ -59,7 +61,7 @@ def without_vanished(end: Descent, before: float, quality: Sequence[Quality], sc
 class Sensitivity:
     """The values of a compiled problem whose slopes are rounding errors."""
 
-    def __init__(self, compiled: Compiled) -> None:
+    def __init__(self, compiled: CompiledProblem) -> None:
         self._compiled = compiled
         values = compiled.values
         starts = sorted(at for at in (*values.offsets.values(), *values.moving.values()) if at < values.free)

@@ -27,10 +27,10 @@ from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey, FreeAxis
 from kennfeld.graph.traversal import dependent
 from kennfeld.models import Model
-from kennfeld.optimize.limit_nodes import channels_of, sides_of, with_sides
+from kennfeld.optimize.limit_nodes import add_limit_nodes, channels_of, limit_sides
 from kennfeld.optimize.problem import Problem
 
-__all__ = ["check_limits", "delay_findings", "left_behind", "matrix_findings", "step_findings", "unbounded"]
+__all__ = ["check_limits", "check_shared_axes", "delay_findings", "matrix_findings", "step_findings", "unbounded"]
 
 SAME = 1e-3  # relative difference of steps that time stamps may have by rounding
 
@@ -40,40 +40,40 @@ MOST = 4e9  # bytes of all delays, or of one matrix, of which a fit and its acco
 def check_limits(problem: Problem) -> list[Finding]:
     """What is wrong with the limits of a problem."""
     try:
-        model = with_sides(problem.model, problem.limits)
+        model = add_limit_nodes(problem.model, problem.limits)
     except InputError as error:
         return list(error.findings)
     graph = model.graph
     live = dependent(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
     unknown = channels_of(problem.model, problem.limits)
 
-    def mend(name: str, data: Dataset) -> str:
+    def remedy(name: str, data: Dataset) -> str:
         return nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
 
     findings = [
-        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}", mend(name, data))
+        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}", remedy(name, data))
         for name in unknown
         for data in problem.datasets
         if data.use == "training" and problem.channels.get(name, name) not in data
     ]
     findings += [
         Finding(f"limit {side}", f"its condition {side.limit.where} depends on a free parameter", "Use channels alone.")
-        for side in sides_of(problem.limits)
+        for side in limit_sides(problem.limits)
         if side.limit.where and graph.names[side.where] in live
     ]
     return findings
 
 
-def left_behind(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -> list[Finding]:
+def check_shared_axes(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -> list[Finding]:
     """Tables that would change with an axis although they are not fitted."""
     findings = []
     for key, axis in axes.items():
         others = list(dict.fromkeys(name for name, _ in axis.places if name not in free))
         if others:
             names = ", ".join(others[:5]) + (", ..." if len(others) > 5 else "")
-            what = f"its breakpoints are free, but {names} on it {'is' if len(others) == 1 else 'are'} not fitted"
-            mend = "Such a table would change with the axis: fit it as well, or give it an axis of its own."
-            findings.append(Finding(f"axis {key}", what, mend))
+            message = f"its breakpoints are free, but {names} on it {'is' if len(others) == 1 else 'are'} not fitted"
+            remedy = "Such a table would change with the axis: fit it as well, or give it an axis of its own."
+            findings.append(Finding(f"axis {key}", message, remedy))
     return findings
 
 
@@ -88,11 +88,11 @@ def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".for
             if not np.all(np.isfinite(bound) | parameter.locked)
         ]
         if open_sides:
-            what = f"{name} has no {' and no '.join(open_sides)} bound, and a global search needs both"
-            found.append(Finding(place(name), what, "Write bounds = [lower, upper], as narrow as you know them."))
+            message = f"{name} has no {' and no '.join(open_sides)} bound, and a global search needs both"
+            found.append(Finding(place(name), message, "Write bounds = [lower, upper], as narrow as you know them."))
     for key in problem.free_axes:
-        what = f"the breakpoints of {key} are free, and a global search places none"
-        found.append(Finding(place(key.owner), what, "Fix them, or use the method gauss-newton."))
+        message = f"the breakpoints of {key} are free, and a global search places none"
+        found.append(Finding(place(key.owner), message, "Fix them, or use the method gauss-newton."))
     return found
 
 
@@ -104,14 +104,14 @@ def step_findings(
     for data in datasets if wanted else ():
         steps = _steps(data) if step is None else np.array([step])
         if steps is None:
-            what = f"{', '.join(wanted)} runs in time, but dataset {data.name} has no time stamps"
-            yield Finding(place(data), what, "Name the time channel `time`.")
+            message = f"{', '.join(wanted)} runs in time, but dataset {data.name} has no time stamps"
+            yield Finding(place(data), message, "Name the time channel `time`.")
             continue
         for name, own in wanted.items():
             wrong = steps[np.abs(steps - own) > SAME * own]
             if wrong.size:
-                what = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
-                yield Finding(place(data), what, f"Write raster = {own:g}, or train it at the step of the data.")
+                message = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
+                yield Finding(place(data), message, f"Write raster = {own:g}, or train it at the step of the data.")
 
 
 def _steps_of(model: Model) -> dict[str, float]:
@@ -142,9 +142,9 @@ def delay_findings(model: Model, values: int) -> list[Finding]:
     longest = max(range(len(graph.states)), key=lambda i: graph.states[i].latency)
     behind = dependent(graph, lambda node: node.op == "state" and node.payload == longest)
     name = min((name for name, at in graph.names.items() if at in behind), key=graph.names.__getitem__, default="")
-    what = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
+    message = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
     return [
-        Finding(model.places.get(name, model.source), what, "Delay by fewer steps, or give the model a longer step.")
+        Finding(model.places.get(name, model.source), message, "Delay by fewer steps, or give the model a longer step.")
     ]
 
 
@@ -158,5 +158,5 @@ def matrix_findings(place: str, values: int) -> list[Finding]:
     size = 8.0 * values**2
     if size <= MOST:
         return []
-    what = f"{values} values to fit need matrices of {size / 1e9:.3g} GB"
-    return [Finding(place, what, "Use fewer breakpoints, or fit fewer parameters at once.")]
+    message = f"{values} values to fit need matrices of {size / 1e9:.3g} GB"
+    return [Finding(place, message, "Use fewer breakpoints, or fit fewer parameters at once.")]

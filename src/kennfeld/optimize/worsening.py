@@ -6,9 +6,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
 __all__ = ["admissible_share", "worsened"]
 
@@ -61,7 +61,7 @@ def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None) -> tu
     return "The fit is worse than its start in part", remedy
 
 
-def admissible_share(compiled: Compiled, limits: Limits, values: Float, allowed: float) -> float | None:
+def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Float, allowed: float) -> float | None:
     """Return the largest share of the smoothness at which the data would cost no more than `allowed`, roughly.
 
     For each share a Gauss-Newton step leads from the end of the fit to its minimum; the data's cost there counts.

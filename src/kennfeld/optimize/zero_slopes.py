@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.parameters import Parameter
 
-__all__ = ["Departure", "departure"]
+__all__ = ["departure"]
 
 MAGNITUDES = (1.0, 1e-3, 1e-6)  # of the values tried; the next one where the model fails at the one before
 LEVELS = (1.0, *(10.0**sign for n in range(1, 7) for sign in (n, -n)))
@@ -49,7 +49,7 @@ class Departure:
         return f"The start could not move: {slopes}. The search started with {_listed(moved)}."
 
 
-def departure(compiled: Compiled, start: Float, limits: Limits) -> Departure | None:
+def departure(compiled: CompiledProblem, start: Float, limits: LinearLimits) -> Departure | None:
     """The way off a start that cannot move; None where it can, or where nothing within the limits helps.
 
     Args:
@@ -57,17 +57,17 @@ def departure(compiled: Compiled, start: Float, limits: Limits) -> Departure | N
         start: the free values, which keep the limits.
         limits: bounds and linear limits; they, locks and pins are kept.
     """
-    search = _Search(compiled, start, limits)
+    search = _StartSearch(compiled, start, limits)
     stuck = search.stuck(start)
     return search.departure(stuck) if stuck.any() else None
 
 
-class _Search:
+class _StartSearch:
     """The search for as few parameters as possible that set the others free."""
 
-    def __init__(self, compiled: Compiled, start: Float, limits: Limits) -> None:
+    def __init__(self, compiled: CompiledProblem, start: Float, limits: LinearLimits) -> None:
         self.compiled, self.start, self.limits = compiled, start, limits
-        self.objective = SumOfSquares(compiled)
+        self.objective = LeastSquaresObjective(compiled)
         problem, offsets = compiled.problem, compiled.values.offsets
         self.columns = {
             name: slice(offsets[name], offsets[name] + problem.parameters[name].size) for name in problem.free_names

@@ -10,15 +10,15 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
-from kennfeld.preprocessing.settling import AVERAGING, Hold, hold_of, is_settled, not_held
+from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, hold_of, is_settled, not_held
 
-__all__ = ["NEAR", "Bound", "bind"]
+__all__ = ["NEAR", "BoundDataset", "bind_inputs"]
 
 NEAR = 1e-6  # s; time stamps are no closer
 
 
 @dataclass(frozen=True)
-class Bound:
+class BoundDataset:
     """The samples of a dataset that a model can be run on.
 
     `inputs` holds the model's inputs at all samples of the dataset. `picked` marks those that are kept, None if all
@@ -34,7 +34,7 @@ class Bound:
     starts: Int
     scored: Bool
     clock: Mapping[str, Float]
-    hold: Hold | None = None
+    hold: HoldPlan | None = None
 
     @property
     def count(self) -> int:
@@ -54,7 +54,7 @@ class Bound:
         return {name: self._of_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
     @property
-    def whole(self) -> "Bound":
+    def whole(self) -> "BoundDataset":
         """The same with all samples of the dataset kept, for models without memory: the others do not count."""
         if self.picked is None or self.hold is not None:
             return self
@@ -63,7 +63,7 @@ class Bound:
         clock = {name: np.full(scored.size, np.nan) for name in self.clock}
         for name, values in self.clock.items():
             clock[name][self.picked] = values
-        return Bound(self.dataset, self.inputs, None, start, scored, clock)
+        return BoundDataset(self.dataset, self.inputs, None, start, scored, clock)
 
     def channel(self, name: str) -> Float:
         """A channel over the kept samples."""
@@ -73,7 +73,7 @@ class Bound:
         return values if self.picked is None else values[self.picked]
 
     @property
-    def shown(self) -> "Bound":
+    def shown(self) -> "BoundDataset":
         """One sample a point where points are held, else the same."""
         if self.hold is None:
             return self
@@ -82,10 +82,10 @@ class Bound:
         picked = np.zeros(self.dataset.samples, dtype=bool)
         picked[self.kept[last]] = True
         clock = {name: column[last] for name, column in self.clock.items()}
-        return Bound(self.dataset, self.inputs, picked, starts, self.scored[last], clock)
+        return BoundDataset(self.dataset, self.inputs, picked, starts, self.scored[last], clock)
 
 
-def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: float | None = None) -> Bound:
+def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: float | None = None) -> BoundDataset:
     """Bind a dataset to the inputs of a graph; `channels` names the channel of an input where the names differ.
 
     A NaN in an input drops a steady-state point. In time data, gaps up to the dataset's `max_gap` are interpolated,
@@ -115,17 +115,17 @@ def bind(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: floa
     counts = scored[kept]
     if dataset.warmup > 0 and dataset.time is not None:
         counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - NEAR)
-    return Bound(dataset, inputs, picked, starts, counts, {**clock, **not_held(graph, counts.size)})
+    return BoundDataset(dataset, inputs, picked, starts, counts, {**clock, **not_held(graph, counts.size)})
 
 
-def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: Hold) -> Bound:
+def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: HoldPlan) -> BoundDataset:
     """Each point a piece of constant inputs, of which the last sample counts."""
     points = np.flatnonzero(_complete(dataset, inputs))
     picked = np.repeat(points, hold.samples)
     scored = np.zeros(picked.size, dtype=bool)
     scored[hold.samples - 1 :: hold.samples] = True if dataset.scored is None else dataset.scored[points]
     starts = hold.samples * np.arange(points.size)
-    return Bound(dataset, inputs, picked, starts, scored, hold.columns(points.size), hold)
+    return BoundDataset(dataset, inputs, picked, starts, scored, hold.columns(points.size), hold)
 
 
 def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Bool:

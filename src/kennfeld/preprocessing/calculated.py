@@ -15,14 +15,14 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import expression
 from kennfeld.native import Simulator
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import bind
+from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.recipe import DataSettings
 
-__all__ = ["Calculated", "evaluated", "read_calculated", "read_expression", "uses_clock"]
+__all__ = ["Calculated", "evaluate_expression", "read_calculated", "read_expression", "uses_clock"]
 
 
 def uses_clock(graph: Graph) -> bool:
@@ -30,7 +30,7 @@ def uses_clock(graph: Graph) -> bool:
     return any(node.op == "input" and node.payload in CLOCK for node in graph.nodes)
 
 
-def evaluated(graph: Graph, dataset: Dataset) -> Float:
+def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
     """The node `value` of a graph over all samples of a dataset; NaN where an input is missing."""
     if graph.states or uses_clock(graph):
         return _simulated(graph, dataset)
@@ -42,8 +42,8 @@ def evaluated(graph: Graph, dataset: Dataset) -> Float:
 
 def _simulated(graph: Graph, dataset: Dataset) -> Float:
     """With memory: states start anew at each piece and after each gap."""
-    bound = bind(dataset, graph, {})
-    lowered = lower(graph, ParameterSet())
+    bound = bind_inputs(dataset, graph, {})
+    lowered = lower_lookups(graph, ParameterSet())
     simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
     result = np.full(dataset.samples, np.nan)
     result[bound.kept] = simulator.over(bound.columns, bound.count, ParameterSet(), bound.starts.tolist())[0]
@@ -76,13 +76,13 @@ class Calculated:
 
     def added(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
         """The dataset with the calculated channels that `names` need and whose sources are there."""
-        from kennfeld.preprocessing.time_shift import shifted
+        from kennfeld.preprocessing.time_shift import shift_channels
 
         for name in self.needed(names):
             graph = self.graphs[name]
             if all(source in dataset for source in graph.inputs):
-                dataset = dataset.with_channels(Channel(name, evaluated(graph, dataset)))
-                dataset = shifted(dataset, {n: s for n, s in shift.items() if n == name})
+                dataset = dataset.with_channels(Channel(name, evaluate_expression(graph, dataset)))
+                dataset = shift_channels(dataset, {n: s for n, s in shift.items() if n == name})
         return dataset
 
 
@@ -106,8 +106,8 @@ def _order(graphs: Mapping[str, Graph], file: DataSettings, findings: list[Findi
             return list(TopologicalSorter(needs).static_order())
         except CycleError as error:
             loop = error.args[1][::-1]
-            what = f"the channel needs itself: {' -> '.join(loop)}"
-            findings.append(Finding(file.place(f"[calculated] {loop[0]}"), what, "Give it another name."))
+            message = f"the channel needs itself: {' -> '.join(loop)}"
+            findings.append(Finding(file.place(f"[calculated] {loop[0]}"), message, "Give it another name."))
             for name in loop:
                 left.pop(name, None)
 

@@ -60,8 +60,8 @@ def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
 def _check_columns(given: object) -> None:
     """Raise `ArgumentError` for what does not hold columns by name, such as the name of a file."""
     if not (isinstance(given, Mapping) or (hasattr(given, "columns") and hasattr(given, "keys"))):
-        what = f"data must be a dataset or columns by name, a dict or a DataFrame, got {type(given).__name__}"
-        raise ArgumentError(f"{what}. kennfeld.read reads a file.")
+        message = f"data must be a dataset or columns by name, a dict or a DataFrame, got {type(given).__name__}"
+        raise ArgumentError(f"{message}. kennfeld.read reads a file.")
 
 
 def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Collection[str]) -> Dataset:
@@ -74,9 +74,9 @@ def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Col
     wrong = np.flatnonzero(~(np.diff(time) > 0))
     if wrong.size and is_timed(graph):
         k = int(wrong[0])
-        what = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
-        mend = "Sort the rows by time, and pass each recording as a dataset of its own."
-        raise InputError.of(f"dataset {dataset.name}", what, mend)
+        message = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
+        remedy = "Sort the rows by time, and pass each recording as a dataset of its own."
+        raise InputError.of(f"dataset {dataset.name}", message, remedy)
     return dataset if wrong.size else replace(dataset, time=time, clock=clock_of(column))
 
 

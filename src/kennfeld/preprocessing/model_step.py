@@ -11,9 +11,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.graph import Graph
 from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.calculated import uses_clock
-from kennfeld.preprocessing.time_shift import interpolated
+from kennfeld.preprocessing.time_shift import resample_channel
 
-__all__ = ["clock_findings", "is_timed", "recorded_samples", "refined"]
+__all__ = ["clock_findings", "is_timed", "recorded_samples", "refine_step"]
 
 
 def is_timed(graph: Graph) -> bool:
@@ -25,8 +25,10 @@ def clock_findings(dataset: Dataset, place: str) -> Iterator[Finding]:
     """Warn of time stamps that look like milliseconds and were taken for seconds."""
     if dataset.clock is not None and dataset.clock.in_milliseconds:
         name = dataset.clock.name
-        what = f"the time stamps look like milliseconds: {name} has no unit and is taken as s, and its steps are long"
-        yield Finding(place, what, unit_remedy(name), severity="warning")
+        message = (
+            f"the time stamps look like milliseconds: {name} has no unit and is taken as s, and its steps are long"
+        )
+        yield Finding(place, message, unit_remedy(name), severity="warning")
 
 
 def raster_in_python(step: float) -> str:
@@ -34,7 +36,7 @@ def raster_in_python(step: float) -> str:
     return f"Resample the data to an even step of {step:g} s; kennfeld.read does so with raster={step:g}."
 
 
-def refined(
+def refine_step(
     dataset: Dataset,
     step: float,
     inputs: Collection[str],
@@ -64,11 +66,11 @@ def refined(
     own = float(np.median(steps))
     count = round(own / step)
     if np.any(np.abs(steps - own) > 1e-3 * own):
-        what = f"the model's step is {step:g} s, but the samples are {steps.min():g} to {steps.max():g} s apart"
-        raise InputError.of(place, what, remedy(max(count, 1) * step))
+        message = f"the model's step is {step:g} s, but the samples are {steps.min():g} to {steps.max():g} s apart"
+        raise InputError.of(place, message, remedy(max(count, 1) * step))
     if count < 1 or abs(count * step - own) > 1e-6 * own:
-        what = f"the data's step of {own:.6g} s is not a whole multiple of the model's step, {step:g} s"
-        raise InputError.of(place, what, remedy(max(count, 1) * step))
+        message = f"the data's step of {own:.6g} s is not a whole multiple of the model's step, {step:g} s"
+        raise InputError.of(place, message, remedy(max(count, 1) * step))
     return dataset if count == 1 else _refined(dataset, dataset.time, count, inputs)
 
 
@@ -89,7 +91,7 @@ def _refined(dataset: Dataset, time: Float, count: int, inputs: Collection[str])
         values = np.full(total, np.nan)
         if channel.name in inputs:
             parts = zip(dataset.pieces, finer, strict=True)
-            values = np.concatenate([interpolated(time[p], channel.values[p], fine) for p, fine in parts])
+            values = np.concatenate([resample_channel(time[p], channel.values[p], fine) for p, fine in parts])
         values[at] = channel.values
         channels.append(Channel(channel.name, values, channel.unit, channel.description))
     scored = np.zeros(total, dtype=bool)

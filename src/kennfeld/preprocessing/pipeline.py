@@ -14,19 +14,19 @@ from kennfeld.measurement import describe
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import read_leniently
 from kennfeld.preprocessing.binding import NEAR
-from kennfeld.preprocessing.calculated import Calculated, evaluated, read_expression, uses_clock
-from kennfeld.preprocessing.model_step import refined
+from kennfeld.preprocessing.calculated import Calculated, evaluate_expression, read_expression, uses_clock
+from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.recordings import CACHE, default_name, matching, near
-from kennfeld.preprocessing.time_shift import shifted
+from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated, compare, restated, says_nothing, times
 
-__all__ = ["Loaded", "Wanted", "load"]
+__all__ = ["ChannelRequest", "LoadedData", "load"]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ChannelRequest:
     """The channels that a project reads, each with what it is for.
 
     Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
@@ -44,7 +44,7 @@ class Wanted:
 
 
 @dataclass
-class Loaded:
+class LoadedData:
     """The datasets, and the names that the files offer where channels were missed."""
 
     datasets: list[Dataset] = field(default_factory=list)
@@ -55,9 +55,9 @@ class Loaded:
     complete: bool = True
 
 
-def load(file: DataSettings, wanted: Wanted, calculated: Calculated, findings: list[Finding]) -> Loaded:
+def load(file: DataSettings, wanted: ChannelRequest, calculated: Calculated, findings: list[Finding]) -> LoadedData:
     """All datasets that can be read, and what is wrong with the others."""
-    loaded = Loaded()
+    loaded = LoadedData()
     units = Units(file.units, wanted.units)
     formulas = {*wanted.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
     used: set[str] = set()
@@ -77,8 +77,8 @@ def load(file: DataSettings, wanted: Wanted, calculated: Calculated, findings: l
         if made is None:
             loaded.complete = False
         elif made.name in loaded.places:
-            what = f"two datasets are called {made.name}"
-            findings.append(Finding(f"{entry.place} name", what, "Give one of them a name of its own."))
+            message = f"two datasets are called {made.name}"
+            findings.append(Finding(f"{entry.place} name", message, "Give one of them a name of its own."))
         else:
             loaded.datasets.append(made)
             if entry.unknown_shifts:
@@ -97,10 +97,10 @@ class _Loading:
         self,
         file: DataSettings,
         entry: DatasetEntry,
-        wanted: Wanted,
+        wanted: ChannelRequest,
         calculated: Calculated,
         findings: list[Finding],
-        loaded: Loaded,
+        loaded: LoadedData,
         units: Units,
     ) -> None:
         self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
@@ -137,8 +137,8 @@ class _Loading:
         finished = self._finished(self._joined(paths, parts))
         return None if self.failed else finished
 
-    def _report(self, key: str, what: str, mend: str = "") -> None:
-        self._keep([Finding(f"{self.entry.place} {key}".strip(), what, mend)])
+    def _report(self, key: str, message: str, remedy: str = "") -> None:
+        self._keep([Finding(f"{self.entry.place} {key}".strip(), message, remedy)])
 
     def _keep(self, findings: Iterable[Finding]) -> None:
         """Keep errors; the dataset is of no use then."""
@@ -159,13 +159,13 @@ class _Loading:
         used = self.used
         for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
             if name not in used:
-                mend = nearest(name, used) or "Name a channel of the files or a calculated one."
-                self._report("shift", f"nothing uses a channel {name}", mend)
+                remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
+                self._report("shift", f"nothing uses a channel {name}", remedy)
         for name in self.entry.unknown_shifts:
             after = [other for other, graph in self.calculated.graphs.items() if name in graph.inputs]
             if after:
-                what = f'{name} cannot be "auto", since [calculated] {after[0]} is made of it'
-                self._report("shift", what, "Give a number, or shift what the function reads.")
+                message = f'{name} cannot be "auto", since [calculated] {after[0]} is made of it'
+                self._report("shift", message, "Give a number, or shift what the function reads.")
 
     def _channels(self) -> list[str]:
         return self.calculated.recorded([*self.required, *self.optional])
@@ -243,12 +243,12 @@ class _Loading:
             place = files[0] + (f" and {len(files) - 1} more" if len(files) > 1 else "")
             why = self.required.get(channel) or self._why_calculated(channel)
             names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
-            mend = nearest(channel, listed) or f"It has {names}."
+            remedy = nearest(channel, listed) or f"It has {names}."
             if why.startswith("the input ") and channel not in self.file.channels.values():
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
-                mend = f'{mend} Name its channel in [channels]: {key} = "..."; {scalar}'
-            self.findings.append(Finding(place, f"has no channel {channel}, {why}", mend))
+                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
+            self.findings.append(Finding(place, f"has no channel {channel}, {why}", remedy))
 
     def _why_calculated(self, channel: str) -> str:
         for name, graph in self.calculated.graphs.items():
@@ -281,9 +281,9 @@ class _Loading:
                     continue
                 first = units.setdefault(channel.name, channel.unit)
                 if channel.unit != first and compare(channel.unit, first) != "same":
-                    what = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
+                    message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
                     place = f"{self.entry.place} files"
-                    self.findings.append(Finding(place, what, "Split the dataset.", severity="warning"))
+                    self.findings.append(Finding(place, message, "Split the dataset.", severity="warning"))
                     units[channel.name] = channel.unit
 
     def _finished(self, dataset: Dataset) -> Dataset | None:
@@ -292,19 +292,19 @@ class _Loading:
             dataset = self._held(dataset)
         if not self._fits_time(dataset, shift):
             return None
-        dataset = shifted(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
+        dataset = shift_channels(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
         names = [*self.required, *self.optional]
         for name in self.calculated.needed(names):
             if uses_clock(self.calculated.graphs[name]) and dataset.time is None:
-                what = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
-                self._keep([Finding(self.file.place(f"[calculated] {name}"), what, "Name the time channel `time`.")])
+                message = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
+                self._keep([Finding(self.file.place(f"[calculated] {name}"), message, "Name the time channel `time`.")])
                 return None
         stated = {name: unit for name, unit in self.file.units.items() if name in self.calculated.graphs}
         dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), stated))
         if self.entry.steady:
             return self._steady(dataset)
         if self.wanted.step is not None:
-            dataset = refined(dataset, self.wanted.step, self.wanted.inputs, self.entry.place, _raster)
+            dataset = refine_step(dataset, self.wanted.step, self.wanted.inputs, self.entry.place, _raster)
         return dataset
 
     def _steady(self, dataset: Dataset) -> Dataset | None:
@@ -329,18 +329,18 @@ class _Loading:
             return True
         good = True
         if self.entry.steady:
-            mend = "Name the time channel `time`; leave steady out, if these are steady-state points."
-            self._report("steady", "plateaus are found in time, but the data have no time stamps", mend)
+            remedy = "Name the time channel `time`; leave steady out, if these are steady-state points."
+            self._report("steady", "plateaus are found in time, but the data have no time stamps", remedy)
             good = False
         for key, value in (("warmup", self.entry.warmup), ("max_gap", self.entry.max_gap)):
             if value > 0:
-                what = f"{key} = {value:g} s needs time, but the data have no time stamps"
-                self._report(key, what, "Name the time channel `time`, or remove the key.")
+                message = f"{key} = {value:g} s needs time, but the data have no time stamps"
+                self._report(key, message, "Name the time channel `time`, or remove the key.")
                 good = False
         for name, by in shift.items():
             if by != round(by):
-                what = f"{by:g} samples of {name}: data without time stamps can only be shifted by whole samples"
-                self._report("shift", what, "Write a whole number.")
+                message = f"{by:g} samples of {name}: data without time stamps can only be shifted by whole samples"
+                self._report("shift", message, "Write a whole number.")
                 good = False
         if self.where is not None and uses_clock(self.where):
             self._report("where", "the condition needs time, but the data have no time stamps")
@@ -351,7 +351,7 @@ class _Loading:
         """The dataset with the samples marked that count."""
         scored = dataset.counting.copy()
         if self.where is not None and all(name in dataset for name in self.where.inputs):
-            values = evaluated(self.where, dataset)
+            values = evaluate_expression(self.where, dataset)
             scored &= np.isfinite(values) & (values != 0)
             if not scored.any():
                 self._report("where", f"{self.entry.where} holds at no sample", "Check the condition.")

@@ -205,8 +205,8 @@ def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]
     work = _Detection(dataset, entry)
     found = work.plateaus()
     if not found:
-        what, mend = work.why_none()
-        findings.append(Finding(f"{entry.place} steady", what, mend))
+        message, remedy = work.why_none()
+        findings.append(Finding(f"{entry.place} steady", message, remedy))
         return None
     findings.append(Finding(f"{entry.place} steady", work.told(found), severity="remark"))
     return averaged(dataset, work.counts, found)
@@ -249,19 +249,21 @@ class _Detection:
         ends = np.append(self.starts[1:], self.time.size) - 1
         whole = float(np.max(self.time[ends] - self.time[self.starts]))
         if whole < self.window:
-            what = f"no stretch of the recording without a gap is {self.window:g} s long; the longest has {whole:.3g} s"
-            return what, f"Shorten the window, or raise max_gap = {self.entry.max_gap:g}."
+            message = (
+                f"no stretch of the recording without a gap is {self.window:g} s long; the longest has {whole:.3g} s"
+            )
+            return message, f"Shorten the window, or raise max_gap = {self.entry.max_gap:g}."
         return self._none_in_band()
 
     def _none_in_band(self) -> tuple[str, str]:
         length, begin = longest(self.time, self.first)
         bands = " and ".join(f"{one.channel} within +-{one.tolerance:g}" for one in self.entry.steady)
-        what = f"no stretch of {self.window:g} s has {bands}; the longest has {length:.3g} s, from {begin:.6g} s on"
+        message = f"no stretch of {self.window:g} s has {bands}; the longest has {length:.3g} s, from {begin:.6g} s on"
         if len(self.entry.steady) > 1:
             alone = [f"{one.channel} {longest(self.time, first)[0]:.3g} s" for one, first in self._each()]
-            return f"{what}; each alone: {', '.join(alone)}", "Raise a tolerance, or shorten the window."
+            return f"{message}; each alone: {', '.join(alone)}", "Raise a tolerance, or shorten the window."
         least = _rounded_up(least_tolerance(self.time, self.values[0], self.starts, self.window))
-        return what, f"tolerance = {least:g} would give one."
+        return message, f"tolerance = {least:g} would give one."
 
     def _each(self) -> list[tuple[SteadyEntry, Int]]:
         return list(zip(self.entry.steady, self.firsts, strict=True))

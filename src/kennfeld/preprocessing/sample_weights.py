@@ -16,10 +16,10 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models.formula import expression
-from kennfeld.preprocessing.binding import Bound
-from kennfeld.preprocessing.calculated import evaluated, uses_clock
+from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
 
-__all__ = ["Weighting", "sample_weights", "weight_findings"]
+__all__ = ["SampleWeights", "sample_weights", "weight_findings"]
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
@@ -38,20 +38,20 @@ def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
 
 def _holds(region: Region, dataset: Dataset) -> Bool:
     """Where the condition of a region holds; where a channel of it is missing it does not."""
-    values = evaluated(expression(region.where, "where"), dataset)
+    values = evaluate_expression(expression(region.where, "where"), dataset)
     holds: Bool = np.isfinite(values) & (values != 0)
     return holds
 
 
 @dataclass(frozen=True)
-class Weighting:
+class SampleWeights:
     """Which criteria have weights of single samples, by their number, each with the graph's input that holds them."""
 
     criteria: Sequence[Criterion]
     inputs: Mapping[int, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, criteria: Sequence[Criterion], bounds: Sequence[Bound]) -> "Weighting":
+    def of(cls, criteria: Sequence[Criterion], bounds: Sequence[BoundDataset]) -> "SampleWeights":
         """The weighting of the criteria over these data."""
         everywhere = any(bound.dataset.weight_channel for bound in bounds)
         weighted = [
@@ -67,15 +67,15 @@ class Weighting:
         inputs = {name: b.input(name) for name in self.inputs.values()}
         return b.finish({**graph.names, **inputs}, graph.units, graph.outputs)
 
-    def columns(self, bound: Bound) -> dict[str, Float]:
+    def columns(self, bound: BoundDataset) -> dict[str, Float]:
         """The weights of the kept samples by input."""
         return {name: self._weights(i, bound) for i, name in self.inputs.items()}
 
-    def _weights(self, number: int, bound: Bound) -> Float:
+    def _weights(self, number: int, bound: BoundDataset) -> Float:
         weights = sample_weights(self.criteria[number], bound.dataset)
         return np.ones(bound.count) if weights is None else weights[bound.kept]
 
-    def target(self, number: int, bound: Bound, target: Callable[[], Float]) -> Float:
+    def target(self, number: int, bound: BoundDataset, target: Callable[[], Float]) -> Float:
         """The target of a criterion, NaN where the weight is 0."""
         values = target()
         return np.where(self._weights(number, bound) > 0, values, np.nan) if number in self.inputs else values
@@ -103,8 +103,8 @@ def weight_findings(
         return found
     for i, criterion in enumerate(criteria):
         if datasets and not any(_counts(criterion, data) for data in datasets):
-            what = "no training sample has a weight above 0"
-            found.append(Finding(criterion_place(i), what, "Check the channels and regions that weigh it."))
+            message = "no training sample has a weight above 0"
+            found.append(Finding(criterion_place(i), message, "Check the channels and regions that weigh it."))
     return found
 
 
@@ -116,22 +116,24 @@ def _counts(criterion: Criterion, data: Dataset) -> bool:
 
 def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> list[Finding]:
     if name not in data:
-        mend = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
-        return [Finding(place, f"dataset {data.name} has no channel {name}", mend)]
+        remedy = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
+        return [Finding(place, f"dataset {data.name} has no channel {name}", remedy)]
     values = data[name].values
     wrong = np.flatnonzero((values < 0) | np.isinf(values))
     if wrong.size:
-        what = f"{wrong.size} weights of {name} in dataset {data.name} are below 0 or infinite"
-        return [Finding(place, f"{what}, the first, {values[wrong[0]]:g}, at sample {wrong[0] + 1}", "Correct them.")]
+        message = f"{wrong.size} weights of {name} in dataset {data.name} are below 0 or infinite"
+        return [
+            Finding(place, f"{message}, the first, {values[wrong[0]]:g}, at sample {wrong[0] + 1}", "Correct them.")
+        ]
     counted = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
     missing = int(np.count_nonzero(np.isnan(values[counted])))
     if missing == np.count_nonzero(counted) or not np.any(values[counted] > 0):
-        what = f"no sample of dataset {data.name} has a weight {name} above 0"
-        return [Finding(place, what, "Is it the right channel?", severity="warning")]
+        message = f"no sample of dataset {data.name} has a weight {name} above 0"
+        return [Finding(place, message, "Is it the right channel?", severity="warning")]
     if missing:
         of = np.count_nonzero(counted)
-        what = f"{name} is missing in {missing} of {of} samples of dataset {data.name}; they count with weight 0"
-        return [Finding(place, what, severity="warning")]
+        message = f"{name} is missing in {missing} of {of} samples of dataset {data.name}; they count with weight 0"
+        return [Finding(place, message, severity="warning")]
     return []
 
 
@@ -143,11 +145,11 @@ def _region(region: Region, datasets: Sequence[Dataset], place: str, offered: Se
     found = []
     for data in datasets:
         for name in (name for name in graph.inputs if name not in data):
-            mend = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
-            found.append(Finding(place, f"dataset {data.name} has no channel {name}", mend))
+            remedy = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
+            found.append(Finding(place, f"dataset {data.name} has no channel {name}", remedy))
         if uses_clock(graph) and data.time is None:
-            what = f"the condition needs time, but dataset {data.name} has no time stamps"
-            found.append(Finding(place, what, "Name the time channel `time`."))
+            message = f"the condition needs time, but dataset {data.name} has no time stamps"
+            found.append(Finding(place, message, "Name the time channel `time`."))
     if not found and datasets and not any(_holds(region, data).any() for data in datasets):
         found.append(Finding(place, f"{region.where} holds at no training sample", severity="warning"))
     return found

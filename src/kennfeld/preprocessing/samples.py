@@ -15,16 +15,16 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
 from kennfeld.graph.interpreter import Interpreter
-from kennfeld.graph.lookup_lowering import Lowered
+from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
-from kennfeld.graph.partition import Split
+from kennfeld.graph.partition import GraphPartition
 from kennfeld.graph.traversal import dependent
 from kennfeld.native import Kernel, Piece, Samples, Simulator
 from kennfeld.native.column_table import Order
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["Cells", "Source", "gather", "scored_in_order"]
+__all__ = ["CellNumbering", "TrainingSource", "assemble_samples", "scored_in_order"]
 
 BLOCK = 2**17  # samples
 AT_ONCE = 2**13  # samples whose cells are looked for at once, in a cache
@@ -33,10 +33,10 @@ FINEST = 2**40  # cells told apart
 Columns = Mapping[str, Float]
 
 
-class Cells:
+class CellNumbering:
     """Numbers samples by the cells of all tables whose coordinates the inputs determine."""
 
-    def __init__(self, lowered: Lowered) -> None:
+    def __init__(self, lowered: LoweredGraph) -> None:
         self._counts = _searched(lowered)
         self._graph = extract(lowered.graph.nodes, (), {str(at): at for at in self._counts}, {}, ())
         self._inputs = {node.payload for node in self._graph.nodes if node.op == "input"}
@@ -63,7 +63,7 @@ class Cells:
             found += cell.astype(np.int64) + 1
 
 
-def _searched(lowered: Lowered) -> dict[int, int]:
+def _searched(lowered: LoweredGraph) -> dict[int, int]:
     """The positions at which tables are looked up and that no table determines, with the number of their cells."""
     nodes = lowered.graph.nodes
     moving = dependent(lowered.graph, lambda node: node.op == "interpolate")
@@ -76,7 +76,7 @@ def _searched(lowered: Lowered) -> dict[int, int]:
     }
 
 
-def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: Cells) -> Iterator[Int]:
+def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: CellNumbering) -> Iterator[Int]:
     """The samples that have a target, block by block, those of a block sorted by cell."""
     count = targets[0].size
     for first in range(0, count, BLOCK):
@@ -100,16 +100,20 @@ def _scored(targets: Sequence[Float], first: int, last: int) -> Bool:
 
 
 @dataclass(frozen=True)
-class Source:
+class TrainingSource:
     """A bound dataset, what gives its targets, and the weight of each."""
 
-    bound: Bound
+    bound: BoundDataset
     targets: Sequence[Callable[[], Float]]
     scores: Float  # Float[outputs]
 
 
-def gather(
-    sources: Sequence[Source], lowered: Lowered, split: Split, kernel: Kernel, parameters: ParameterSet
+def assemble_samples(
+    sources: Sequence[TrainingSource],
+    lowered: LoweredGraph,
+    split: GraphPartition,
+    kernel: Kernel,
+    parameters: ParameterSet,
 ) -> Samples:
     """The samples of all sources, data-only parts computed.
 
@@ -122,23 +126,25 @@ def gather(
     if kernel.line.states:
         pieces, order = _in_time(sources), None
     else:
-        pieces, order = _by_cell(sources, columns, targets, Cells(Lowered(split.graph, lowered.axes, lowered.shapes)))
+        pieces, order = _by_cell(
+            sources, columns, targets, CellNumbering(LoweredGraph(split.graph, lowered.axes, lowered.shapes))
+        )
     rows = [[held[name] for held in columns] for name in kernel.layout.inputs]
     return Samples(rows, zip(*targets, strict=True), pieces, order)
 
 
 def _preparation(
-    lowered: Lowered, split: Split, kernel: Kernel, parameters: ParameterSet
-) -> Callable[[Bound], dict[str, Float]]:
+    lowered: LoweredGraph, split: GraphPartition, kernel: Kernel, parameters: ParameterSet
+) -> Callable[[BoundDataset], dict[str, Float]]:
     """What computes the columns that depend on the data alone."""
     graph = split.prepared
     names = [name for name in kernel.layout.inputs if name in split.columns]
     if not names:
         return lambda _: {}
-    prepared = Lowered(graph, lowered.axes, {name: lowered.shapes[name] for name in _tables(graph)})
+    prepared = LoweredGraph(graph, lowered.axes, {name: lowered.shapes[name] for name in _tables(graph)})
     simulator = Simulator(prepared, [graph.names[name] for name in names], parameters)
 
-    def prepare(bound: Bound) -> dict[str, Float]:
+    def prepare(bound: BoundDataset) -> dict[str, Float]:
         starts = bound.starts.tolist() if graph.states else [0]
         return dict(zip(names, simulator.over(bound.columns, bound.count, parameters, starts), strict=True))
 
@@ -149,7 +155,7 @@ def _tables(graph: Graph) -> set[str]:
     return {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion")}
 
 
-def _in_time(sources: Sequence[Source]) -> list[Piece]:
+def _in_time(sources: Sequence[TrainingSource]) -> list[Piece]:
     """The pieces of all sources, one after the other."""
     pieces, end = [], 0
     for source in sources:
@@ -160,7 +166,10 @@ def _in_time(sources: Sequence[Source]) -> list[Piece]:
 
 
 def _by_cell(
-    sources: Sequence[Source], columns: Sequence[Columns], targets: Sequence[Sequence[Float]], cells: Cells
+    sources: Sequence[TrainingSource],
+    columns: Sequence[Columns],
+    targets: Sequence[Sequence[Float]],
+    cells: CellNumbering,
 ) -> tuple[list[Piece], Order | None]:
     """A piece a source, and the order of visits; None where that is how the samples come."""
     total = sum(source.bound.count for source in sources)

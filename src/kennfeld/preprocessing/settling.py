@@ -23,15 +23,15 @@ from kennfeld.graph.node import extract
 
 __all__ = [
     "AVERAGING",
-    "Hold",
-    "ages",
+    "HoldPlan",
     "averaged",
     "averages",
     "fewer_pieces",
     "hold_of",
     "is_settled",
     "not_held",
-    "restarted",
+    "restart_states",
+    "sample_ages",
 ]
 
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
@@ -40,7 +40,7 @@ PIECES = 64  # that the points of a dataset are dealt into
 
 
 @dataclass(frozen=True)
-class Hold:
+class HoldPlan:
     """A point as the model runs on it: `samples` of `step` seconds, of which the last `window` are averaged."""
 
     samples: int
@@ -71,14 +71,14 @@ def is_settled(dataset: Dataset, graph: Graph) -> bool:
     return dataset.settling is not None and (bool(graph.states) or _reads(graph, CLOCK))
 
 
-def hold_of(dataset: Dataset, settling: Settling, model_step: float | None) -> Hold:
+def hold_of(dataset: Dataset, settling: Settling, model_step: float | None) -> HoldPlan:
     """How long a point is held, in whole steps; the first sample is at 0 s, the last at `settling.seconds`."""
     step = settling.step or model_step
     if step is None:
-        what = f"its points are held for {settling.seconds:g} s, but neither it nor the model has a step"
-        raise InputError.of(f"dataset {dataset.name}", what, "Give the step of the model in s.")
+        message = f"its points are held for {settling.seconds:g} s, but neither it nor the model has a step"
+        raise InputError.of(f"dataset {dataset.name}", message, "Give the step of the model in s.")
     samples = max(round(settling.seconds / step), 1) + 1
-    return Hold(samples, min(max(round(settling.average / step), 1), samples), step)
+    return HoldPlan(samples, min(max(round(settling.average / step), 1), samples), step)
 
 
 def averages(graph: Graph, datasets: Sequence[Dataset]) -> bool:
@@ -104,7 +104,7 @@ def not_held(graph: Graph, samples: int) -> Mapping[str, Float]:
     )
 
 
-def ages(hold: Hold | None, samples: int) -> dict[str, Float]:
+def sample_ages(hold: HoldPlan | None, samples: int) -> dict[str, Float]:
     """The input that a restarted graph reads."""
     age = np.full(samples, np.inf) if hold is None else np.arange(samples, dtype=np.float64) % hold.samples
     return {AGE: age}
@@ -115,7 +115,7 @@ def fewer_pieces(starts: Int) -> Int:
     return starts[:: -(-starts.size // PIECES)] if starts.size else starts
 
 
-def restarted(graph: Graph) -> Graph:
+def restart_states(graph: Graph) -> Graph:
     """The graph whose memories start anew where a point begins, after `latency` steps of their first value.
 
     The same graph where a first value depends on itself; whoever runs it says so.

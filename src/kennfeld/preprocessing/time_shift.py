@@ -9,17 +9,17 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.measurement.resampling import is_stepped
 
-__all__ = ["interpolated", "shifted"]
+__all__ = ["resample_channel", "shift_channels"]
 
 _NEAR = 1e-6  # of a step; closer than this is the same instant
 
 
-def shifted(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
+def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
     """The dataset with channels moved: value(t) = recorded(t - shift), within each piece; NaN where nothing is known.
 
     `shift` is in seconds, for steady-state data in whole samples. A channel that is not there is passed over.
 
-    >>> data = shifted(Dataset.of("d", {"u": [1.0, 2.0, 3.0]}), {"u": 1.0})
+    >>> data = shift_channels(Dataset.of("d", {"u": [1.0, 2.0, 3.0]}), {"u": 1.0})
     >>> data["u"].values
     array([nan,  1.,  2.])
     """
@@ -38,10 +38,10 @@ def _time(dataset: Dataset, piece: slice) -> Float:
 
 
 def _moved(values: Float, time: Float, by: float) -> Float:
-    return interpolated(time, values, time - by)
+    return resample_channel(time, values, time - by)
 
 
-def interpolated(time: Float, values: Float, at: Float) -> Float:
+def resample_channel(time: Float, values: Float, at: Float) -> Float:
     """A channel at other times: linear between neighbours, held where it is stepped; NaN beside a gap and outside."""
     if values.size == 0:
         return np.full(at.shape, np.nan)

@@ -21,7 +21,7 @@ from kennfeld.formatting import nearest
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 
-__all__ = ["Conversion", "Units", "check_stated", "compare", "restated", "says_nothing", "times"]
+__all__ = ["UnitConversion", "Units", "check_stated", "compare", "restated", "says_nothing", "times"]
 
 Kinship = Literal["same", "contrary", "unknown"]
 _T = TypeVar("_T", float, Float)  # Python 3.11
@@ -113,10 +113,10 @@ _Case = tuple[str, str, str, str]  # channel, its unit, the unit it is converted
 
 
 @dataclass(frozen=True)
-class Conversion:
+class UnitConversion:
     """Turns values in one unit into values in another: `factor` times the value, plus `offset`.
 
-    >>> Conversion(1.0, 273.15).of(20.0)
+    >>> UnitConversion(1.0, 273.15).of(20.0)
     293.15
     """
 
@@ -138,7 +138,7 @@ def says_nothing(unit: str) -> bool:
 
 
 @cache
-def compare(source: str, target: str) -> Conversion | Kinship:
+def compare(source: str, target: str) -> UnitConversion | Kinship:
     """What turns values in `source` into values in `target`.
 
     "same" where nothing has to be done, "contrary" where the units are of different quantities, "unknown" where one of
@@ -159,13 +159,13 @@ def compare(source: str, target: str) -> Conversion | Kinship:
     return _converted(one, other)
 
 
-def _temperature(source: str, target: str) -> Conversion:
+def _temperature(source: str, target: str) -> UnitConversion:
     factor, offset = _KELVIN[source]
     unit, zero = _KELVIN[target]
-    return Conversion(factor / unit, (offset - zero) / unit)
+    return UnitConversion(factor / unit, (offset - zero) / unit)
 
 
-def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:
+def _converted(one: _Unit, other: _Unit) -> UnitConversion | Kinship:
     """By the registry, for units that are spelled differently in every way known here."""
     registry = _registry()
     if not all(_is_known(registry, name) for name, _ in (*one, *other)):
@@ -176,7 +176,7 @@ def _converted(one: _Unit, other: _Unit) -> Conversion | Kinship:
     if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
         return "unknown"
     factor = _factor(registry, registry.UnitsContainer(source), registry.UnitsContainer(target))
-    return "unknown" if factor is None else "same" if factor == 1.0 else Conversion(factor)
+    return "unknown" if factor is None else "same" if factor == 1.0 else UnitConversion(factor)
 
 
 def _factor(registry: Any, source: Any, target: Any) -> float | None:
@@ -305,7 +305,7 @@ class Units:
             return channel
         unit, whose = self.wanted.get(channel.name) or self.first.setdefault(channel.name, (channel.unit, file))
         found = compare(channel.unit, unit)
-        if not isinstance(found, Conversion):
+        if not isinstance(found, UnitConversion):
             return channel
         self.cases.setdefault((channel.name, channel.unit, unit, whose), {})[file] = None
         return replace(channel, values=found.of(channel.values), unit=unit)
@@ -315,10 +315,10 @@ class Units:
         for (channel, unit, to, whose), files in self.cases.items():
             names = list(files)
             place = names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-            what = f"channel {channel} is in {unit} and is converted to {to}, the unit of {whose}"
+            message = f"channel {channel} is in {unit} and is converted to {to}, the unit of {whose}"
             if channel in formulas:
-                what += f"; formulas over {channel} see {to}"
-            yield Finding(place, what, severity="remark")
+                message += f"; formulas over {channel} see {to}"
+            yield Finding(place, message, severity="remark")
 
 
 def restated(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
@@ -346,11 +346,11 @@ def check_stated(
     for name, unit in file.units.items():
         if name in clocks:
             if in_seconds(unit) is None and name not in used:
-                what = f"{unit} is not a unit of time, and {name} is the time"
-                yield Finding(file.place(f"[units] {name}"), what, "Write s, ms, us, ns, min or h.")
+                message = f"{unit} is not a unit of time, and {name} is the time"
+                yield Finding(file.place(f"[units] {name}"), message, "Write s, ms, us, ns, min or h.")
             continue
         if not complete and time_unit(name, unit) is not None:
             continue
         if name not in used:
-            mend = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
-            yield Finding(file.place(f"[units] {name}"), f"nothing uses a channel {name}", mend)
+            remedy = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
+            yield Finding(file.place(f"[units] {name}"), f"nothing uses a channel {name}", remedy)

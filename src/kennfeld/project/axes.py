@@ -15,13 +15,13 @@ from kennfeld.errors import ArgumentError, Finding
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.optimize.linear_limits import bounds_of
+from kennfeld.optimize.linear_limits import breakpoint_bounds
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.validation import left_behind
+from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
-from kennfeld.preprocessing.calculated import evaluated, uses_clock
-from kennfeld.project.model import Function
+from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
+from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import AxisEntry, ProjectFile
 
 __all__ = ["Axes", "check_free_axes", "made_free"]
@@ -42,15 +42,15 @@ def made_free(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | N
 def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     """Errors and warnings about axes that are marked as free."""
     for key, axis in problem.free_axes.items():
-        for finding in left_behind({key: axis}, problem.free_names):
-            yield Finding(_place(file, key), finding.what, finding.mend)
-        lower, upper = bounds_of(axis, problem.parameters, problem.held)
+        for finding in check_shared_axes({key: axis}, problem.free_names):
+            yield Finding(_place(file, key), finding.message, finding.remedy)
+        lower, upper = breakpoint_bounds(axis, problem.parameters, problem.held)
         if np.array_equal(lower, upper):
-            what = f"no breakpoint of {key} can move: its ends stay, and so do those at locks and pins"
-            yield Finding(_place(file, key), what, "Give it more breakpoints, or a range.", severity="warning")
+            message = f"no breakpoint of {key} can move: its ends stay, and so do those at locks and pins"
+            yield Finding(_place(file, key), message, "Give it more breakpoints, or a range.", severity="warning")
     for key in problem.idle_axes:
-        what = f"the breakpoints of {key} are free, but no table on it is fitted"
-        yield Finding(_place(file, key), what, "Free a table on it.", severity="warning")
+        message = f"the breakpoints of {key} are free, but no table on it is fitted"
+        yield Finding(_place(file, key), message, "Free a table on it.", severity="warning")
 
 
 def _place(file: ProjectFile, key: AxisKey) -> str:
@@ -65,7 +65,7 @@ class Axes:
     def __init__(
         self,
         file: ProjectFile,
-        function: Function | None,
+        function: ProjectModel | None,
         datasets: Sequence[Dataset] | None,
         initial: ParameterSet,
         findings: list[Finding],
@@ -89,15 +89,15 @@ class Axes:
                 self._groups[name] = self.freed(own, name) if own.inherits else self._axis(own, own.input, name)
             return self._groups[name]
         if name not in self._given:
-            mend = nearest(name, [*self._file.axes, *self._given]) or f"Write a section [axes.{name}]."
-            self._findings.append(Finding(entry.place, f"there is no group axis {name}", mend))
+            remedy = nearest(name, [*self._file.axes, *self._given]) or f"Write a section [axes.{name}]."
+            self._findings.append(Finding(entry.place, f"there is no group axis {name}", remedy))
         return self._given.get(name)
 
     def freed(self, entry: AxisEntry, name: str) -> Axis | None:
         """The group axis of the initial files, its breakpoints free."""
         if name not in self._given:
-            mend = nearest(name, self._given) or "Write breakpoints, or begin, end and count."
-            self._report(entry, f"the initial files have no group axis {name} whose breakpoints to free", mend)
+            remedy = nearest(name, self._given) or "Write breakpoints, or begin, end and count."
+            self._report(entry, f"the initial files have no group axis {name} whose breakpoints to free", remedy)
             return None
         return made_free(self._given[name], entry, self._findings)
 
@@ -129,12 +129,14 @@ class Axes:
             return None
         points = np.unique(np.quantile(values, np.linspace(0.0, 1.0, entry.quantiles)))
         if points.size < entry.quantiles:
-            what = f"{entry.quantiles} quantiles of {quantity} give {points.size} breakpoints, since some are equal"
-            self._report(entry, what, "Write a smaller count, or begin, end and count.", "warning")
+            message = f"{entry.quantiles} quantiles of {quantity} give {points.size} breakpoints, since some are equal"
+            self._report(entry, message, "Write a smaller count, or begin, end and count.", "warning")
         return points
 
-    def _report(self, entry: AxisEntry, what: str, mend: str, severity: Literal["error", "warning"] = "error") -> None:
-        self._findings.append(Finding(entry.place, what, mend, severity=severity))
+    def _report(
+        self, entry: AxisEntry, message: str, remedy: str, severity: Literal["error", "warning"] = "error"
+    ) -> None:
+        self._findings.append(Finding(entry.place, message, remedy, severity=severity))
 
     def _values(self, entry: AxisEntry, quantity: str) -> Float | None:
         """What lies on the axis, over all training samples."""
@@ -152,20 +154,22 @@ class Axes:
         if quantity in graph.names:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
-            mend = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
-            self._report(entry, f"{quantity} is no input, no node and no channel", mend)
+            remedy = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
+            self._report(entry, f"{quantity} is no input, no node and no channel", remedy)
         return None
 
     def _node(self, entry: AxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
         """The values of a node that depends on the data alone."""
         part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
-            what = f"the range of {name} depends on parameters ({', '.join(list(part.parameters)[:3])})"
-            self._report(entry, what, "Write begin, end and count, or breakpoints.")
+            message = f"the range of {name} depends on parameters ({', '.join(list(part.parameters)[:3])})"
+            self._report(entry, message, "Write begin, end and count, or breakpoints.")
             return None
         if uses_clock(part) and any(data.time is None for data in training):
             return None  # reported where the data are bound to the function
-        found = [evaluated(part, self._renamed(data, part)) for data in training if self._has_inputs(data, part)]
+        found = [
+            evaluate_expression(part, self._renamed(data, part)) for data in training if self._has_inputs(data, part)
+        ]
         return np.concatenate(found) if found else None
 
     def _has_inputs(self, data: Dataset, part: Graph) -> bool:

@@ -20,8 +20,8 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
 from kennfeld.errors import Finding, InputError
-from kennfeld.optimize import Saved, StartResult
-from kennfeld.optimize.search.start_runner import holding
+from kennfeld.optimize import Checkpoint, StartResult
+from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 
@@ -35,7 +35,7 @@ _NAME = re.compile(r"\d+-(\d+|end)\.json")
 class Found:
     """The state to go on from for each start, and what is odd about the files."""
 
-    states: Mapping[int, Saved] = field(default_factory=dict)
+    states: Mapping[int, Checkpoint] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
 
@@ -61,17 +61,17 @@ class Saves:
             try:
                 state, mark = _read(path)
             except (InputError, KeyError, TypeError, ValueError, StopIteration):
-                what = "is no complete saved state and is left out"
-                findings.append(Finding(f"{FOLDER}/{path.name}", what, severity="warning"))
+                message = "is no complete saved state and is left out"
+                findings.append(Finding(f"{FOLDER}/{path.name}", message, severity="warning"))
                 continue
             saved.append(state)
             marks.add(mark)
         if not saved:
-            mend = "Set save_every in [optimizer] and run without --resume first."
-            raise InputError([*findings, Finding(str(self.folder), "holds no saved state to resume from", mend)])
+            remedy = "Set save_every in [optimizer] and run without --resume first."
+            raise InputError([*findings, Finding(str(self.folder), "holds no saved state to resume from", remedy)])
         if marks != {self.mark}:
-            what = "has changed since the states were saved; the search goes on from the saved values"
-            findings.append(Finding(self.project.name, what, severity="warning"))
+            message = "has changed since the states were saved; the search goes on from the saved values"
+            findings.append(Finding(self.project.name, message, severity="warning"))
         return Found(_latest(saved), tuple(findings))
 
     def begin(self) -> None:
@@ -91,12 +91,12 @@ class Saves:
             path.replace(aside / path.name)
         self._fresh = False
 
-    def keep(self, saved: Saved, parameters: ParameterSet) -> None:
+    def keep(self, saved: Checkpoint, parameters: ParameterSet) -> None:
         """Write what may change of a state, whole or not at all, down to the disk. `parameters` are the project's.
 
         A state that cannot be written does not end the search; `missed` says so.
         """
-        held = holding(parameters, saved.values)
+        held = with_values(parameters, saved.values)
         values = [held[name] for name in saved.values if name in held]
         note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
         content = ParameterSet(values, texts=[note])
@@ -110,8 +110,8 @@ class Saves:
             if not saved.ended:
                 self._go_on(saved.start)
         except OSError as error:
-            what = f"states could not be saved: {error.strerror or error}"
-            self.missed = self.missed or Finding(str(self.folder), what, severity="warning")
+            message = f"states could not be saved: {error.strerror or error}"
+            self.missed = self.missed or Finding(str(self.folder), message, severity="warning")
 
     def _go_on(self, start: int) -> None:
         """What was the end of a start before is one of its states now."""
@@ -121,7 +121,7 @@ class Saves:
                 end.replace(self.folder / f"{start}-{_read(end)[0].iteration:06d}.json")
 
 
-def _note(saved: Saved) -> dict[str, Any]:
+def _note(saved: Checkpoint) -> dict[str, Any]:
     plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage")}
     ended = None if saved.ended is None else {name: _number(value) for name, value in asdict(saved.ended).items()}
     tables = [name for name in saved.values if not name.startswith("axis ")]
@@ -133,12 +133,12 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _read(path: Path) -> tuple[Saved, str]:
+def _read(path: Path) -> tuple[Checkpoint, str]:
     """A state, and the mark of the project file that it was saved with."""
     content = read(path)
     note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
-    state = Saved(
+    state = Checkpoint(
         start=note["start"],
         step=note["step"],
         iteration=note["iteration"],
@@ -157,9 +157,9 @@ def _row(row: Mapping[str, Any]) -> StartResult:
     return StartResult(**given)
 
 
-def _latest(saved: list[Saved]) -> dict[int, Saved]:
+def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
     """For each start its end, or the best of the last step reached; iterations are counted on from the last one."""
-    found: dict[int, Saved] = {}
+    found: dict[int, Checkpoint] = {}
     for start in sorted({state.start for state in saved}):
         mine = [state for state in saved if state.start == start]
         last = max(state.iteration for state in mine)

@@ -29,20 +29,20 @@ from kennfeld.graph.traversal import dependent
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize import Problem
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.lookup_coverage import Coverage
 from kennfeld.optimize.problem import difference
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.strategies.global_search import FEW
 from kennfeld.optimize.validation import unbounded
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings, is_timed
-from kennfeld.preprocessing.pipeline import Loaded
+from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.settling import hold_of, is_settled
 from kennfeld.preprocessing.units import compare, says_nothing
@@ -84,7 +84,7 @@ def weight_channels(file: ProjectFile) -> dict[str, str]:
     return found
 
 
-def sample_findings(file: ProjectFile, problem: Problem, loaded: Loaded) -> list[Finding]:
+def sample_findings(file: ProjectFile, problem: Problem, loaded: LoadedData) -> list[Finding]:
     """What is wrong with the weights of single samples."""
     training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
     return weight_findings(
@@ -96,7 +96,7 @@ def sample_findings(file: ProjectFile, problem: Problem, loaded: Loaded) -> list
     )
 
 
-def settling_findings(graph: Graph, loaded: Loaded) -> list[Finding]:
+def settling_findings(graph: Graph, loaded: LoadedData) -> list[Finding]:
     """What is wrong with the holding of steady-state points."""
     found = []
     for data in loaded.datasets:
@@ -104,14 +104,14 @@ def settling_findings(graph: Graph, loaded: Loaded) -> list[Finding]:
             continue
         place = loaded.places[data.name]
         if not is_settled(data, graph):
-            what = "the function has no memory, so that its points need not be held"
-            found.append(Finding(f"{place} settle", what, "Remove settle.", severity="warning"))
+            message = "the function has no memory, so that its points need not be held"
+            found.append(Finding(f"{place} settle", message, "Remove settle.", severity="warning"))
         elif data.settling.step is None:
-            what = "the points are held, but no step of the model is given"
-            found.append(Finding(f"{place} step", what, "Write step = ... in s, here or in [model]."))
+            message = "the points are held, but no step of the model is given"
+            found.append(Finding(f"{place} step", message, "Write step = ... in s, here or in [model]."))
         elif (total := data.samples * (each := hold_of(data, data.settling, None).samples)) > _MOST:
-            what = f"{data.samples} points of {each} samples each are {total} samples, too many for memory"
-            found.append(Finding(f"{place} settle", what, "Shorten settle, or take a larger step."))
+            message = f"{data.samples} points of {each} samples each are {total} samples, too many for memory"
+            found.append(Finding(f"{place} settle", message, "Shorten settle, or take a larger step."))
     return found
 
 
@@ -124,8 +124,8 @@ def start_warning(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     if not suspects or file.optimizer.method == "global" or not any(bound.count for bound in problem.training):
         return
     try:
-        compiled = Compiled(problem)
-        limits = limits_of(problem, compiled.values)
+        compiled = CompiledProblem(problem)
+        limits = linear_limits(problem, compiled.values)
     except InputError:  # told by other checks
         return
     start, _ = project(compiled.start[: compiled.values.free], limits)
@@ -134,9 +134,9 @@ def start_warning(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         return
     for name in off.changed:
         others = " and ".join(other for other in off.stuck if other != name) or name
-        what = f"the initial value is 0, and so all slopes of {others} are zero: no step could move from there"
-        mend = f"Write initial = {off.levels[name]:g}, or all values; a calibration starts there on its own."
-        yield Finding(file.place(f"[parameters.{name}] initial"), what, mend, severity="warning")
+        message = f"the initial value is 0, and so all slopes of {others} are zero: no step could move from there"
+        remedy = f"Write initial = {off.levels[name]:g}, or all values; a calibration starts there on its own."
+        yield Finding(file.place(f"[parameters.{name}] initial"), message, remedy, severity="warning")
 
 
 def _at_zero(problem: Problem, name: str) -> bool:
@@ -160,17 +160,17 @@ def step_warning(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     if bound is None or "dt" not in bound.clock or bound.hold is not None or bound.count < 2:
         return
     step = problem.model.step or float(np.median(bound.clock["dt"]))
-    trial = _Trial(file, problem, bound, step)
+    trial = _StepTrial(file, problem, bound, step)
     first = trial.gap(1)
     if first is None or first.share <= _NEAR:
         return
     halvings = (2**k for k in range(1, _HALVINGS))
     parts = next((n for n in halvings if (gap := trial.gap(n)) is not None and gap.share <= _NEAR), 0)
-    what = (
+    message = (
         f"with half the step of {step:g} s, {_step_findings(first)}: the step is too long for a solver with a fixed one"
     )
-    mend = f"Write step = {step / parts:g} under [model]." if parts else "Try much shorter ones: step under [model]."
-    yield Finding(file.place("[model] step"), what, mend, severity="warning")
+    remedy = f"Write step = {step / parts:g} under [model]." if parts else "Try much shorter ones: step under [model]."
+    yield Finding(file.place("[model] step"), message, remedy, severity="warning")
 
 
 def _step_findings(gap: _Gap) -> str:
@@ -179,10 +179,10 @@ def _step_findings(gap: _Gap) -> str:
     return f"{gap.node} is a number where it was none, or the other way round"
 
 
-class _Trial:
+class _StepTrial:
     """Runs of a problem's model with parts of its step, the inputs held."""
 
-    def __init__(self, file: ProjectFile, problem: Problem, bound: Bound, step: float) -> None:
+    def __init__(self, file: ProjectFile, problem: Problem, bound: BoundDataset, step: float) -> None:
         self.file, self.problem, self.bound, self.step = file, problem, bound, step
         names = problem.model.graph.names
         self.nodes = [one for one in dict.fromkeys(c.node for c in problem.criteria) if one in names]
@@ -224,7 +224,7 @@ class _Trial:
         if "t" in columns:
             columns["t"] = columns["t"] + columns["dt"] * np.tile(np.arange(parts), count)
         starts = [parts * int(start) for start in self.bound.starts if start < count]
-        compiled = Nodes(model.graph, self.problem.parameters, self.nodes)
+        compiled = NodeSimulator(model.graph, self.problem.parameters, self.nodes)
         with np.errstate(all="ignore"):
             return compiled.over(columns, parts * count, self.problem.parameters, starts)[:, ::parts]
 
@@ -247,9 +247,9 @@ def method_findings(file: ProjectFile, problem: Problem) -> list[Finding]:
     found = unbounded(problem, lambda name: file.place(f"[parameters.{name}] bounds"))
     values = sum(int(np.count_nonzero(~problem.parameters[name].locked)) for name in problem.free_names)
     if values > FEW:
-        what = f"{values} values are many for a search without gradients, which suits up to {FEW}"
-        mend = "Free fewer, use fewer breakpoints, or raise max_evaluations."
-        found.append(Finding(file.place("[optimizer] method"), what, mend, severity="warning"))
+        message = f"{values} values are many for a search without gradients, which suits up to {FEW}"
+        remedy = "Free fewer, use fewer breakpoints, or raise max_evaluations."
+        found.append(Finding(file.place("[optimizer] method"), message, remedy, severity="warning"))
     return found
 
 
@@ -265,11 +265,11 @@ def event_warning(file: ProjectFile, problem: Problem) -> list[Finding]:
     place = next((model.places[event.name] for event in found if event.name in model.places), model.source)
     names = dict.fromkeys(name for event in found for name in event.parameters)
     decide = "decides" if len(names) == 1 else "decide"
-    what = f"{listed(found)} when {_some(names)} {decide}, and derivatives do not see that"
+    message = f"{listed(found)} when {_some(names)} {decide}, and derivatives do not see that"
     values = sum(problem.parameters[name].size for name in names)
     few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
-    mend = f'{few} [optimizer] method = "global", and bounds for {_some(names) if values <= FEW else "them"}.'
-    return [Finding(place, what, mend, severity="warning")]
+    remedy = f'{few} [optimizer] method = "global", and bounds for {_some(names) if values <= FEW else "them"}.'
+    return [Finding(place, message, remedy, severity="warning")]
 
 
 def _some(names: Collection[str]) -> str:
@@ -299,7 +299,7 @@ def warnings_of(file: ProjectFile, problem: Problem, places: Mapping[str, str]) 
         *_idle(file, problem),
         *_names(file, problem),
     ]
-    warnings = [Finding(place, what, mend, severity="warning") for place, what, mend in found]
+    warnings = [Finding(place, message, remedy, severity="warning") for place, message, remedy in found]
     warnings += [*_clocks(file, problem, places), *seen_test_data(file, problem, places)]
     return [*warnings, *event_warning(file, problem), *step_warning(file, problem), *start_warning(file, problem)]
 
@@ -323,12 +323,12 @@ def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
             own, recorded = units.get(name, ""), data[channel].unit if channel in data else ""
             if says_nothing(own) or says_nothing(recorded) or (found := compare(recorded, own)) == "same":
                 continue
-            what = f"channel {channel} is in {recorded}, the {kind} {name} of the function in {own}"
+            message = f"channel {channel} is in {recorded}, the {kind} {name} of the function in {own}"
             if found == "contrary":
-                mend = f'Name another channel, or state its unit: [units] {quoted(channel)} = "{own}".'
-                yield places[data.name], f"{what}, which is another quantity", mend
+                remedy = f'Name another channel, or state its unit: [units] {quoted(channel)} = "{own}".'
+                yield places[data.name], f"{message}, which is another quantity", remedy
             else:
-                yield places[data.name], what, "Convert it in [calculated], or correct the unit."
+                yield places[data.name], message, "Convert it in [calculated], or correct the unit."
 
 
 def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
@@ -345,8 +345,8 @@ def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]
         whole = np.concatenate(known) if known else np.empty(0)
         whole = whole[np.isfinite(whole)]
         if whole.size > 1 and np.all(whole == whole[0]):
-            what = f"channel {name} is {whole[0]:g} throughout the training data"
-            yield places[training[0].name], what, "Is it the right channel?"
+            message = f"channel {name} is {whole[0]:g} throughout the training data"
+            yield places[training[0].name], message, "Is it the right channel?"
 
 
 def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
@@ -360,8 +360,8 @@ def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         for direction, axis, given in zip(DIRECTIONS, axes, fed, strict=False):
             own = entry is not None and direction in entry.axes
             if own and axis.input in known and given in known and axis.input != given:
-                what = f"the axis carries {axis.input}, but the function looks {name} up with {given}"
-                yield file.place(f"[parameters.{name}] {direction}"), what, "Are the axes exchanged?"
+                message = f"the axis carries {axis.input}, but the function looks {name} up with {given}"
+                yield file.place(f"[parameters.{name}] {direction}"), message, "Are the axes exchanged?"
 
 
 def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
@@ -377,11 +377,11 @@ def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     for (name, i), (outside, total, low, high) in tally.items():
         if total and outside / total > _OUTSIDE:
             points = parameters[name].axes[i].breakpoints
-            what = (
+            message = (
                 f"{outside / total:.0%} of the training samples lie beyond the axis, which ends at {points[0]:g} "
                 f"and {points[-1]:g}; the data go from {low:g} to {high:g}"
             )
-            yield file.place(f"[parameters.{name}] {DIRECTIONS[i]}"), what, "Widen the axis."
+            yield file.place(f"[parameters.{name}] {DIRECTIONS[i]}"), message, "Widen the axis."
 
 
 def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
@@ -418,5 +418,5 @@ def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         left = unwritable(alone, ending)
         if left:
             names = ", ".join(list(left)[:5]) + (f" and {len(left) - 5} more" if len(left) > 5 else "")
-            what = f"{ending[1:]} will leave out {names}: {next(iter(left.values())).what}"
-            yield file.place("[calibration] output"), what, "parameters.json holds every parameter."
+            message = f"{ending[1:]} will leave out {names}: {next(iter(left.values())).message}"
+            yield file.place("[calibration] output"), message, "parameters.json holds every parameter."

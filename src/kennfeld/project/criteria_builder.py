@@ -12,8 +12,8 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.formatting import nearest
 from kennfeld.parameters import Parameter
-from kennfeld.preprocessing.pipeline import Loaded
-from kennfeld.project.model import Function
+from kennfeld.preprocessing.pipeline import LoadedData
+from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables
 from kennfeld.project.schema import DIRECTIONS, CriterionEntry, ParameterEntry, ProjectFile
 
@@ -30,10 +30,10 @@ class Constraints:
 
 
 def build_constraints(
-    file: ProjectFile, tables: Tables, function: Function | None, findings: list[Finding]
+    file: ProjectFile, tables: Tables, function: ProjectModel | None, findings: list[Finding]
 ) -> Constraints:
     """The constraints that concern free parameters, and findings about those that cannot hold."""
-    builder = _Builder(file, tables, function, findings)
+    builder = _ConstraintBuilder(file, tables, function, findings)
     shapes = [shape for entry in file.parameters.values() for shape in builder.shapes(entry)]
     return Constraints(
         tuple(builder.pins()),
@@ -43,15 +43,15 @@ def build_constraints(
 
 
 @dataclass
-class _Builder:
+class _ConstraintBuilder:
     file: ProjectFile
     tables: Tables
-    function: Function | None
+    function: ProjectModel | None
     findings: list[Finding] = field(default_factory=list)
 
-    def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+    def _report(self, part: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
         place = part if part.startswith(self.file.path.name) else self.file.place(part)
-        self.findings.append(Finding(place, what, mend, severity="warning" if warning else "error"))
+        self.findings.append(Finding(place, message, remedy, severity="warning" if warning else "error"))
 
     def _used(self, name: str) -> bool:
         return self.function is not None and name in self.function.graph.parameters
@@ -81,8 +81,8 @@ class _Builder:
         for x, axis in zip(at, axes, strict=True):
             first, last = axis.breakpoints[0], axis.breakpoints[-1]
             if not first <= x <= last:
-                what = f"{x:g} lies beyond the axis, {first:g} to {last:g}"
-                self._report(part, what, "It holds where the lookup ends up.", warning=True)
+                message = f"{x:g} lies beyond the axis, {first:g} to {last:g}"
+                self._report(part, message, "It holds where the lookup ends up.", warning=True)
         return True
 
     def shapes(self, entry: ParameterEntry) -> Iterable[Shape]:
@@ -98,8 +98,8 @@ class _Builder:
                 if axis >= len(axes):
                     self._report(part, f"{name} has {len(axes)} axes, there is no {direction}", "Remove it.")
                 elif len(axes[axis]) < least:
-                    what = f"the axis has {len(axes[axis])} breakpoints, a {key} needs {least}"
-                    self._report(part, what, "Nothing is limited.", warning=True)
+                    message = f"the axis has {len(axes[axis])} breakpoints, a {key} needs {least}"
+                    self._report(part, message, "Nothing is limited.", warning=True)
                 elif name in self.tables.free and self._used(name):
                     yield Shape(name, axis, "slope" if kind == "slope" else "curvature", lower, upper)
                 elif self._used(name):
@@ -112,8 +112,8 @@ class _Builder:
             for number, term in enumerate(entry.terms, 1):
                 part = f"{entry.place} term {number}"
                 if term.parameter not in self.tables.parameters:
-                    mend = nearest(term.parameter, self.tables.parameters)
-                    self._report(part, f"{term.parameter} is no parameter of the project", mend)
+                    remedy = nearest(term.parameter, self.tables.parameters)
+                    self._report(part, f"{term.parameter} is no parameter of the project", remedy)
                     good = False
                 elif term.parameter not in self.tables.free:
                     self._report(part, f"{term.parameter} is not free", "Free it, or remove the equality.")
@@ -125,7 +125,7 @@ class _Builder:
 
 
 def build_criteria(
-    file: ProjectFile, function: Function | None, loaded: Loaded, findings: list[Finding]
+    file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: list[Finding]
 ) -> tuple[Criterion, ...]:
     """The criteria that can be used, and findings about the others. A bare target is a channel, else a node."""
     made: list[Criterion] = []
@@ -142,8 +142,8 @@ def build_criteria(
         criterion = Criterion(entry.node, target, **settings, **samples)  # type: ignore[arg-type]
         key = (entry.node, str(target))
         if key in first:
-            what = f"{entry.node} against {target} stands already in {first[key]}"
-            findings.append(Finding(entry.place, what, "Remove one, or add their weights."))
+            message = f"{entry.node} against {target} stands already in {first[key]}"
+            findings.append(Finding(entry.place, message, "Remove one, or add their weights."))
         first.setdefault(key, entry.place)
         made.append(criterion)
     if file.criteria and all(entry.weight == 0 for entry in file.criteria):
@@ -152,7 +152,7 @@ def build_criteria(
 
 
 def _target(
-    entry: CriterionEntry, file: ProjectFile, function: Function | None, loaded: Loaded, findings: list[Finding]
+    entry: CriterionEntry, file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: list[Finding]
 ) -> Target | None:
     given = entry.target
     nodes = function.graph.names if function else {}
@@ -164,17 +164,17 @@ def _target(
     if given.kind == "name" and given.name in nodes:
         if not having:
             return Target("node", given.name)
-        what = f"{given.name} is a channel of the data and a node of the function; the channel is taken"
-        mend = f'Write {{ channel = "{given.name}" }} or {{ node = "{given.name}" }}.'
-        findings.append(Finding(f"{entry.place} target", what, mend, severity="warning"))
+        message = f"{given.name} is a channel of the data and a node of the function; the channel is taken"
+        remedy = f'Write {{ channel = "{given.name}" }} or {{ node = "{given.name}" }}.'
+        findings.append(Finding(f"{entry.place} target", message, remedy, severity="warning"))
     if having:
         findings += _partly(entry, file.criteria, loaded.datasets)
     elif loaded.complete and loaded.datasets:
         names = {**loaded.offered, **dict.fromkeys(n for data in loaded.datasets for n in data)}
         candidates = [*names, *nodes] if given.kind == "name" else list(names)
-        what = f"{given.name} is no channel of the data" + (" and no node" if given.kind == "name" else "")
-        mend = nearest(given.name, candidates) or f"They have {', '.join(list(names)[:8])}."
-        findings.append(Finding(f"{entry.place} target", what, mend))
+        message = f"{given.name} is no channel of the data" + (" and no node" if given.kind == "name" else "")
+        remedy = nearest(given.name, candidates) or f"They have {', '.join(list(names)[:8])}."
+        findings.append(Finding(f"{entry.place} target", message, remedy))
         return None
     return Target("channel", given.name)
 

@@ -11,14 +11,14 @@ from typing import Any
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize import Result
-from kennfeld.project.results import Simulated, write
+from kennfeld.project.results import ResultSource, write
 
 __all__ = ["write_somewhere"]
 
 
 def write_somewhere(
     result: Result,
-    project: Simulated,
+    project: ResultSource,
     folder: str | Path,
     documents: Mapping[str, str],
     further: Mapping[str, Any] | None,
@@ -38,7 +38,7 @@ def write_somewhere(
         lambda other: (_write_values(result, project, other),)
     )
     place = f"Written to {written[0].parent} instead." if written else "Nor can a temporary folder."
-    told += [replace(reason, mend=place) for reason in reasons]
+    told += [replace(reason, remedy=place) for reason in reasons]
     return written
 
 
@@ -54,7 +54,7 @@ def _elsewhere(attempt: Callable[[Path], tuple[Path, ...]]) -> tuple[Path, ...]:
     return ()
 
 
-def _write_values(result: Result, project: Simulated, folder: Path) -> Path:
+def _write_values(result: Result, project: ResultSource, folder: Path) -> Path:
     path = folder / "parameters.json"
     write_parameters(result.parameters.without(project.surrogates), path)
     return path

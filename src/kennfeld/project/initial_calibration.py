@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, unwritable
-from kennfeld.calfiles.format import Flash, Notes
+from kennfeld.calfiles.format import Findings, FlashOrigin
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
@@ -33,7 +33,7 @@ class _Start:
         self.file, self.findings = file, findings
         self.merged = ParameterSet()
         self.origin: dict[str, str] = {}  # the file that each parameter is from
-        self.image: Flash | None = None
+        self.image: FlashOrigin | None = None
         self.good = True
 
     def parameters(self) -> ParameterSet | None:
@@ -79,7 +79,7 @@ class _Start:
         except ArgumentError as error:
             self._wrong(Finding(name, str(error), "Files that share a group axis must agree on it."))
         self.origin |= dict.fromkeys(given, name)
-        if isinstance(given.origin, Flash):
+        if isinstance(given.origin, FlashOrigin):
             self.image = given.origin
             self.findings += _identity(self.image)
 
@@ -98,21 +98,21 @@ class _Start:
 def _told(name: str, remarks: Sequence[Finding]) -> list[Finding]:
     """What was left aside of a file, as long as it is little."""
     if len(remarks) > _MOST_REMARKS:
-        what = f"{len(remarks)} remarks on what is left aside or not as usual"
-        return [Finding(name, what, f"kennfeld info {name} lists them.", severity="remark")]
+        message = f"{len(remarks)} remarks on what is left aside or not as usual"
+        return [Finding(name, message, f"kennfeld info {name} lists them.", severity="remark")]
     return [replace(remark, severity="remark") for remark in remarks]
 
 
-def _identity(flash: Flash) -> tuple[Finding, ...]:
+def _identity(flash: FlashOrigin) -> tuple[Finding, ...]:
     """A warning where the image is of another program than the A2L file."""
-    from kennfeld.calfiles.a2l.reader import say_identity
+    from kennfeld.calfiles.a2l.reader import check_epk
 
-    notes = Notes(flash.a2l.file)
-    say_identity(flash.a2l, flash.image, notes)
+    notes = Findings(flash.a2l.file)
+    check_epk(flash.a2l, flash.image, notes)
     return notes.settle()
 
 
-def _has_image(file: ProjectFile, image: Flash | None, findings: list[Finding]) -> bool:
+def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: list[Finding]) -> bool:
     """Whether the images to be written have one to start from, of their kind."""
     wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
     wrong = [found for ending in wanted if (found := unwritable(image, ending))]
@@ -129,8 +129,8 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
 
     made = read_surrogate(path)
     if not isinstance(made, StaticSurrogate):
-        what = f"{made.name} is a dynamic surrogate, which cannot be a parameter"
-        raise InputError.of(path.name, what, f'Write [surrogates] and {made.name} = "{path.name}".')
+        message = f"{made.name} is a dynamic surrogate, which cannot be a parameter"
+        raise InputError.of(path.name, message, f'Write [surrogates] and {made.name} = "{path.name}".')
     unit = made.units[-1] if made.units else ""
     return ParameterSet([RBF(made.name, made.expansion, made.inputs, unit=unit)]), ()
 
@@ -146,8 +146,8 @@ def _is_surrogate(path: Path) -> bool:
 def _missing(file: ProjectFile, name: str) -> Finding:
     path = file.folder / name
     beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
-    what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
-    return Finding(file.place("[calibration] initial"), what, nearest(path.name, beside) or "Check the path.")
+    message = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
+    return Finding(file.place("[calibration] initial"), message, nearest(path.name, beside) or "Check the path.")
 
 
 def _alike(one: Parameter, other: Parameter) -> bool:
@@ -158,11 +158,11 @@ def _alike(one: Parameter, other: Parameter) -> bool:
 
 def _clash(file: ProjectFile, one: Parameter, other: Parameter, first: str, second: str) -> Finding:
     if one.kind == other.kind and one.values.shape == other.values.shape:
-        what = f"{one.name} has other breakpoints in {second} than in {first}"
+        message = f"{one.name} has other breakpoints in {second} than in {first}"
     else:
-        what = f"{one.name} is {described(one)} in {first} and {described(other)} in {second}"
-    mend = "Leave one of the files out, or remove the parameter from one of them."
-    return Finding(file.place("[calibration] initial"), what, mend)
+        message = f"{one.name} is {described(one)} in {first} and {described(other)} in {second}"
+    remedy = "Leave one of the files out, or remove the parameter from one of them."
+    return Finding(file.place("[calibration] initial"), message, remedy)
 
 
 def described(parameter: Parameter) -> str:

@@ -29,8 +29,8 @@ def equality_entry(section: Section) -> EqualityEntry:
     given = section.get("terms")
     terms: tuple[TermEntry, ...] = ()
     if not isinstance(given, list) or not given or not all(isinstance(part, dict) for part in given):
-        mend = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
-        section.report("terms", "is missing" if given is None else f"{given!r} is no list of terms", mend)
+        remedy = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
+        section.report("terms", "is missing" if given is None else f"{given!r} is no list of terms", remedy)
     else:
         terms = tuple(
             _term(Section(part, f"{section.place} term {i}", section.findings)) for i, part in enumerate(given, 1)
@@ -68,8 +68,8 @@ def shape_ranges(section: Section, key: str) -> dict[str, tuple[float, float]]:
             given = inner.values[direction]
             ends = [_side(x) for x in given] if isinstance(given, list) else []
             if len(ends) != 2 or any(math.isnan(x) for x in ends):
-                mend = f"Write {direction} = [0, inf]; one side 0 makes it monotonic."
-                inner.report(direction, f"{given!r} is no range of two numbers", mend)
+                remedy = f"Write {direction} = [0, inf]; one side 0 makes it monotonic."
+                inner.report(direction, f"{given!r} is no range of two numbers", remedy)
             elif not ends[0] <= ends[1]:
                 inner.report(direction, f"{ends[0]:g} lies above {ends[1]:g}", "Exchange them.")
             else:

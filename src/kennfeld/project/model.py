@@ -17,7 +17,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import Source
-from kennfeld.models.formula.name_resolution import Names, Surroundings
+from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
 __all__ = [
-    "Function",
+    "ProjectModel",
     "axes_finding",
     "coordinates_of",
     "initial_level",
@@ -57,14 +57,14 @@ def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrog
     made = []
     for name, path in file.surrogates.items():
         if name in FUNCTIONS or not is_plain(name):
-            what = "is built in" if name in FUNCTIONS else "is no name that formula text can call"
-            findings.append(Finding(file.place(f"[surrogates] {name}"), f"{name} {what}", "Use another name."))
+            message = "is built in" if name in FUNCTIONS else "is no name that formula text can call"
+            findings.append(Finding(file.place(f"[surrogates] {name}"), f"{name} {message}", "Use another name."))
             continue
         target = file.folder / path
         if not target.is_file():
             beside = [one.name for one in target.parent.iterdir() if one.is_file()] if target.parent.is_dir() else []
-            mend = nearest(target.name, beside) or "Train it with `kennfeld surrogate train`."
-            findings.append(Finding(file.place(f"[surrogates] {name}"), f"there is no file {path}", mend))
+            remedy = nearest(target.name, beside) or "Train it with `kennfeld surrogate train`."
+            findings.append(Finding(file.place(f"[surrogates] {name}"), f"there is no file {path}", remedy))
             continue
         try:
             made.append(replace(read_surrogate(target), name=name))
@@ -74,7 +74,7 @@ def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrog
 
 
 @dataclass(frozen=True)
-class Function:
+class ProjectModel:
     """The model with its criteria's expressions as further nodes.
 
     `inputs` are those of the model itself, before the expressions.
@@ -99,7 +99,7 @@ def read_function(
     surrogates: "Collection[Surrogate]",
     findings: list[Finding],
     initial: ParameterSet | None = None,
-) -> Function | None:
+) -> ProjectModel | None:
     """The model of the project; None, and findings, where it cannot be read.
 
     `known` are the parameters' names, `initial` gives the variables of a Simulink model their values.
@@ -111,7 +111,7 @@ def read_function(
     except InputError as error:
         findings += error.findings
         return None
-    return Function(_extended(model, file, findings), model.graph.inputs)
+    return ProjectModel(_extended(model, file, findings), model.graph.inputs)
 
 
 def is_drawn(file: ProjectFile) -> bool:
@@ -155,7 +155,7 @@ def _assumed(path: Path, known: Collection[str]) -> list[str]:
         source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
     except OSError:
         return []
-    names = Names(parse(source), Surroundings(), source)
+    names = NameTable(parse(source), NameScope(), source)
     tables = [name for name in names.axes if name not in known]
     scalars = [name for name in names.uses if name not in (*names.inputs, *known, *tables)]
     return [*tables, *scalars] if names.inputs else tables
@@ -166,17 +166,17 @@ def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
     path = file.folder / name.partition(":")[0]  # a Python function stands behind a colon
     kind = path.suffix.casefold()
     if kind in _LATER_KINDS:
-        what = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
-        findings.append(Finding(place, what, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
+        message = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
+        findings.append(Finding(place, message, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
     elif not path.is_file():
         beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
-        what = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
-        findings.append(Finding(place, what, nearest(path.name, beside) or "Check the path."))
+        message = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
+        findings.append(Finding(place, message, nearest(path.name, beside) or "Check the path."))
     elif kind == PROTECTED:
         findings.append(Finding(place, f"{name} is a protected model, whose blocks cannot be read", _ASK))
     elif kind != ".kf" and kind not in SIMULINK:
-        what = f"{name} is no kind of model that is known"
-        findings.append(Finding(place, what, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
+        message = f"{name} is no kind of model that is known"
+        findings.append(Finding(place, message, "Formula text (.kf) and Simulink models (.slx, .mdl) can be read."))
     else:
         return True
     return False
@@ -197,14 +197,16 @@ def _with_node(model: Model, text: str, place: str, findings: list[Finding]) -> 
     if not text or text in model.graph.names:
         return model
     if around := _beside(model.graph, text):
-        mend = ("/" in text and nearest(text, around)) or f"Of {text.partition('/')[0]} it has {', '.join(around[:8])}."
-        findings.append(Finding(place, f"{text} is no node of the function", mend))
+        remedy = (
+            "/" in text and nearest(text, around)
+        ) or f"Of {text.partition('/')[0]} it has {', '.join(around[:8])}."
+        findings.append(Finding(place, f"{text} is no node of the function", remedy))
         return model
     if _NAME.fullmatch(text):
         candidates = [name for name in model.graph.names if _NAME.fullmatch(name)]
         shown = list(model.graph.outputs[:12]) if model.values else candidates[-8:]
-        mend = nearest(text, candidates) or f"It has {', '.join(shown)}."
-        findings.append(Finding(place, f"{text} is no node of the function", mend))
+        remedy = nearest(text, candidates) or f"It has {', '.join(shown)}."
+        findings.append(Finding(place, f"{text} is no node of the function", remedy))
         return model
     try:
         return extend(model, {text: text}, place)
@@ -221,31 +223,31 @@ def _beside(graph: Graph, text: str) -> list[str]:
     return [name for name in graph.names if name.startswith(f"{first}/")]
 
 
-def undefined(function: Function, known: Collection[str]) -> list[Finding]:
+def undefined(function: ProjectModel, known: Collection[str]) -> list[Finding]:
     """A finding for each parameter that the function looks up and nobody defines, with a snippet to copy."""
     found = []
     for name, count in function.graph.parameters.items():
         if name not in known:
             lines = _snippet(name, count, function)
-            what = f"{name} is looked up here, but no file and no section of the project defines it"
+            message = f"{name} is looked up here, but no file and no section of the project defines it"
             if not count:
-                what = f"{name} is no node and no input, and no file and no section of the project defines it"
+                message = f"{name} is no node and no input, and no file and no section of the project defines it"
             others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
             guess = nearest(name, [*known, *others])
-            mend = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
-            found.append(Finding(function.place(name), what, mend, "\n".join(lines)))
+            remedy = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
+            found.append(Finding(function.place(name), message, remedy, "\n".join(lines)))
     return found
 
 
-def axes_finding(function: Function, name: str, kind: str, axes: int) -> Finding:
+def axes_finding(function: ProjectModel, name: str, kind: str, axes: int) -> Finding:
     """Return the error that a function looks a table up with another number of coordinates than it has axes."""
     count = function.graph.parameters[name]
     given = f"{count or 'no'} coordinate{'s' * (count != 1)}"
-    what = f"{name} is given {given}, but it is a {kind} with {axes} axes"
-    return Finding(function.place(name), what, "Correct one of them.")
+    message = f"{name} is given {given}, but it is a {kind} with {axes} axes"
+    return Finding(function.place(name), message, "Correct one of them.")
 
 
-def _snippet(name: str, count: int, function: Function) -> list[str]:
+def _snippet(name: str, count: int, function: ProjectModel) -> list[str]:
     """Lines of a project file that define a table, its axes named after what the function looks it up with."""
     graph = function.graph
     lines = [f"[parameters.{name}]" if re.fullmatch(r"[\w-]+", name) else f'[parameters."{name}"]']

@@ -20,9 +20,9 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, made_free
 from kennfeld.project.initial_calibration import described, sized
-from kennfeld.project.model import Function, axes_finding, coordinates_of, initial_level
+from kennfeld.project.model import ProjectModel, axes_finding, coordinates_of, initial_level
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
-from kennfeld.project.steps import lacking_axes, within
+from kennfeld.project.steps import grid_points_within, lacking_axes
 from kennfeld.rbf import RBF
 
 __all__ = ["Tables", "build_tables"]
@@ -31,11 +31,11 @@ Report = Callable[[str, str, str], None]  # key, what, mend
 TABLES = "Tables have it; remove it."
 
 
-def settled(old: RBF, entry: ParameterEntry, report: Report) -> Parameter | None:
+def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Parameter | None:
     """The expansion as the project file wants it; None where that cannot be, and `report` hears why."""
     found = [*_meaningless(entry), *_wrong_lock(entry), *_wrong_bounds(old, entry)]
-    for key, what, mend in found:
-        report(key, what, mend)
+    for key, message, remedy in found:
+        report(key, message, remedy)
     if found:
         return None
     given = {"unit": entry.unit, "description": entry.description}
@@ -55,12 +55,12 @@ def _meaningless(entry: ParameterEntry) -> list[tuple[str, str, str]]:
         "pin": bool(entry.pins),
         "extrapolation": entry.extrapolation is not None,
     }
-    what = f"{entry.name} is an expansion in radial basis functions, which has no"
+    message = f"{entry.name} is an expansion in radial basis functions, which has no"
     initial = "Its values are those of the initial file; remove it."
     return [
         (
             key,
-            f"{what} {'values of its own here' if key == 'initial' else key}",
+            f"{message} {'values of its own here' if key == 'initial' else key}",
             initial if key == "initial" else TABLES,
         )
         for key, there in given.items()
@@ -71,15 +71,15 @@ def _meaningless(entry: ParameterEntry) -> list[tuple[str, str, str]]:
 def _wrong_lock(entry: ParameterEntry) -> list[tuple[str, str, str]]:
     if isinstance(entry.lock, bool):
         return []
-    what = f"{entry.name} is an expansion in radial basis functions, of which no part has a place on an axis"
-    return [("lock", what, "Write lock = true, or give values that shall stay the same lower and upper bound.")]
+    message = f"{entry.name} is an expansion in radial basis functions, of which no part has a place on an axis"
+    return [("lock", message, "Write lock = true, or give values that shall stay the same lower and upper bound.")]
 
 
 def _wrong_bounds(old: RBF, entry: ParameterEntry) -> list[tuple[str, str, str]]:
     if entry.bounds is None or all(side.shape == old.values.shape for side in entry.bounds):
         return []
-    what = f"{entry.name} has {old.size} values of several kinds: offset, slopes, weights, centres and widths"
-    return [("bounds", what, f"Write two lists of {old.size} numbers, in the order of trust.csv.")]
+    message = f"{entry.name} has {old.size} values of several kinds: offset, slopes, weights, centres and widths"
+    return [("bounds", message, f"Write two lists of {old.size} numbers, in the order of trust.csv.")]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Tables:
 
 
 def build_tables(
-    file: ProjectFile, initial: ParameterSet, axes: Axes, function: Function | None, findings: list[Finding]
+    file: ProjectFile, initial: ParameterSet, axes: Axes, function: ProjectModel | None, findings: list[Finding]
 ) -> Tables | None:
     """The parameters of a project; None where one of them cannot be made."""
     made: dict[str, Parameter] = {}
@@ -109,8 +109,8 @@ def build_tables(
     try:
         parameters = initial.merged(ParameterSet(made.values()))
     except ArgumentError as error:
-        mend = "Tables of one group axis share their breakpoints: give each of them { axis = ... }."
-        findings.append(Finding(file.place("[axes]"), str(error), mend))
+        remedy = "Tables of one group axis share their breakpoints: give each of them { axis = ... }."
+        findings.append(Finding(file.place("[axes]"), str(error), remedy))
         return None
     if len(made) < len(file.parameters):
         return None
@@ -130,7 +130,7 @@ class _Table:
         entry: ParameterEntry,
         initial: ParameterSet,
         axes: Axes,
-        function: Function | None,
+        function: ProjectModel | None,
         findings: list[Finding],
     ) -> None:
         self.entry, self.axes, self.function, self.findings = entry, axes, function, findings
@@ -140,7 +140,7 @@ class _Table:
         """The parameter, or None with a finding."""
         entry, before = self.entry, len(self.findings)
         if isinstance(self.old, RBF) and not entry.axes:
-            return settled(self.old, entry, self._report)
+            return apply_rbf_settings(self.old, entry, self._report)
         axes = self._axes()
         values = None if axes is None else self._values(axes)
         if values is None or axes is None:
@@ -156,21 +156,21 @@ class _Table:
             table = parameter(entry.name, values, axes, **self._inherited(values) | attributes)
         return table.changed(locked=self._locked(table))
 
-    def _report(self, key: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+    def _report(self, key: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
         severity: Any = "warning" if warning else "error"
-        self.findings.append(Finding(f"{self.entry.place} {key}".strip(), what, mend, severity=severity))
+        self.findings.append(Finding(f"{self.entry.place} {key}".strip(), message, remedy, severity=severity))
 
     def _lacking(self) -> tuple[str, str, str]:
         """That nothing gives values: the key, what is wrong, the mend."""
         name, drawn = self.entry.name, self.function is not None and bool(self.function.model.values)
         if not drawn or self.function is None or name in self.function.graph.parameters:
-            what = "the parameter is in no initial file and has no values"
-            return "initial", what, self._initial_advice()
+            message = "the parameter is in no initial file and has no values"
+            return "initial", message, self._initial_advice()
         if ":" in name:
             return "", "this field of the block is no number that can be fitted", "Name a field that holds a number."
         known = list(self.function.graph.parameters)
-        mend = nearest(name, known) or f"Its parameters are {', '.join(known[:12])}."
-        return "", f"the model has no parameter {name}", mend
+        remedy = nearest(name, known) or f"Its parameters are {', '.join(known[:12])}."
+        return "", f"the model has no parameter {name}", remedy
 
     def _initial_advice(self) -> str:
         level = 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
@@ -216,8 +216,8 @@ class _Table:
         """The axis of the initial file, its breakpoints free."""
         entry = self.entry.axes[direction]
         if old is None:
-            mend = "Write breakpoints, begin, end and count, or count, beside it."
-            self._report(direction, "no initial file has breakpoints to begin from", mend)
+            remedy = "Write breakpoints, begin, end and count, or count, beside it."
+            self._report(direction, "no initial file has breakpoints to begin from", remedy)
             return None
         return made_free(old, entry, self.findings)
 
@@ -235,21 +235,21 @@ class _Table:
             return _regridded(self.old, axes)
         if self.old.values.shape == shape:
             return self.old.values
-        what = f"the initial file holds {described(self.old)}, the axes here ask for {sized(shape)}"
-        self._report("initial", what, self._initial_advice())
+        message = f"the initial file holds {described(self.old)}, the axes here ask for {sized(shape)}"
+        self._report("initial", message, self._initial_advice())
         return None
 
     def _spread(self, key: str, given: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:
         if given.ndim == 0 or given.shape == shape:
             return np.array(np.broadcast_to(given, shape))
         if not shape:
-            mend = "Give it an axis, x = { ... }, or a single number."
-            self._report(key, f"{sized(given.shape)} values for a scalar", mend)
+            remedy = "Give it an axis, x = { ... }, or a single number."
+            self._report(key, f"{sized(given.shape)} values for a scalar", remedy)
             return None
-        what = f"has {sized(given.shape)} values; its axes ask for {sized(shape)}"
+        message = f"has {sized(given.shape)} values; its axes ask for {sized(shape)}"
         turned = given.shape == shape[::-1] and len(shape) == 2
-        mend = "It seems to be transposed: write a row for each x." if turned else "Write a row for each x."
-        self._report(key, what, mend if len(shape) > 1 else "Write one value a breakpoint.")
+        remedy = "It seems to be transposed: write a row for each x." if turned else "Write a row for each x."
+        self._report(key, message, remedy if len(shape) > 1 else "Write one value a breakpoint.")
         return None
 
     def _bounds(self, values: Float) -> dict[str, Float]:
@@ -263,8 +263,8 @@ class _Table:
         outside = (values < lower) | (values > upper)
         if outside.any():
             at = tuple(np.argwhere(outside)[0])
-            what = f"{int(outside.sum())} of {values.size} initial values lie outside, such as {values[at]:g}"
-            self._report("bounds", what, "They will be moved onto the bounds.", warning=True)
+            message = f"{int(outside.sum())} of {values.size} initial values lie outside, such as {values[at]:g}"
+            self._report("bounds", message, "They will be moved onto the bounds.", warning=True)
         return {"lower": lower, "upper": upper}
 
     def _locked(self, table: Parameter) -> Bool:
@@ -282,7 +282,7 @@ class _Table:
         if beyond:
             self._report(key, f"{table.name} has no axis {beyond[0]}")
             return np.zeros(table.values.shape, dtype=bool)
-        inside = within(table, part)
+        inside = grid_points_within(table, part)
         if not inside.any():
             self._report(key, "no grid point lies in this range", warning=True)
         return inside
@@ -309,13 +309,13 @@ def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -
     known = DIRECTIONS[: len(table.axes)]
     for direction in given:
         if direction not in known:
-            what = f"{entry.name} has no axis {direction}"
-            findings.append(Finding(f"{entry.place} smoothness", what, f"It has {', '.join(known) or 'none'}."))
+            message = f"{entry.name} has no axis {direction}"
+            findings.append(Finding(f"{entry.place} smoothness", message, f"It has {', '.join(known) or 'none'}."))
     return tuple(given.get(direction, 0.0) for direction in known)
 
 
 def _free(
-    file: ProjectFile, parameters: ParameterSet, function: Function | None, findings: list[Finding]
+    file: ProjectFile, parameters: ParameterSet, function: ProjectModel | None, findings: list[Finding]
 ) -> tuple[str, ...]:
     """The parameters to fit among those that the function uses."""
     used = list(function.graph.parameters) if function else list(parameters)
@@ -325,12 +325,12 @@ def _free(
         chosen |= matches
         place = file.place("[calibration] free")
         if not matches and (parameters or pattern != "*"):
-            mend = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
-            findings.append(Finding(place, f"{pattern} matches no parameter", mend))
+            remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
+            findings.append(Finding(place, f"{pattern} matches no parameter", remedy))
         elif matches and matches.isdisjoint(used):
             names = ", ".join(sorted(matches)[:5])
-            what = f"{pattern} matches only parameters that the function does not use: {names}"
-            findings.append(Finding(place, what, severity="warning"))
+            message = f"{pattern} matches only parameters that the function does not use: {names}"
+            findings.append(Finding(place, message, severity="warning"))
     for name, entry in file.parameters.items():
         if entry.free is not None:
             (chosen.add if entry.free else chosen.discard)(name)

@@ -11,37 +11,37 @@ from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.models import started
+from kennfeld.models import merge_start_values
 from kennfeld.optimize import Problem, Step
-from kennfeld.optimize.api import resolved
+from kennfeld.optimize.api import bind_scalars
 from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.projection import infeasible
 from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, read_calculated, uses_clock
 from kennfeld.preprocessing.model_step import is_timed
-from kennfeld.preprocessing.pipeline import Loaded, Wanted, load
+from kennfeld.preprocessing.pipeline import ChannelRequest, LoadedData, load
 from kennfeld.preprocessing.units import says_nothing
 from kennfeld.project.axes import Axes, check_free_axes
 from kennfeld.project.checks import method_findings, sample_findings, settling_findings, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
 from kennfeld.project.initial_calibration import read_initial
-from kennfeld.project.model import Function, axes_finding, is_drawn, read_function, read_surrogates, undefined
+from kennfeld.project.model import ProjectModel, axes_finding, is_drawn, read_function, read_surrogates, undefined
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.steps import build_steps, untouched
+from kennfeld.project.steps import build_steps, uncovered_values
 
 if TYPE_CHECKING:
     from kennfeld.surrogate import Surrogate
 
-__all__ = ["Assembly", "assemble"]
+__all__ = ["ProjectProblem", "assemble"]
 
 _REMARKS = 6  # of a model's import
 
 
 @dataclass(frozen=True, eq=False)
-class Assembly:
+class ProjectProblem:
     """What came of a project file: the problem, None where an error stands in `findings`."""
 
     findings: tuple[Finding, ...]
@@ -51,10 +51,10 @@ class Assembly:
     steps: tuple[Step, ...] = ()
 
 
-def assemble(file: ProjectFile) -> Assembly:
+def assemble(file: ProjectFile) -> ProjectProblem:
     """Read everything that a project file names."""
     began = time.perf_counter()
-    work = _Assembling(file)
+    work = ProblemBuilder(file)
     problem, steps = None, tuple[Step, ...]()
     try:
         problem = work.problem()
@@ -66,17 +66,17 @@ def assemble(file: ProjectFile) -> Assembly:
         work.findings.append(Finding(file.path.name, str(error)))
     findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
     sound = problem if not work.failed else None
-    return Assembly(findings, sound, time.perf_counter() - began, places, steps)
+    return ProjectProblem(findings, sound, time.perf_counter() - began, places, steps)
 
 
-class _Assembling:
+class ProblemBuilder:
     """The parts of a project on their way to a problem."""
 
     def __init__(self, file: ProjectFile) -> None:
         self.file = file
         self.findings: list[Finding] = []
-        self.loaded = Loaded()
-        self.function: Function | None = None
+        self.loaded = LoadedData()
+        self.function: ProjectModel | None = None
         self.surrogates: tuple[Surrogate, ...] = ()
 
     def problem(self) -> Problem | None:
@@ -88,7 +88,7 @@ class _Assembling:
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
-            initial = started(self.function.model.values, initial).from_origin(initial.origin)
+            initial = merge_start_values(self.function.model.values, initial).from_origin(initial.origin)
         self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
@@ -120,8 +120,8 @@ class _Assembling:
         """The initial parameters with the expansions of the surrogates, which no calibration changes."""
         for surrogate in self.surrogates:
             if surrogate.name in self.file.parameters or surrogate.name in (initial or ()):
-                what = f"{surrogate.name} is a parameter too"
-                self._report(f"[surrogates] {surrogate.name}", what, "Give the surrogate another name.")
+                message = f"{surrogate.name} is a parameter too"
+                self._report(f"[surrogates] {surrogate.name}", message, "Give the surrogate another name.")
         if initial is None or not self.surrogates:
             return initial
         from kennfeld.surrogate import expansions
@@ -137,10 +137,10 @@ class _Assembling:
         return None if found else problem
 
     def _problem(
-        self, function: Function, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
+        self, function: ProjectModel, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
     ) -> Problem:
         return Problem(
-            model=resolved(function.model, tables.parameters),
+            model=bind_scalars(function.model, tables.parameters),
             datasets=tuple(self.loaded.datasets),
             parameters=tables.parameters,
             criteria=criteria,
@@ -158,11 +158,11 @@ class _Assembling:
         """Whether a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
-    def _report(self, part: str, what: str, mend: str = "", *, warning: bool = False) -> None:
+    def _report(self, part: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
         severity = "warning" if warning else "error"
-        self.findings.append(Finding(self.file.place(part), what, mend, severity=severity))  # type: ignore[arg-type]
+        self.findings.append(Finding(self.file.place(part), message, remedy, severity=severity))  # type: ignore[arg-type]
 
-    def _function(self, known: list[str], initial: ParameterSet | None) -> Function | None:
+    def _function(self, known: list[str], initial: ParameterSet | None) -> ProjectModel | None:
         """The function; what it looks up and nobody defines is found only when all initial files could be read."""
         if len(self.surrogates) < len(self.file.surrogates):
             return None  # what calls a missing one would seem wrong
@@ -182,22 +182,22 @@ class _Assembling:
         inputs = function.graph.inputs
         for name in self.file.channels:
             if name not in inputs:
-                mend = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
-                self._report(f"[channels] {name}", f"{name} is no input of the function", mend)
+                remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
+                self._report(f"[channels] {name}", f"{name} is no input of the function", remedy)
         return function
 
-    def _unused(self, name: str, function: Function, known: list[str]) -> None:
+    def _unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """A section of a parameter that the function does not look up."""
         place, given = f"[parameters.{name}]", self.file.parameters[name]
         if not is_drawn(self.file):
-            mend = nearest(name, [n for n in function.graph.parameters if n not in known])
-            self._report(place, f"the function does not use {name}", mend, warning=True)
+            remedy = nearest(name, [n for n in function.graph.parameters if n not in known])
+            self._report(place, f"the function does not use {name}", remedy, warning=True)
         elif ":" in name and given.initial is not None:
-            what = "the block needs this field as a fixed number: it has the value given here, and is not fitted"
-            self.findings.append(Finding(self.file.place(place), what, severity="remark"))
+            message = "the block needs this field as a fixed number: it has the value given here, and is not fitted"
+            self.findings.append(Finding(self.file.place(place), message, severity="remark"))
         elif given.initial is not None or given.axes:  # without them, that it has no value says the same
-            mend = nearest(name, function.graph.parameters)
-            self._report(place, f"the function does not use {name}", mend, warning=True)
+            remedy = nearest(name, function.graph.parameters)
+            self._report(place, f"the function does not use {name}", remedy, warning=True)
 
     def _tell(self, remarks: Sequence[str]) -> None:
         """What the import of the model did otherwise than the model says, the first of it."""
@@ -205,7 +205,7 @@ class _Assembling:
         place = self.file.place("[model] file")
         self.findings += [Finding(place, one, severity="remark") for one in (*remarks[:_REMARKS], *more)]
 
-    def _wanted(self, calculated: Calculated, *, known_all: bool) -> Wanted:
+    def _wanted(self, calculated: Calculated, *, known_all: bool) -> ChannelRequest:
         """The channels to read. Without all parameters an input may be a scalar, so that it may be missing."""
         file, function = self.file, self.function
         inputs = function.graph.inputs if function else ()
@@ -228,7 +228,9 @@ class _Assembling:
         if not known_all:
             optional, needed = {**needed, **optional}, {}
         complete = function is not None
-        return Wanted(needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete)
+        return ChannelRequest(
+            needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete
+        )
 
     def _units(self) -> dict[str, tuple[str, str]]:
         """The units that the function has for channels, those of its inputs before those of nodes with a target."""
@@ -267,8 +269,8 @@ class _Assembling:
     def _check_datasets(self) -> None:
         entries = self.file.datasets
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
-            mend = 'Write use = "training" and a weight above 0 in one of them.'
-            self._report("[[dataset]]", "no dataset is used for training", mend)
+            remedy = 'Write use = "training" and a weight above 0 in one of them.'
+            self._report("[[dataset]]", "no dataset is used for training", remedy)
         if self.function is None:
             return
         self.findings += settling_findings(self.function.graph, self.loaded)
@@ -280,17 +282,17 @@ class _Assembling:
             return
         for data in self.loaded.datasets:
             if data.time is None and data.settling is None:
-                what = f"the function needs time steps, but dataset {data.name} has no time stamps"
-                mend = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
-                self.findings.append(Finding(self.loaded.places[data.name], what, mend))
+                message = f"the function needs time steps, but dataset {data.name} has no time stamps"
+                remedy = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                self.findings.append(Finding(self.loaded.places[data.name], message, remedy))
 
     def _check_group_axes(self) -> None:
         """Group axes that no table names, so that nothing comes of them."""
         axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
         for name in self.file.axes:
             if not any(axis.group == name for axis in axes):
-                mend = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
-                self._report(f"[axes.{name}]", "no table of this file names the axis", mend, warning=True)
+                remedy = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
+                self._report(f"[axes.{name}]", "no table of this file names the axis", remedy, warning=True)
 
     def _check_shifts(self) -> None:
         """What stands in the way of finding a shift."""
@@ -300,15 +302,17 @@ class _Assembling:
             place = f"{self.loaded.places[data.name]} shift"
             for channel in sought.get(data.name, ()):
                 if channel not in training:
-                    what = f"the shift of {channel} is found on training data, and none asks for it"
-                    self.findings.append(Finding(place, what, 'Write "auto" in a training dataset too, or a number.'))
+                    message = f"the shift of {channel} is found on training data, and none asks for it"
+                    self.findings.append(
+                        Finding(place, message, 'Write "auto" in a training dataset too, or a number.')
+                    )
             if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
                 own = [entry.raster for entry in self.file.datasets if entry.raster]
                 if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
-                    what = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
-                    self.findings.append(Finding(place, what, f"Write raster = {step:g}, or a number."))
+                    message = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
+                    self.findings.append(Finding(place, message, f"Write raster = {step:g}, or a number."))
 
-    def _check_tables(self, tables: Tables, function: Function) -> None:
+    def _check_tables(self, tables: Tables, function: ProjectModel) -> None:
         """What the function and its parameters must agree on."""
         for name, count in function.graph.parameters.items():
             if name not in tables.parameters:
@@ -320,10 +324,10 @@ class _Assembling:
             missing = np.argwhere(~np.isfinite(parameter.values))
             if missing.size:
                 at = ", ".join(str(int(i) + 1) for i in missing[0])
-                what = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
+                message = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
                 where = f", the first at {at}" if at else ""
-                mend = "Complete the file, or write initial = ... in its section."
-                self._report(f"[parameters.{name}] initial", what + where, mend)
+                remedy = "Complete the file, or write initial = ... in its section."
+                self._report(f"[parameters.{name}] initial", message + where, remedy)
         if not tables.free and function.graph.parameters:
             self._report(
                 "[calibration] free",
@@ -341,27 +345,29 @@ class _Assembling:
         for bound in problem.training:
             if not bound.count:
                 place = self.loaded.places[bound.dataset.name]
-                what = f"no sample of dataset {bound.dataset.name} has all inputs: {_emptiest(problem, bound)}"
-                self.findings.append(Finding(place, what, "Check these channels, or max_gap."))
+                message = f"no sample of dataset {bound.dataset.name} has all inputs: {_emptiest(problem, bound)}"
+                self.findings.append(Finding(place, message, "Check these channels, or max_gap."))
         if not any(bound.count for bound in problem.training):
             return
         for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
             reached = any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training)
             if not reached:
-                what = f"no training sample reaches the criterion on {entry.node}"
-                mend = "Check its target channel and the conditions of the datasets."
-                self.findings.append(Finding(entry.place, what, mend))
+                message = f"no training sample reaches the criterion on {entry.node}"
+                remedy = "Check its target channel and the conditions of the datasets."
+                self.findings.append(Finding(entry.place, message, remedy))
 
     def _locked(self, problem: Problem, tables: Tables) -> Problem:
         """The problem with the values locked that no training sample touches, where that is asked for."""
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
-        changed = [problem.parameters[name].changed(locked=mask) for name, mask in untouched(problem, names).items()]
+        changed = [
+            problem.parameters[name].changed(locked=mask) for name, mask in uncovered_values(problem, names).items()
+        ]
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
 
 
-def _emptiest(problem: Problem, bound: Bound) -> str:
+def _emptiest(problem: Problem, bound: BoundDataset) -> str:
     """The input channels that miss most, with their share."""
     shares = {}
     for name in problem.model.graph.inputs:

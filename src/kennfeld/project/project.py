@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.optimize import Problem
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.initial_calibration import described
 from kennfeld.project.schema import ProjectFile
@@ -21,7 +21,7 @@ from kennfeld.project.sections import read_project
 if TYPE_CHECKING:
     from kennfeld.optimize import Options, Result
     from kennfeld.project.checkpoints import Saves
-    from kennfeld.project.problem_builder import Assembly
+    from kennfeld.project.problem_builder import ProjectProblem
 
 __all__ = ["Project", "replaced"]
 
@@ -29,11 +29,11 @@ __all__ = ["Project", "replaced"]
 def simulations(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
     """The named nodes and the target channels over every dataset; a target called like a node gets a suffix."""
     values = replaced(problem, parameters)
-    compiled = Nodes(problem.model.graph, values)
+    compiled = NodeSimulator(problem.model.graph, values)
     return [_one(problem, data, values, compiled) for data in problem.datasets]
 
 
-def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: Nodes) -> Dataset:
+def _one(problem: Problem, data: Dataset, values: ParameterSet, compiled: NodeSimulator) -> Dataset:
     bound = problem.bind(data)
     nodes = compiled.dataset(bound, values)
     bound = bound.shown
@@ -123,7 +123,7 @@ class Project:
         return self._assembly.seconds if "_assembly" in self.__dict__ else 0.0
 
     @cached_property
-    def _assembly(self) -> "Assembly":
+    def _assembly(self) -> "ProjectProblem":
         from kennfeld.project.problem_builder import assemble
 
         return assemble(self.file)

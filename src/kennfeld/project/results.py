@@ -28,7 +28,7 @@ from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, digests
 from kennfeld.rbf import RBF
 
-__all__ = ["COLUMNS", "Simulated", "require_room", "write", "write_simulation", "write_text", "write_trust"]
+__all__ = ["COLUMNS", "ResultSource", "require_room", "write", "write_simulation", "write_text", "write_trust"]
 
 AXES = ("x", "y", "z", "w")
 COLUMNS = (
@@ -84,7 +84,7 @@ def _number(value: Any) -> float | str:
     return "" if np.isnan(value) else float(f"{value:.6g}")
 
 
-class Simulated(Protocol):
+class ResultSource(Protocol):
     """The part of a project that results need."""
 
     @property
@@ -103,7 +103,7 @@ class Simulated(Protocol):
 
 def write(
     result: Result,
-    project: Simulated,
+    project: ResultSource,
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
     further: Mapping[str, Any] | None = None,
@@ -149,7 +149,7 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
         left = unwritable(parameters, path.suffix) if path.suffix != ".json" else {}
         if not left:
             raise
-        said = [replace(one, mend="parameters.json holds it.", severity="warning") for one in left.values()]
+        said = [replace(one, remedy="parameters.json holds it.", severity="warning") for one in left.values()]
         return [*said, *write_parameters(parameters.without(left), path)]
 
 
@@ -195,8 +195,8 @@ def _reported(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(str(target), what, "Name another file with -o.") from None
+        message = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(target), message, "Name another file with -o.") from None
 
 
 @contextmanager

@@ -102,11 +102,11 @@ def check_steady(section: Section, entry: DatasetEntry) -> None:
     if not section.has("steady"):
         return
     if section.has("warmup"):
-        mend = f'Write where = "t > {entry.warmup:g}", or remove it.'
-        section.report("warmup", "warmup is for recordings that a function runs through, steady makes points", mend)
+        remedy = f'Write where = "t > {entry.warmup:g}", or remove it.'
+        section.report("warmup", "warmup is for recordings that a function runs through, steady makes points", remedy)
     if entry.unknown_shifts:
-        what = "a shift cannot be found on the points that steady makes"
-        section.report("shift", what, f"Write {entry.unknown_shifts[0]} = ... in s.")
+        message = "a shift cannot be found on the points that steady makes"
+        section.report("shift", message, f"Write {entry.unknown_shifts[0]} = ... in s.")
 
 
 def read_project(path: Path) -> ProjectFile:
@@ -148,9 +148,11 @@ def _end(root: Section) -> None:
     more = ("limit", "equality", "optimizer", "step", "surrogates", "units")
     for key, value in root.values.items():
         if key not in (*known, *more):
-            what = "section" if isinstance(value, dict | list) else "key"
-            mend = nearest(key, [*known, *more])
-            root.report(f"[{key}]" if what == "section" else key, f"is no {what} that a project file knows", mend)
+            message = "section" if isinstance(value, dict | list) else "key"
+            remedy = nearest(key, [*known, *more])
+            root.report(
+                f"[{key}]" if message == "section" else key, f"is no {message} that a project file knows", remedy
+            )
 
 
 def _model(root: Section) -> ModelEntry:
@@ -256,8 +258,8 @@ def _ending(section: Section, word: str) -> str:
     if ending in endings():
         return ending
     known = [known.removeprefix(".") for known in endings()]
-    mend = nearest(word, known) or f"Choose from {', '.join(known)}."
-    section.report("output", f"{word!r} is no calibration format", mend)
+    remedy = nearest(word, known) or f"Choose from {', '.join(known)}."
+    section.report("output", f"{word!r} is no calibration format", remedy)
     return ""
 
 
@@ -345,8 +347,8 @@ def _target(section: Section) -> TargetEntry:
         return TargetEntry("name", value)
     if not isinstance(value, dict):
         if value is not None:
-            mend = 'Write { channel = "..." }, { node = "..." }, a number or a name.'
-            section.report("target", f"{value!r} is no target", mend)
+            remedy = 'Write { channel = "..." }, { node = "..." }, a number or a name.'
+            section.report("target", f"{value!r} is no target", remedy)
         return TargetEntry("number", value=math.nan)
     inner = Section(value, f"{section.place} target", section.findings)
     channel, node = inner.text("channel"), inner.text("node")
@@ -362,8 +364,8 @@ def _optimizer(root: Section) -> OptimizerEntry:
         return OptimizerEntry()
     method = section.choice("method", "gauss-newton", ("gauss-newton", "global"))
     if method != "global" and section.has("max_evaluations"):
-        mend = 'Write method = "global", or max_iterations.'
-        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", mend)
+        remedy = 'Write method = "global", or max_iterations.'
+        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", remedy)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),

@@ -76,6 +76,6 @@ def _criteria(section: Section) -> tuple[str | int, ...] | dict[str | int, float
     listed = given if isinstance(given, list) else [given]
     if all(isinstance(one, str | int) and not isinstance(one, bool) for one in listed):
         return tuple(listed)
-    mend = 'Write criteria = ["node", 2] or criteria = { node = 1.0 }.'
-    section.report("criteria", f"{given!r} names no criteria", mend)
+    remedy = 'Write criteria = ["node", 2] or criteria = { node = 1.0 }.'
+    section.report("criteria", f"{given!r} names no criteria", remedy)
     return None

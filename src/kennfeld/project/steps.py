@@ -14,12 +14,12 @@ from kennfeld.arrays import Bool
 from kennfeld.errors import Finding
 from kennfeld.optimize import Problem, Step
 from kennfeld.optimize.lookup_coverage import Coverage, touched
-from kennfeld.optimize.search.step_problem import unusable
+from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.parameters import Parameter
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, Range, StepEntry
 
-__all__ = ["build_steps", "lacking_axes", "untouched", "within"]
+__all__ = ["build_steps", "grid_points_within", "lacking_axes", "uncovered_values"]
 
 
 def lacking_axes(table: Parameter, part: Range) -> list[str]:
@@ -27,7 +27,7 @@ def lacking_axes(table: Parameter, part: Range) -> list[str]:
     return [direction for direction in part if DIRECTIONS.index(direction) >= len(table.axes)]
 
 
-def within(table: Parameter, part: Range) -> Bool:
+def grid_points_within(table: Parameter, part: Range) -> Bool:
     """The grid points in a range of axis values, ends included."""
     inside = np.ones(table.values.shape, dtype=bool)
     for direction, (first, last) in part.items():
@@ -38,7 +38,7 @@ def within(table: Parameter, part: Range) -> Bool:
     return inside
 
 
-def untouched(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
+def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
     """For each of these tables, the values that no training sample touches; an expansion has none."""
     coverage = Coverage(problem.model.graph, problem.parameters, names)
     kept = {name: problem.parameters[name] for name in names}
@@ -49,10 +49,10 @@ def untouched(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
     return {name: ~mask for name, mask in seen.items()}
 
 
-def _counting(problem: Problem) -> Callable[[Bound], Bool]:
+def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:
     """The samples that count: without states those with a target, else all, since the later ones depend on them."""
 
-    def counts(bound: Bound) -> Bool:
+    def counts(bound: BoundDataset) -> Bool:
         if problem.model.graph.states:
             return np.ones(bound.count, dtype=bool)
         scored = [np.isfinite(problem.target(criterion, bound)) for criterion in problem.criteria]
@@ -65,12 +65,12 @@ def build_steps(file: ProjectFile, problem: Problem, findings: list[Finding]) ->
     """The steps of a project file, and findings about them."""
     made = [_Building(entry, problem, findings).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
-        mine = unusable(problem, [made[number - 1]])
+        mine = check_steps(problem, [made[number - 1]])
         findings += [replace(finding, place=finding.place.replace("step 1", entry.place, 1)) for finding in mine]
     if made and made[-1].reduces:
-        what = "the sequence ends on a coarse grid: what lies between its points is interpolated"
-        mend = "Add a [[step]] without grid_reduction."
-        findings.append(Finding(file.steps[-1].place, what, mend, severity="warning"))
+        message = "the sequence ends on a coarse grid: what lies between its points is interpolated"
+        remedy = "Add a [[step]] without grid_reduction."
+        findings.append(Finding(file.steps[-1].place, message, remedy, severity="warning"))
     return tuple(made)
 
 
@@ -94,8 +94,8 @@ class _Building:
             continuation=entry.continuation,
         )
 
-    def _report(self, key: str, what: str, mend: str = "") -> None:
-        self.findings.append(Finding(f"{self.entry.place} {key}", what, mend))
+    def _report(self, key: str, message: str, remedy: str = "") -> None:
+        self.findings.append(Finding(f"{self.entry.place} {key}", message, remedy))
 
     def _matched(self, pattern: str) -> list[Parameter]:
         return [p for name, p in self.problem.parameters.items() if name == pattern or fnmatchcase(name, pattern)]
@@ -113,14 +113,14 @@ class _Building:
             return lock
         if lock == "no-data":
             looked_up = table.name in self.problem.model.graph.parameters
-            return untouched(self.problem, [table.name])[table.name] if looked_up else False
+            return uncovered_values(self.problem, [table.name])[table.name] if looked_up else False
         held = np.zeros(table.values.shape, dtype=bool)
         for part in lock:
             beyond = lacking_axes(table, part)
             if beyond:
                 self._report(f"lock {table.name}", f"{table.name} has no axis {beyond[0]}")
             else:
-                held |= within(table, part)
+                held |= grid_points_within(table, part)
         return held
 
     def _by_axis(self, key: str, given: Any, default: float) -> Any:
@@ -144,6 +144,6 @@ class _Building:
         known = DIRECTIONS[: len(table.axes)]
         for direction in given if exactly else ():
             if direction not in known:
-                what = f"{table.name} has no axis {direction}"
-                self._report(f"{key} {table.name}", what, f"It has {', '.join(known) or 'none'}.")
+                message = f"{table.name} has no axis {direction}"
+                self._report(f"{key} {table.name}", message, f"It has {', '.join(known) or 'none'}.")
         return tuple(given.get(direction, default) for direction in known)

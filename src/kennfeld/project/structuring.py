@@ -36,9 +36,9 @@ class Section:
         self.findings = findings
         self._asked: dict[str, None] = {}
 
-    def report(self, key: str, what: str, mend: str = "") -> None:
+    def report(self, key: str, message: str, remedy: str = "") -> None:
         """Keep a finding about a key, or about the whole section where the key is empty."""
-        self.findings.append(Finding(f"{self.place} {key}".strip(), what, mend))
+        self.findings.append(Finding(f"{self.place} {key}".strip(), message, remedy))
 
     def has(self, key: str) -> bool:
         """Whether the key is there."""
@@ -115,8 +115,8 @@ class Section:
         if value in later:
             self.report(key, f"{value!r} {NEXT}", f"Write {_listed(known)}.")
         elif value != default:
-            mend = nearest(value, known) or f"Write {_listed(known)}."
-            self.report(key, f"{value!r} is unknown", mend)
+            remedy = nearest(value, known) or f"Write {_listed(known)}."
+            self.report(key, f"{value!r} is unknown", remedy)
         return default
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -138,8 +138,8 @@ class Section:
                 self.report(f"[{key}]", "the section is missing", missing)
             return None
         if not isinstance(value, dict):
-            what = f"[[{key}]]" if isinstance(value, list) else _shown(value)
-            self.report(f"[{key}]", f"{what} must be one section", f"Write [{key}] with single brackets.")
+            message = f"[[{key}]]" if isinstance(value, list) else _shown(value)
+            self.report(f"[{key}]", f"{message} must be one section", f"Write [{key}] with single brackets.")
             return None
         return Section(value, f"{self.place} [{key}]", self.findings)
 
@@ -161,8 +161,8 @@ class Section:
             if isinstance(value, dict):
                 made[name] = Section(value, f"{self.place} [{key}.{name}]", self.findings)
             else:
-                mend = f"Write a section [{key}.{name}]."
-                self.findings.append(Finding(f"{self.place} [{key}] {name}", f"{_shown(value)} is no section", mend))
+                remedy = f"Write a section [{key}.{name}]."
+                self.findings.append(Finding(f"{self.place} [{key}] {name}", f"{_shown(value)} is no section", remedy))
         return made
 
     def inner(self, key: str) -> "Section | None":
@@ -188,8 +188,8 @@ class Section:
         """Report the keys that nobody asked for."""
         for key in self.values:
             if key not in self._asked:
-                mend = nearest(key, self._asked) or f"Known here: {', '.join(self._asked)}."
-                self.report(key, "is no key that a project file knows", mend)
+                remedy = nearest(key, self._asked) or f"Known here: {', '.join(self._asked)}."
+                self.report(key, "is no key that a project file knows", remedy)
 
 
 def finite(value: Any) -> float | None:

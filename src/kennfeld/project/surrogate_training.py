@@ -15,7 +15,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.preprocessing.calculated import read_calculated
-from kennfeld.preprocessing.pipeline import Wanted, load
+from kennfeld.preprocessing.pipeline import ChannelRequest, load
 from kennfeld.project.schema import MOST_STARTS, CalibrationEntry, ModelEntry, OptimizerEntry, ProjectFile
 from kennfeld.project.sections import read_datasets
 from kennfeld.project.structuring import Section, numeric
@@ -90,8 +90,8 @@ def _dynamic(section: Section, kind: str, inputs: Sequence[str]) -> dict[str, An
     if kind == "static":
         for key in DYNAMIC:
             if section.has(key):
-                mend = 'Write kind = "dynamic", or remove it.'
-                section.report(key, f"{key} has no meaning for a static surrogate", mend)
+                remedy = 'Write kind = "dynamic", or remove it.'
+                section.report(key, f"{key} has no meaning for a static surrogate", remedy)
         return {}
     default = SurrogateSettings
     given = {
@@ -131,8 +131,8 @@ def _whole_numbers(section: Section, key: str, least: int) -> Any:
     numbers = value if isinstance(value, list) else [value]
     whole = all(isinstance(number, int) and not isinstance(number, bool) and number >= least for number in numbers)
     if not whole or not numbers:
-        mend = f"Write {key} = [1, 2]" + (', or "auto".' if least else ".")
-        section.report(key, f"{value!r} must be whole numbers of samples from {least} on", mend)
+        remedy = f"Write {key} = [1, 2]" + (', or "auto".' if least else ".")
+        section.report(key, f"{value!r} must be whole numbers of samples from {least} on", remedy)
         return "auto"
     return tuple(numbers)
 
@@ -188,7 +188,7 @@ class Training:
         calculated = read_calculated(self.data, findings)
         needed = dict.fromkeys(self.settings.inputs, "an input of the surrogate")
         needed[self.settings.output] = "the output of the surrogate"
-        return load(self.data, Wanted(needed), calculated, findings).datasets
+        return load(self.data, ChannelRequest(needed), calculated, findings).datasets
 
     def _unfit(self, datasets: list[Dataset]) -> Iterator[Finding]:
         """Why a model cannot be trained on the recordings, as far as that is known without doing it."""
@@ -204,14 +204,14 @@ class Training:
             yield from error.findings
             return
         if not tables:
-            what = "the training data have no piece without gaps that is long enough"
-            yield Finding(self.data.place("[[dataset]]"), what, "Raise max_gap, or give other files.")
+            message = "the training data have no piece without gaps that is long enough"
+            yield Finding(self.data.place("[[dataset]]"), message, "Raise max_gap, or give other files.")
             return
         whole = np.concatenate(tables)
         for name, column in zip((*self.settings.inputs, self.settings.output), whole.T, strict=True):
             if np.ptp(column) == 0:
-                what = f"channel {name} is {column[0]:g} in all training data"
-                yield Finding(self.data.place("[surrogate]"), what, "Nothing can be learnt from it; leave it out.")
+                message = f"channel {name} is {column[0]:g} in all training data"
+                yield Finding(self.data.place("[surrogate]"), message, "Nothing can be learnt from it; leave it out.")
 
     def _tables(self, dataset: Dataset, step: float) -> list[Float]:
         """What is learnt from a dataset: Float[samples, inputs and output] a piece."""

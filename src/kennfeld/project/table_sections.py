@@ -71,8 +71,8 @@ def _axis(section: Section, *, grouped: bool = False) -> AxisEntry:
     freedom = _freedom(section)
     if grouped and section.has("axis"):
         if len(section.values) > 1:
-            mend = 'Write { axis = "..." } alone; what frees its breakpoints belongs into its section.'
-            section.report("", "a group axis brings its own breakpoints", mend)
+            remedy = 'Write { axis = "..." } alone; what frees its breakpoints belongs into its section.'
+            section.report("", "a group axis brings its own breakpoints", remedy)
         return AxisEntry(section.place, group=section.text("axis"))
     spread = {key: section.number(key, np.nan) for key in ("begin", "end") if section.has(key)}
     count = section.whole("count", 0, 2) if section.has("count") else 0
@@ -140,8 +140,8 @@ def _breakpoints(section: Section) -> tuple[float, ...]:
         if not falling.size:
             return tuple(given.tolist())
         at = int(falling[0])
-        what = f"breakpoints must increase: number {at + 2} ({given[at + 1]:g}) does not exceed number {at + 1}"
-        section.report("breakpoints", f"{what} ({given[at]:g})", "Sort them and remove equal ones.")
+        message = f"breakpoints must increase: number {at + 2} ({given[at + 1]:g}) does not exceed number {at + 1}"
+        section.report("breakpoints", f"{message} ({given[at]:g})", "Sort them and remove equal ones.")
     return ()
 
 
@@ -191,8 +191,8 @@ def _crossed(section: Section, lower: Float, upper: Float) -> bool:
     at = tuple(np.argwhere(lower > upper)[0])
     one, other = (np.broadcast_to(side, np.broadcast_shapes(lower.shape, upper.shape))[at] for side in (lower, upper))
     where = f" at value {', '.join(str(int(i) + 1) for i in at)}" if at else ""
-    what = f"the lower bound {one:g} lies above the upper bound {other:g}{where}"
-    section.report("bounds", what, "Exchange them.")
+    message = f"the lower bound {one:g} lies above the upper bound {other:g}{where}"
+    section.report("bounds", message, "Exchange them.")
     return True
 
 
@@ -226,8 +226,8 @@ def read_lock(section: Section, key: str) -> Lock:
     if given == "no-data":
         return "no-data"
     if not isinstance(given, list) or not all(isinstance(part, dict) for part in given):
-        mend = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
-        section.report(key, f"{given!r} is no lock", mend)
+        remedy = 'Write true, "no-data" or a list of ranges, [{ x = [0, 10] }].'
+        section.report(key, f"{given!r} is no lock", remedy)
         return False
     return tuple(
         _range(Section(part, f"{section.place} {key} {i}", section.findings)) for i, part in enumerate(given, 1)

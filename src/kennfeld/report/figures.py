@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis import Cells, Residuals
-from kennfeld.analysis.evaluation import Series
+from kennfeld.analysis import CellErrors, Residuals
+from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Float, Int
 from kennfeld.parameters import Axis, Parameter
 from kennfeld.report.markup import rounded
-from kennfeld.report.report_data import Change, Subject
+from kennfeld.report.report_data import ParameterChange, ReportData
 
-__all__ = ["Envelope", "histogram", "some"]
+__all__ = ["TraceEnvelope", "histogram", "some"]
 
 ALL_POINTS = 120_000  # of all strips and scatter plots together
 TRACE_POINTS = (400, 4000)  # least and most of one trace
@@ -28,10 +28,10 @@ OUTLYING = 0.001  # share of errors that may lie beyond the ends of a histogram
 Figure = Mapping[str, Any]
 
 
-class Envelope:
+class TraceEnvelope:
     """Groups neighbouring samples so that a trace has at most `most` points: the least and the greatest of each group.
 
-    >>> groups = Envelope(8, most=4)
+    >>> groups = TraceEnvelope(8, most=4)
     >>> groups.trace(np.array([0.0, 5, 1, 2, 3, 3, 9, -1]))
     array([ 0.,  5., -1.,  9.])
     """
@@ -67,10 +67,10 @@ def histogram(values: Float, ends: tuple[float, float], bins: int) -> Int:
     return np.histogram(inside, bins, ends)[0].astype(np.int64)
 
 
-def strip(before: Series, after: Series, series: int) -> Figure:
+def strip(before: CriterionSeries, after: CriterionSeries, series: int) -> Figure:
     """Measured, model before and after, and the error, over time or over the samples' number; of `series` strips."""
     most = int(np.clip(ALL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
-    groups = Envelope(after.model.size, most)
+    groups = TraceEnvelope(after.model.size, most)
     x, title, unit = _along(after)
     traces = {
         "measured": after.measured,
@@ -93,7 +93,7 @@ def strip(before: Series, after: Series, series: int) -> Figure:
     }
 
 
-def _along(series: Series) -> tuple[Float, str, str]:
+def _along(series: CriterionSeries) -> tuple[Float, str, str]:
     """What a strip is drawn over: time, the pieces in a row where time starts anew in each, else the number."""
     time, starts = series.time, series.bound.starts
     if time is None:
@@ -110,7 +110,7 @@ def _along(series: Series) -> tuple[Float, str, str]:
     return row, "time, the recordings in a row", "s"
 
 
-def scatter(before: Series, after: Series, series: int, worst: Sequence[int]) -> Figure:
+def scatter(before: CriterionSeries, after: CriterionSeries, series: int, worst: Sequence[int]) -> Figure:
     """Model over measurement, before and after; of many samples some, the worst among them."""
     scored = np.flatnonzero(after.scored)
     most = int(np.clip(ALL_POINTS // (6 * max(series, 1)), *DOTS))
@@ -127,7 +127,7 @@ def scatter(before: Series, after: Series, series: int, worst: Sequence[int]) ->
     }
 
 
-def histograms(before: Series, after: Series) -> Figure:
+def histograms(before: CriterionSeries, after: CriterionSeries) -> Figure:
     """The errors before and after, each on its own axis and both on one."""
     old, new = before.error, after.error
     own = {"before": _ends(old), "after": _ends(new)}
@@ -177,7 +177,7 @@ def autocorrelation(of: Residuals, dataset: str) -> Figure | None:
     }
 
 
-def cells(parts: Sequence[Cells], table: Parameter, unit: str, inputs: Sequence[str]) -> Figure:
+def cells(parts: Sequence[CellErrors], table: Parameter, unit: str, inputs: Sequence[str]) -> Figure:
     """The errors by the cells of a table, of training and test data; of a cube, its first two axes."""
     axes = table.index_axes[:2]
     return {
@@ -188,7 +188,7 @@ def cells(parts: Sequence[Cells], table: Parameter, unit: str, inputs: Sequence[
     }
 
 
-def _flat(part: Cells) -> Figure:
+def _flat(part: CellErrors) -> Figure:
     further = tuple(range(2, part.samples.ndim))
     count = part.samples.sum(axis=further)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -211,7 +211,7 @@ def _axes(axes: Sequence[Axis], inputs: Sequence[str]) -> list[Figure]:
     ]
 
 
-def parameter(change: Change, inputs: Sequence[str]) -> Figure:
+def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
     """A table over its `inputs` before and after, with what is known about each of its values, all flat in C order."""
     after = change.after
     extras = {
@@ -240,7 +240,7 @@ def _deviations(deviation: Float) -> list[float | None]:
     return [-1 if np.isinf(value) else shown for value, shown in zip(flat, rounded(flat), strict=True)]
 
 
-def convergence(subject: Subject) -> Figure | None:
+def convergence(subject: ReportData) -> Figure | None:
     """The cost over the accepted steps, by start and stage."""
     if subject.result is None or not subject.result.trace:
         return None

@@ -18,12 +18,12 @@ from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, warnings_of_others
 from kennfeld.report.markup import Html, element
 from kennfeld.report.pieces import Pictures
-from kennfeld.report.report_data import Subject, subject
+from kennfeld.report.report_data import ReportData, subject
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, stored, stored_trust
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Leaving
+    from kennfeld.analysis.extrapolation import Extrapolation
 
 __all__ = ["document", "from_folder", "page", "safely"]
 
@@ -33,7 +33,7 @@ SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
-def page(subject: Subject, made: datetime | None = None) -> str:
+def page(subject: ReportData, made: datetime | None = None) -> str:
     """The report as the text of an HTML file; `made` is the time it bears, now by default."""
     time = (made or datetime.now().astimezone()).isoformat(" ", "seconds")
     pictures = Pictures()
@@ -76,7 +76,7 @@ def _contents(parts: Any) -> Html:
     return element("nav", element("div", "Kennfeld", class_="brand"), entries, aria_label="Contents")
 
 
-def _head(subject: Subject, time: str) -> Html:
+def _head(subject: ReportData, time: str) -> Html:
     status = "not calibrated yet" if subject.result is None else subject.result.status
     return element(
         "header",
@@ -116,7 +116,7 @@ def document(
     project: Project,
     result: Result | None = None,
     findings: Sequence[Finding] = (),
-    left: "Sequence[Leaving] | None" = None,
+    left: "Sequence[Extrapolation] | None" = None,
 ) -> str:
     """The report on a result as the text of one HTML file; without a result, on the start as given.
 
@@ -151,7 +151,7 @@ def from_folder(project: Project, folder: str | Path) -> str:
 
 
 def safely(
-    project: Project, result: Result, findings: Sequence[Finding] = (), left: "Sequence[Leaving] | None" = None
+    project: Project, result: Result, findings: Sequence[Finding] = (), left: "Sequence[Extrapolation] | None" = None
 ) -> str:
     """The report on a result; where it cannot be made, a page that says so, because the result must not be lost."""
     try:

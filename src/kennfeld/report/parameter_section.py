@@ -9,12 +9,12 @@ from kennfeld.parameters import Parameter
 from kennfeld.report import figures
 from kennfeld.report.markup import MISSING, Html, details, element, percent, shown, table
 from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
-from kennfeld.report.report_data import Change, Subject
+from kennfeld.report.report_data import ParameterChange, ReportData
 
 __all__ = ["parameters"]
 
 
-def parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[str, str]]]:
+def parameters(subject: ReportData, pictures: Pictures) -> tuple[Html, list[tuple[str, str]]]:
     """A card for each parameter; and its entries in the table of contents."""
     scalars = [c for c in subject.changes if c.after.size == 1]
     tables = [c for c in subject.changes if c.after.size > 1]
@@ -38,7 +38,7 @@ def parameters(subject: Subject, pictures: Pictures) -> tuple[Html, list[tuple[s
     return content, entries
 
 
-def _overview(changes: Sequence[Change]) -> Html:
+def _overview(changes: Sequence[ParameterChange]) -> Html:
     head = ["parameter", "kind", "unit", "values", "relative change", "largest change", "without data", "at a bound"]
     head += ["median std deviation"] if any(c.deviation is not None for c in changes) else []
     rows = []
@@ -60,7 +60,7 @@ def _count(marked: Bool) -> str:
     return str(count) if count else MISSING
 
 
-def _scalar_table(changes: Sequence[Change]) -> Html:
+def _scalar_table(changes: Sequence[ParameterChange]) -> Html:
     known = any(c.deviation is not None for c in changes)
     head = [
         "parameter",
@@ -87,7 +87,7 @@ def _scalar_table(changes: Sequence[Change]) -> Html:
     return table(head, rows, words=2, class_="wide")
 
 
-def _breakpoints(subject: Subject) -> list[Html] | None:
+def _breakpoints(subject: ReportData) -> list[Html] | None:
     """Those that were fitted, with how far they can be trusted."""
     trust, rows = subject.trust, []
     for key, axis in subject.problem.free_axes.items() if subject.result is not None else ():
@@ -114,7 +114,7 @@ def _deviation(value: float) -> str:
     return "not determined" if np.isinf(value) else shown(value, 3)
 
 
-def _state(change: Change) -> str:
+def _state(change: ParameterChange) -> str:
     """What holds a scalar."""
     if change.after.locked.any():
         return "locked"
@@ -123,7 +123,7 @@ def _state(change: Change) -> str:
     return {-1: "at the lower bound", 1: "at the upper bound", 0: ""}[int(change.bound.item())]
 
 
-def _card(number: int, change: Change, pictures: Pictures, subject: Subject) -> Html:
+def _card(number: int, change: ParameterChange, pictures: Pictures, subject: ReportData) -> Html:
     after = change.after
     unit = f" [{after.unit}]" if after.unit not in ("", "-") else ""
     parts = [element("b", change.name), f"{unit} {after.kind} of {'x'.join(map(str, after.values.shape))}"]
@@ -141,7 +141,7 @@ def _card(number: int, change: Change, pictures: Pictures, subject: Subject) -> 
     )
 
 
-def _fixed_table(subject: Subject, names: Sequence[str]) -> Html:
+def _fixed_table(subject: ReportData, names: Sequence[str]) -> Html:
     rows = []
     for name in names:
         p = subject.parameters[name]

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.analysis import Residuals, residuals
 from kennfeld.analysis.cell_errors import tally
-from kennfeld.analysis.evaluation import Evaluator, Series
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
@@ -21,12 +21,12 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
-from kennfeld.report.stored_result import TrustView, view
+from kennfeld.report.stored_result import TrustSummary, view
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Leaving
+    from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["Change", "Score", "Subject", "subject"]
+__all__ = ["ParameterChange", "ReportData", "Score", "subject"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Score:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ParameterChange:
     """A free parameter before and after, over the same grid points, and what is known about each of them."""
 
     before: Parameter
@@ -93,20 +93,20 @@ def _rms(values: Float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class ReportData:
     """A project and a result of it; without a result, the start alone."""
 
     project: Project
     problem: Problem
     result: Result | None
     findings: tuple[Finding, ...]
-    before: tuple[Series, ...]
-    after: tuple[Series, ...]
+    before: tuple[CriterionSeries, ...]
+    after: tuple[CriterionSeries, ...]
     residuals: tuple[Residuals, ...]
-    changes: tuple[Change, ...]
-    trust: TrustView = field(default_factory=TrustView)
+    changes: tuple[ParameterChange, ...]
+    trust: TrustSummary = field(default_factory=TrustSummary)
     written: Mapping[str, Any] | None = None  # the contents of `result.json`
-    left: "tuple[Leaving, ...]" = ()  # where surrogates are used outside the data they were trained on
+    left: "tuple[Extrapolation, ...]" = ()  # where surrogates are used outside the data they were trained on
     seen: tuple[Finding, ...] = ()  # test data that are training data too
 
     @property
@@ -178,10 +178,10 @@ def subject(
     project: Project,
     result: Result | None,
     findings: Sequence[Finding] = (),
-    trust: TrustView | None = None,
+    trust: TrustSummary | None = None,
     written: Mapping[str, Any] | None = None,
-    left: "Sequence[Leaving] | None" = None,
-) -> Subject:
+    left: "Sequence[Extrapolation] | None" = None,
+) -> ReportData:
     """Compute what a report tells; trust and `result.json` are those of the result unless others are given.
 
     `left` is computed too, unless it is known.
@@ -202,7 +202,7 @@ def subject(
     left = _left(problem, parameters) if left is None else tuple(left)
     if result is not None and written is None:
         written = result.as_json() | ({"surrogates": [row.as_json() for row in left]} if left else {})
-    return Subject(
+    return ReportData(
         project=project,
         problem=problem,
         result=result,
@@ -218,17 +218,17 @@ def subject(
     )
 
 
-def _left(problem: Problem, parameters: ParameterSet) -> "tuple[Leaving, ...]":
+def _left(problem: Problem, parameters: ParameterSet) -> "tuple[Extrapolation, ...]":
     if not problem.model.surrogates:
         return ()
-    from kennfeld.analysis.extrapolation import leaving
+    from kennfeld.analysis.extrapolation import find_extrapolation
 
-    return leaving(problem, parameters)
+    return find_extrapolation(problem, parameters)
 
 
 def _changes(
-    problem: Problem, start: ParameterSet, parameters: ParameterSet, trust: TrustView, counted: Mapping[str, Int]
-) -> tuple[Change, ...]:
+    problem: Problem, start: ParameterSet, parameters: ParameterSet, trust: TrustSummary, counted: Mapping[str, Int]
+) -> tuple[ParameterChange, ...]:
     """The free parameters, the one that changed most first."""
     made = []
     for name in problem.free_names:
@@ -236,7 +236,7 @@ def _changes(
         moved = not _same_grid(before, after)
         shape = after.values.shape
         made.append(
-            Change(
+            ParameterChange(
                 before=_resampled(before, after) if moved else before,
                 after=after,
                 moved=moved,
@@ -282,7 +282,7 @@ def _largest(error: Float) -> float:
     return float(np.abs(known).max()) if known.size else float("nan")
 
 
-def _r2(series: Series) -> float:
+def _r2(series: CriterionSeries) -> float:
     measured, error = series.measured[series.scored], series.error[series.scored]
     with np.errstate(over="ignore", invalid="ignore"):
         variation = spread(measured)

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 
 from kennfeld.analysis import Residuals, WorstSample
-from kennfeld.analysis.evaluation import Series
+from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.report import figures
 from kennfeld.report.markup import Child, Html, details, element, percent, recorded, shown, table, with_unit
 from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
-from kennfeld.report.report_data import Subject
+from kennfeld.report.report_data import ReportData
 
 __all__ = ["fit", "residuals"]
 
 
-def fit(subject: Subject, pictures: Pictures) -> Html:
+def fit(subject: ReportData, pictures: Pictures) -> Html:
     """A strip for each criterion and dataset, and how the errors are spread."""
     pairs = list(zip(subject.before, subject.after, strict=True))
     parts = []
@@ -26,14 +26,16 @@ def fit(subject: Subject, pictures: Pictures) -> Html:
     return element("div", parts or note("No sample is scored."))
 
 
-def _samples(series: Series) -> str:
+def _samples(series: CriterionSeries) -> str:
     scored, kept = int(series.scored.sum()), series.bound.count
     dropped = series.bound.dataset.samples - kept
     said = f"{scored} sample{'s' * (scored != 1)}" + (f" scored of {kept}" if kept != scored else "")
     return said + (f", {dropped} left out for lack of an input" if dropped else "")
 
 
-def _pictures(before: Series, after: Series, of: Residuals, count: int, pictures: Pictures) -> list[Html | None]:
+def _pictures(
+    before: CriterionSeries, after: CriterionSeries, of: Residuals, count: int, pictures: Pictures
+) -> list[Html | None]:
     name = after.bound.dataset.name
     strip = figures.strip(before, after, count)
     drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of least and greatest."
@@ -53,12 +55,12 @@ def _pictures(before: Series, after: Series, of: Residuals, count: int, pictures
     ]
 
 
-def residuals(subject: Subject, pictures: Pictures) -> Html:
+def residuals(subject: ReportData, pictures: Pictures) -> Html:
     """The errors by dataset, time and cell, and the worst samples."""
     return element("div", [_of_criterion(subject, number, of, pictures) for number, of in subject.numbered])
 
 
-def _of_criterion(subject: Subject, number: int, of: Residuals, pictures: Pictures) -> Html:
+def _of_criterion(subject: ReportData, number: int, of: Residuals, pictures: Pictures) -> Html:
     several = len(subject.problem.criteria) > 1
     memories = [
         pictures.place(

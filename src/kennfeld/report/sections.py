@@ -11,7 +11,7 @@ from kennfeld.report.markup import MISSING, Html, details, element, percent, sho
 from kennfeld.report.parameter_section import parameters
 from kennfeld.report.pieces import Pictures, note
 from kennfeld.report.provenance import settings, sources
-from kennfeld.report.report_data import Score, Subject
+from kennfeld.report.report_data import ReportData, Score
 from kennfeld.report.residual_sections import fit, residuals
 from kennfeld.report.summary import pooled, remarks, verdict
 from kennfeld.report.undetermined_section import limits, undetermined
@@ -23,7 +23,7 @@ MOST_TEXT = 60_000  # characters of a formula or project file
 Section = tuple[str, str, Html, Sequence[tuple[str, str]]]  # anchor, title, content, entries of the table of contents
 
 
-def sections(subject: Subject, pictures: Pictures) -> Iterator[Section]:
+def sections(subject: ReportData, pictures: Pictures) -> Iterator[Section]:
     """Anchor, title, content and entries of each section."""
     yield "result", "Result", _result(subject), ()
     yield "fit", "Measured and calculated", fit(subject, pictures), ()
@@ -41,7 +41,7 @@ def sections(subject: Subject, pictures: Pictures) -> Iterator[Section]:
 # Result
 
 
-def _result(subject: Subject) -> Html:
+def _result(subject: ReportData) -> Html:
     points = [element("li", remark.text, class_=remark.kind) for remark in remarks(subject)]
     return element(
         "div",
@@ -52,7 +52,7 @@ def _result(subject: Subject) -> Html:
     )
 
 
-def _tiles(subject: Subject) -> Iterator[tuple[str, str, str]]:
+def _tiles(subject: ReportData) -> Iterator[tuple[str, str, str]]:
     """Label, number, and what stands below it."""
     done = subject.result is not None
     for number in dict.fromkeys(score.number for score in subject.scores):
@@ -79,7 +79,7 @@ def _tile(label: str, number: str, below: str) -> Html:
     return element("div", element("span", label, class_="label"), large, element("span", below), class_="tile")
 
 
-def _score_table(subject: Subject) -> Html:
+def _score_table(subject: ReportData) -> Html:
     done = subject.result is not None
     head = ["criterion", "dataset", "use", "samples", "unit"]
     head += ["RMSE before", "RMSE after", "change", "R2 before", "R2 after", "max |error| before", "max |error| after"]
@@ -112,7 +112,7 @@ def _r2(score: Score, which: int) -> str:
 # Search and messages
 
 
-def _search(subject: Subject, pictures: Pictures) -> Html:
+def _search(subject: ReportData, pictures: Pictures) -> Html:
     result = subject.result
     assert result is not None
     picture = pictures.place(
@@ -131,7 +131,7 @@ def _search(subject: Subject, pictures: Pictures) -> Html:
     return element("div", picture, table(["", ""], rows, words=2, class_="facts"), _starts(subject))
 
 
-def _starts(subject: Subject) -> Html | None:
+def _starts(subject: ReportData) -> Html | None:
     """A row for each of several starts."""
     starts = subject.result.starts if subject.result else ()
     if len(starts) < 2:
@@ -148,7 +148,7 @@ def _starts(subject: Subject) -> Html | None:
     return element("div", table(head, rows, words=3, class_="where"), note(how))
 
 
-def _messages(subject: Subject) -> Html:
+def _messages(subject: ReportData) -> Html:
     if not subject.findings:
         return note("The check of the project found nothing to remark.")
     return element("ul", [element("li", str(f), class_=f.severity) for f in subject.findings], class_="remarks")
@@ -157,7 +157,7 @@ def _messages(subject: Subject) -> Html:
 # Settings and files
 
 
-def _settings(subject: Subject) -> Html:
+def _settings(subject: ReportData) -> Html:
     project = subject.project
     files = sources(project)
     rows = [[f.role, f.name, _size(f.size), f.changed or MISSING, element("code", f.digest or MISSING)] for f in files]

@@ -25,7 +25,7 @@ from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
 
-__all__ = ["READ", "TrustView", "stored", "stored_trust", "view"]
+__all__ = ["READ", "TrustSummary", "stored", "stored_trust", "view"]
 
 MANY = 2000  # values up to which leverage is asked for: computing it costs their third power
 
@@ -37,7 +37,7 @@ _NUMBER = float("nan")
 
 
 @dataclass(frozen=True)
-class Direction:
+class RemedyText:
     """A change of values that the data cannot tell from none, in words, and what settles it."""
 
     sentence: str
@@ -45,7 +45,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class TrustView:
+class TrustSummary:
     """The parts of a trust that are known, by parameter or axis of free breakpoints; what is not known is empty."""
 
     informed: Mapping[str, Bool] = field(default_factory=dict)
@@ -53,40 +53,40 @@ class TrustView:
     deviation: Mapping[str, Float] = field(default_factory=dict)
     leverage: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
-    directions: tuple[Direction, ...] = ()
-    null_space: Direction | None = None  # all changes that nothing determines, counted
+    directions: tuple[RemedyText, ...] = ()
+    null_space: RemedyText | None = None  # all changes that nothing determines, counted
     holdings: tuple[str, ...] = ()  # limits that are met and what they hold, a sentence each
     remark: str = ""
 
 
-def view(trust: Any) -> TrustView:
+def view(trust: Any) -> TrustSummary:
     """The trust of a result: an object with these attributes, or a mapping of the informed values alone."""
     if trust is None:
-        return TrustView()
+        return TrustSummary()
     if isinstance(trust, Mapping):
-        return TrustView(informed=trust)
+        return TrustSummary(informed=trust)
     found = getattr(trust, "directions", ())
-    directions = tuple(Direction(str(d.sentence), str(getattr(d, "remedy", ""))) for d in found)
+    directions = tuple(RemedyText(str(d.sentence), str(getattr(d, "remedy", ""))) for d in found)
     whole = getattr(trust, "null_space", None)
-    null_space = Direction(str(whole.sentence), str(whole.advice)) if whole is not None and whole.sentence else None
+    null_space = RemedyText(str(whole.sentence), str(whole.advice)) if whole is not None and whole.sentence else None
     holdings = tuple(str(holding) for holding in getattr(trust, "holdings", ()))
     remark = str(getattr(trust, "remark", ""))
     values = sum(np.size(array) for array in (getattr(trust, "deviation", None) or {}).values())
     parts = ["informed", "samples", "deviation", "by_smoothness", *(["leverage"] if values <= MANY else [])]
     known = {name: getattr(trust, name, None) for name in parts}
     arrays: dict[str, Any] = {name: value for name, value in known.items() if isinstance(value, Mapping)}
-    return TrustView(directions=directions, null_space=null_space, holdings=holdings, remark=remark, **arrays)
+    return TrustSummary(directions=directions, null_space=null_space, holdings=holdings, remark=remark, **arrays)
 
 
-def stored_trust(folder: Path, parameters: ParameterSet) -> TrustView:
+def stored_trust(folder: Path, parameters: ParameterSet) -> TrustSummary:
     """The parts of a trust that stand in `trust.csv` and `result.json`; empty where there are none, or others' tables.
 
     What a report says without them is right all the same, so nothing is raised.
     """
     try:
-        return TrustView(**_said(folder / "result.json"), **_tables(folder, parameters))
+        return TrustSummary(**_said(folder / "result.json"), **_tables(folder, parameters))
     except (OSError, ValueError, KeyError, TypeError):
-        return TrustView()
+        return TrustSummary()
 
 
 def _said(path: Path) -> dict[str, Any]:
@@ -94,8 +94,8 @@ def _said(path: Path) -> dict[str, Any]:
     trust = json.loads(path.read_text(encoding="utf-8")).get("trust") or {}
     whole = trust.get("null_space") or {}
     return {
-        "directions": tuple(Direction(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
-        "null_space": Direction(whole["sentence"], whole["remedy"]) if whole.get("sentence") else None,
+        "directions": tuple(RemedyText(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
+        "null_space": RemedyText(whole["sentence"], whole["remedy"]) if whole.get("sentence") else None,
         "holdings": tuple(entry["sentence"] for entry in trust.get("holdings", [])),
         "remark": trust.get("remark", ""),
     }

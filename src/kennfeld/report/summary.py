@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.report.markup import percent, shown, with_unit
-from kennfeld.report.report_data import Score, Subject
+from kennfeld.report.report_data import ReportData, Score
 
 __all__ = ["pooled", "remarks", "verdict"]
 
@@ -25,7 +25,7 @@ class Remark:
     text: str
 
 
-def verdict(subject: Subject) -> str:
+def verdict(subject: ReportData) -> str:
     """The result in a sentence or two."""
     judged = _judged(subject.scores)
     if not judged:
@@ -91,14 +91,14 @@ def _sentence(score: Score, *, unseen: bool) -> str:
     return f"{where}, {now} (RMSE; before {with_unit(before, score.unit)}, {how}), {most}."
 
 
-def remarks(subject: Subject) -> list[Remark]:
+def remarks(subject: ReportData) -> list[Remark]:
     """What to know before the result is used, the weightiest first."""
     found = [*_search(subject), *_left(subject), *_data_remarks(subject), *_values(subject), *_errors(subject)]
     order = ("warning", "note", "good")
     return sorted(found, key=lambda remark: order.index(remark.kind))
 
 
-def _search(subject: Subject) -> Iterator[Remark]:
+def _search(subject: ReportData) -> Iterator[Remark]:
     result = subject.result
     if result is None:
         return
@@ -116,7 +116,7 @@ def _search(subject: Subject) -> Iterator[Remark]:
         )
 
 
-def _left(subject: Subject) -> Iterator[Remark]:
+def _left(subject: ReportData) -> Iterator[Remark]:
     """Where surrogates are used outside the data they were trained on."""
     for name in dict.fromkeys(row.name for row in subject.left):
         mine = [row for row in subject.left if row.name == name]
@@ -127,13 +127,13 @@ def _left(subject: Subject) -> Iterator[Remark]:
             count = sum(row.samples for row in mine)
             yield Remark("good", f"{name} is used within the data it was trained on, at all of {count} samples.")
         for row in outside[:MOST_LEFT]:
-            mend = "" if row.share <= RARE else " What it says there is a guess: train it on data from there, too."
-            yield Remark("warning" if row.share > RARE else "note", f"{row}.{mend}")
+            remedy = "" if row.share <= RARE else " What it says there is a guess: train it on data from there, too."
+            yield Remark("warning" if row.share > RARE else "note", f"{row}.{remedy}")
         if len(outside) > MOST_LEFT:
             yield Remark("note", f"{name} is used outside them on {len(outside) - MOST_LEFT} further datasets.")
 
 
-def _data_remarks(subject: Subject) -> Iterator[Remark]:
+def _data_remarks(subject: ReportData) -> Iterator[Remark]:
     if not any(score.use == "test" for score in subject.scores):
         yield Remark(
             "note",
@@ -166,7 +166,7 @@ def _data_remarks(subject: Subject) -> Iterator[Remark]:
             )
 
 
-def _values(subject: Subject) -> Iterator[Remark]:
+def _values(subject: ReportData) -> Iterator[Remark]:
     changes = subject.changes
     empty, total = sum(int(c.uncovered.sum()) for c in changes), sum(c.after.size for c in changes)
     if empty:
@@ -190,7 +190,7 @@ def _values(subject: Subject) -> Iterator[Remark]:
         )
 
 
-def _errors(subject: Subject) -> Iterator[Remark]:
+def _errors(subject: ReportData) -> Iterator[Remark]:
     if subject.result is None:
         return
     for of in subject.residuals:

@@ -8,34 +8,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.analysis import output_ranges, pressing
+from kennfeld.analysis import active_constraints, output_ranges
 from kennfeld.arrays import Bool
 from kennfeld.constraints import Equality
 from kennfeld.parameters import Parameter
 from kennfeld.report.markup import MISSING, Html, element, percent, recorded, shown, table
 from kennfeld.report.pieces import MOST_LISTED, note
-from kennfeld.report.report_data import Change, Subject
+from kennfeld.report.report_data import ParameterChange, ReportData
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Leaving
+    from kennfeld.analysis.extrapolation import Extrapolation
 
 __all__ = ["limits", "undetermined"]
 
 HEAD = ("surrogate", "dataset", "use", "farthest outside its data", "samples", "outside", "share")
 
 
-def left_table(found: "Sequence[Leaving]") -> Html | None:
+def extrapolation_table(found: "Sequence[Extrapolation]") -> Html | None:
     """A row for each surrogate and dataset; None where there is none."""
     return table(HEAD, [_row(row) for row in found], words=4, class_="wide") if found else None
 
 
-def _row(row: "Leaving") -> list[str]:
+def _row(row: "Extrapolation") -> list[str]:
     counts = (MISSING, MISSING) if row.outside is None else (str(row.outside), percent(row.share))
     farthest = MISSING if row.worst is None else f"{row.place}: {row.worst.sentence}"
     return [row.name, row.dataset, row.use, farthest, str(row.samples), *counts]
 
 
-def undetermined(subject: Subject) -> Html:
+def undetermined(subject: ReportData) -> Html:
     """What the data leave open, in words and counted."""
     trust = subject.trust
     told = [*([trust.null_space] if trust.null_space else []), *trust.directions]
@@ -53,11 +53,11 @@ def undetermined(subject: Subject) -> Html:
         element("ul", lines, class_="directions") if lines else None,
         table(head, rows, class_="wide") if rows else None,
         note(nothing) if nothing else None,
-        left_table(subject.left),
+        extrapolation_table(subject.left),
     )
 
 
-def _states_of(change: Change) -> tuple[Bool, Bool | None, Bool | None]:
+def _states_of(change: ParameterChange) -> tuple[Bool, Bool | None, Bool | None]:
     kept = None if change.informed is None else ~change.informed
     return change.uncovered, change.by_smoothness, kept
 
@@ -66,7 +66,7 @@ def _known_count(marked: Bool | None) -> str:
     return MISSING if marked is None else str(int(np.count_nonzero(marked)))
 
 
-def limits(subject: Subject) -> Html:
+def limits(subject: ReportData) -> Html:
     """Bounds, locks, pins and limits that hold at the end, and limited outputs."""
     rows = []
     for c in subject.changes:
@@ -88,12 +88,12 @@ def limits(subject: Subject) -> Html:
     return element("div", linear, outputs, element("ul", held, class_="directions") if held else None)
 
 
-def _linear(subject: Subject) -> Iterator[list[str]]:
+def _linear(subject: ReportData) -> Iterator[list[str]]:
     """Pins, and the shapes and equalities that press."""
     for pin in subject.problem.pins:
         where = ", ".join(recorded(x) for x in pin.at)
         yield [pin.parameter, f"pinned to {recorded(pin.value)}", "1", f"at {where}" if where else ""]
-    for held in pressing(subject.problem, subject.parameters):
+    for held in active_constraints(subject.problem, subject.parameters):
         constraint = held.constraint
         if isinstance(constraint, Equality):
             names = ", ".join(dict.fromkeys(term.parameter for term in constraint.terms))
@@ -108,7 +108,7 @@ def _linear(subject: Subject) -> Iterator[list[str]]:
             yield [constraint.parameter, limit, f"{len(held.active)} of {held.rows}", listed + more]
 
 
-def _outputs(subject: Subject) -> Html | None:
+def _outputs(subject: ReportData) -> Html | None:
     """How far the limited outputs come to their limits."""
     before = output_ranges(subject.problem, subject.problem.parameters)
     after = output_ranges(subject.problem, subject.parameters)

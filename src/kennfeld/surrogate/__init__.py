@@ -7,14 +7,14 @@ from kennfeld.surrogate.surrogate_file import (
     recognises_surrogate,
     write_surrogate,
 )
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Quality, StaticSurrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.validity import Validity
 
 __all__ = [
     "DynamicSurrogate",
-    "Quality",
     "StaticSurrogate",
     "Surrogate",
+    "SurrogateQuality",
     "Validity",
     "expansions",
     "read_surrogate",

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.surrogate.gp_kernel import Plane, bells, bend_by_lengths
+from kennfeld.surrogate.gp_kernel import Plane, bells, scaled_second_moment
 
 __all__ = ["Exact", "exact_likelihood"]
 
@@ -60,7 +60,7 @@ def exact_likelihood(values: Float, x: Float, y: Float, plane: Plane) -> tuple[f
     likelihood = -0.5 * ((len(y) - plane.rank) * np.log(at.variance) + logarithm)
     slope = np.outer(at.weights, at.weights / at.variance) - at.projected
     by_noise = 0.5 * noise * np.trace(slope)
-    return float(likelihood), np.append(0.5 * bend_by_lengths(slope * kernel, x, x, lengths), by_noise)
+    return float(likelihood), np.append(0.5 * scaled_second_moment(slope * kernel, x, x, lengths), by_noise)
 
 
 @dataclass(frozen=True, eq=False)

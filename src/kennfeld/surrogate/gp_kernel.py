@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 
-__all__ = ["Plane", "bells", "bend_by_lengths", "factor", "greedy", "k_means"]
+__all__ = ["Plane", "bells", "factor", "greedy", "k_means", "scaled_second_moment"]
 
 RANK = 1e-10  # share of the largest singular value below which inputs move together
 
@@ -129,7 +129,7 @@ def bells(x: Float, z: Float, lengths: Float) -> Float:
     return np.exp(exponent, out=exponent)
 
 
-def bend_by_lengths(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
+def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
     """sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
 
     With `weighted` = dF/dK times K, this is the derivative of F by the logarithms of the lengths.

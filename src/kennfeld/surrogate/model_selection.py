@@ -17,15 +17,15 @@ from kennfeld.arrays import Float
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.narx_training import (
     HORIZONS,
-    Settings,
+    TrainingSettings,
     free_run_rmse,
+    horizon_ranges,
     one_step_expansion,
-    spans,
     train_free_run,
 )
-from kennfeld.surrogate.recursion import Lags, Run, Runs
+from kennfeld.surrogate.recursion import Lags, Recording, Runs
 
-__all__ = ["MIDDLE", "Choice", "choose", "folds", "select_lags"]
+__all__ = ["MIDDLE", "ModelChoice", "choose", "folds", "select_lags"]
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # where none is chosen
@@ -49,7 +49,7 @@ MOST_OUTPUT = 4  # longest lag of the output among the candidates
 
 
 @dataclass(frozen=True, eq=False)
-class Fold:
+class HoldoutFold:
     """One division of the recordings."""
 
     training: Runs
@@ -58,15 +58,15 @@ class Fold:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class ModelChoice:
     """What was chosen, and the RMSE of free runs on the blocks left out, in units of the output."""
 
     lengths: Float
-    settings: Settings
+    settings: TrainingSettings
     rmse: float
 
 
-def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[Fold]:
+def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[HoldoutFold]:
     """Divisions of the pieces that leave out one block each, with the inputs before it known.
 
     Where there are more than `samples`, blocks are left aside evenly.
@@ -81,12 +81,14 @@ def folds(pieces: Sequence[Run], lags: Lags, count: int = BLOCKS, samples: int =
         training = [block for i, block in enumerate(blocks) if i != left_out]
         if training:
             made.append(
-                Fold(Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned)
+                HoldoutFold(
+                    Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned
+                )
             )
     return made
 
 
-def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
+def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
     """(piece, first, end) of each block: at least `count`, evenly over the pieces, about equally long."""
     total = sum(len(piece) for piece in pieces)
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
@@ -101,7 +103,7 @@ def _blocks(pieces: Sequence[Run], lags: Lags, count: int, samples: int) -> Iter
     yield from cut
 
 
-def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Run]:
+def _joined(pieces: Sequence[Recording], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Recording]:
     """Neighbouring blocks joined, then cut into runs of the longest horizon."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
@@ -109,22 +111,24 @@ def _joined(pieces: Sequence[Run], blocks: Sequence[tuple[int, int, int]], lags:
             joined[-1] = (i, joined[-1][1], end)
         else:
             joined.append((i, first, end))
-    return [pieces[i].part(*span) for i, first, end in joined for span in spans(first, end, lags, HORIZONS[-1])]
+    return [
+        pieces[i].part(*span) for i, first, end in joined for span in horizon_ranges(first, end, lags, HORIZONS[-1])
+    ]
 
 
-def _alone(pieces: Sequence[Run], block: tuple[int, int, int], lags: Lags) -> Runs:
+def _alone(pieces: Sequence[Recording], block: tuple[int, int, int], lags: Lags) -> Runs:
     i, first, end = block
     begin = max(first - lags.longest + max(lags.output), 0)
     return Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
 
 
 def choose(
-    divisions: Sequence[Fold],
+    divisions: Sequence[HoldoutFold],
     lengths: Float,
     centres: int,
-    settings: Settings,
+    settings: TrainingSettings,
     report: Callable[[str], None] = lambda line: None,
-) -> Choice:
+) -> ModelChoice:
     """The length scales and `hold` with the least RMSE over the blocks left out.
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
@@ -141,7 +145,7 @@ def choose(
             table[i, j] = held_out_rmse(divisions, starts, trial)
             report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
     i, j = _lowest(table)
-    return Choice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
+    return ModelChoice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
 
 
 def _lowest(table: Float) -> tuple[int, int]:
@@ -154,7 +158,7 @@ def _lowest(table: Float) -> tuple[int, int]:
     return int(i), int(j)
 
 
-def held_out_rmse(divisions: Sequence[Fold], starts: Sequence[Expansion], settings: Settings) -> float:
+def held_out_rmse(divisions: Sequence[HoldoutFold], starts: Sequence[Expansion], settings: TrainingSettings) -> float:
     """RMSE over the blocks left out, in units of the output, of models trained for free run from `starts`."""
     squares, count = 0.0, 0
     for fold, start in zip(divisions, starts, strict=True):
@@ -179,9 +183,9 @@ def candidates(longest: int) -> tuple[int, ...]:
 
 
 def select_lags(
-    pieces: Sequence[Run],
+    pieces: Sequence[Recording],
     inputs: int,
-    settings: Settings,
+    settings: TrainingSettings,
     *,
     longest: int = 20,
     output_lags: tuple[int, ...] | None = None,
@@ -236,7 +240,7 @@ def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]
     return more
 
 
-def _score(pieces: Sequence[Run], lags: Lags, settings: Settings) -> float:
+def _score(pieces: Sequence[Recording], lags: Lags, settings: TrainingSettings) -> float:
     lengths = np.full(lags.size, LENGTH)
     small = replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False)
     divisions = folds(pieces, lags, LAG_BLOCKS, LAG_SAMPLES)

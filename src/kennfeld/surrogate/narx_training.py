@@ -28,17 +28,17 @@ from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import bells, factor, greedy
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
-from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Run, Runs, simulate
+from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.training_data import Scaling, checked_points
 
 __all__ = [
     "HORIZONS",
-    "Settings",
+    "TrainingSettings",
     "free_run_rmse",
+    "horizon_ranges",
     "one_step_expansion",
     "one_step_lengths",
-    "spans",
     "train_free_run",
     "train_over_horizons",
 ]
@@ -57,7 +57,7 @@ LEFT = 1e-6
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrainingSettings:
     """How training for free run is done.
 
     `hold` ties the expansion to where it began, or to its plane; 1 is about one standard deviation of the output.
@@ -76,7 +76,7 @@ class Settings:
 class _Values:
     """The numbers that training moves, and the expansion they stand for; in units of the training data's spread."""
 
-    def __init__(self, start: Expansion, runs: Runs, settings: Settings) -> None:
+    def __init__(self, start: Expansion, runs: Runs, settings: TrainingSettings) -> None:
         self.start, self.moves_centres = start, settings.moves_centres
         target = runs.one_step_target
         self.height = float(target.std()) or 1.0
@@ -131,7 +131,10 @@ def _slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
 
 
 def train_free_run(
-    start: Expansion, runs: Runs, settings: Settings, report: Callable[[int, float], None] = lambda step, rmse: None
+    start: Expansion,
+    runs: Runs,
+    settings: TrainingSettings,
+    report: Callable[[int, float], None] = lambda step, rmse: None,
 ) -> Expansion:
     """The expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
 
@@ -171,7 +174,7 @@ def _solved(matrix: Float, damping: Float, gradient: Float) -> Float:
     return step
 
 
-def _evaluate(values: _Values, at: Float, runs: Runs, settings: Settings) -> tuple[Expansion, FreeRun, float]:
+def _evaluate(values: _Values, at: Float, runs: Runs, settings: TrainingSettings) -> tuple[Expansion, FreeRun, float]:
     expansion = values.expansion(at)
     run = simulate(expansion, runs, settings.limits)
     cost = _misfit(run, runs, values) + float(values.hold @ (at - values.goal) ** 2)
@@ -217,12 +220,12 @@ def free_run_rmse(expansion: Expansion, runs: Runs, limits: tuple[float, float] 
     return rmse if np.isfinite(rmse) else np.inf
 
 
-def cut(pieces: Sequence[Run], lags: Lags, horizon: int) -> list[Run]:
+def split_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> list[Recording]:
     """The pieces in stretches of about `horizon` samples, which share the lags at their ends."""
-    return [piece.part(*span) for piece in pieces for span in spans(0, len(piece), lags, horizon)]
+    return [piece.part(*span) for piece in pieces for span in horizon_ranges(0, len(piece), lags, horizon)]
 
 
-def spans(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int, int]]:
+def horizon_ranges(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int, int]]:
     """First and end of each stretch."""
     parts = max(round((end - first) / max(horizon, 5 * lags.longest)), 1)
     edges = np.linspace(first, end, parts + 1).astype(int).tolist()
@@ -231,16 +234,16 @@ def spans(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int,
 
 def train_over_horizons(
     start: Expansion,
-    pieces: Sequence[Run],
+    pieces: Sequence[Recording],
     lags: Lags,
-    settings: Settings,
+    settings: TrainingSettings,
     report: Callable[[int, int, float], None] = lambda horizon, step, rmse: None,
 ) -> Expansion:
     """The expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
     longest = max(len(piece) for piece in pieces)
     expansion = start
     for horizon in [h for h in HORIZONS if h < longest] or [longest]:
-        runs = Runs.of(cut(pieces, lags, horizon), lags)
+        runs = Runs.of(split_recordings(pieces, lags, horizon), lags)
 
         def heard(step: int, rmse: float, horizon: int = horizon) -> None:
             report(horizon, step, rmse)

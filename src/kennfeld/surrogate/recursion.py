@@ -14,7 +14,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
 
-__all__ = ["UNLIMITED", "FreeRun", "Lags", "Run", "Runs", "simulate"]
+__all__ = ["UNLIMITED", "FreeRun", "Lags", "Recording", "Runs", "simulate"]
 
 UNLIMITED = (-np.inf, np.inf)
 BLOCK = 1 << 19  # bells whose share of the inputs is worked out ahead: 4 MB
@@ -72,7 +72,7 @@ def _rising(name: str, lags: Sequence[int], least: int) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Recording:
     """One piece of a recording on an even raster; samples that are not `counted` are run through without a score."""
 
     u: Float  # Float[samples, inputs]
@@ -84,10 +84,10 @@ class Run:
         """Bool[samples]: the samples that count."""
         return np.ones(len(self.y), dtype=bool) if self.counted is None else self.counted
 
-    def part(self, first: int, end: int) -> "Run":
+    def part(self, first: int, end: int) -> "Recording":
         """Some of its samples."""
         counted = None if self.counted is None else self.counted[first:end]
-        return Run(self.u[first:end], self.y[first:end], counted)
+        return Recording(self.u[first:end], self.y[first:end], counted)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -104,7 +104,7 @@ class Runs:
     points: Float  # Float[samples, size]: the points with the measured outputs that count, piece after piece
 
     @classmethod
-    def of(cls, pieces: Sequence[Run], lags: Lags, first: int | None = None) -> "Runs":
+    def of(cls, pieces: Sequence[Recording], lags: Lags, first: int | None = None) -> "Runs":
         """The pieces from sample `first` on, by default the longest lag, so that all it looks back at is known.
 
         An earlier `first`, at least the longest output lag, holds the inputs at their first sample before that.

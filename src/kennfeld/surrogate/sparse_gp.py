@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.surrogate.gp_kernel import Plane, bells, bend_by_lengths, factor
+from kennfeld.surrogate.gp_kernel import Plane, bells, factor, scaled_second_moment
 
 __all__ = ["Sparse", "sparse_bound"]
 
@@ -55,8 +55,8 @@ def sparse_bound(values: Float, x: Float, y: Float, z: Float, plane: Plane) -> t
     by_columns = np.outer(rest, weights / (noise * variance)) - flat @ inverse + columns @ (inside / noise)
     spent = inside @ across @ inside / noise
     by_inner = -0.5 * (noise * inverse - inside + np.outer(weights, weights / variance) + spent)
-    by_lengths = bend_by_lengths(by_columns * columns, x, z, lengths)
-    by_lengths += bend_by_lengths(by_inner * inner, z, z, lengths)
+    by_lengths = scaled_second_moment(by_columns * columns, x, z, lengths)
+    by_lengths += scaled_second_moment(by_inner * inner, z, z, lengths)
     steeper = (weights @ inner @ weights - misfit) / (noise * variance)
     by_noise = -0.5 * (float(np.sum(inverse * inner)) + (count - len(z)) / noise + steeper - left / noise**2)
     return float(bound), np.append(by_lengths, noise * by_noise)

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.recursion import Run, Runs, simulate
+from kennfeld.surrogate.recursion import Recording, Runs, simulate
 
 __all__ = ["Stability", "check_stability"]
 
@@ -81,7 +81,7 @@ def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
         if i >= RUNS:
             lengths = rng.integers(*HOLD, size=samples, endpoint=True)
             picked = np.repeat(rng.integers(len(present), size=samples), lengths)[:samples]
-        made.append(Run(present[picked], np.full(samples, begins[i % len(begins)])))
+        made.append(Recording(present[picked], np.full(samples, begins[i % len(begins)])))
     return Runs.of(made, lags)
 
 

@@ -18,7 +18,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, Quality, StaticSurrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.validity import Validity
 
 __all__ = ["Surrogate", "expansions", "read_surrogate", "recognises_surrogate", "write_surrogate"]
@@ -41,8 +41,8 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
     try:
         write_whole(Path(path), _text(_tables(surrogate)))
     except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(str(path), what, "Name another file.") from None
+        message = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(str(path), message, "Name another file.") from None
 
 
 def recognises_surrogate(head: str) -> bool:
@@ -55,7 +55,7 @@ def read_surrogate(path: str | Path) -> Surrogate:
     place = Path(path)
     content = _content(place)
     findings: list[Finding] = []
-    reader = _Reader(content, place.name, findings)
+    reader = _SurrogateReader(content, place.name, findings)
     kind = reader.text("kind")
     if kind and kind not in KINDS.values():
         reader.report("kind", f"{kind!r} is no surrogate", nearest(kind, KINDS.values()) or REWRITE)
@@ -143,14 +143,14 @@ def _content(path: Path) -> Mapping[str, Any]:
     return content
 
 
-class _Reader:
+class _SurrogateReader:
     """Typed access to one table of the file; every complaint is kept."""
 
     def __init__(self, values: Mapping[str, Any], place: str, findings: list[Finding]) -> None:
         self.values, self.place, self.findings = values, place, findings
 
-    def report(self, key: str, what: str, mend: str = REWRITE) -> None:
-        self.findings.append(Finding(f"{self.place} {key}".strip(), what, mend))
+    def report(self, key: str, message: str, remedy: str = REWRITE) -> None:
+        self.findings.append(Finding(f"{self.place} {key}".strip(), message, remedy))
 
     def get(self, key: str) -> Any:
         if key not in self.values:
@@ -197,21 +197,21 @@ class _Reader:
             self.report(key, f"{_shown(value)} is no list of whole numbers")
         return ()
 
-    def inner(self, key: str) -> "_Reader | None":
+    def inner(self, key: str) -> "_SurrogateReader | None":
         value = self.get(key)
         if isinstance(value, dict):
-            return _Reader(value, f"{self.place} {key}", self.findings)
+            return _SurrogateReader(value, f"{self.place} {key}", self.findings)
         if value is not None:
             self.report(key, f"{_shown(value)} is no table")
         return None
 
 
-def _static(reader: _Reader) -> StaticSurrogate | None:
+def _static(reader: _SurrogateReader) -> StaticSurrogate | None:
     values = _shared(reader)
     return _made(reader, lambda: StaticSurrogate(**values))
 
 
-def _dynamic(reader: _Reader) -> DynamicSurrogate | None:
+def _dynamic(reader: _SurrogateReader) -> DynamicSurrogate | None:
     values = _shared(reader)
     lags = reader.get("lags")
     if lags is not None and not isinstance(lags, list):
@@ -229,7 +229,7 @@ def _dynamic(reader: _Reader) -> DynamicSurrogate | None:
     return _made(reader, lambda: DynamicSurrogate(**values))
 
 
-def _row(reader: _Reader, key: str) -> tuple[float, ...]:
+def _row(reader: _SurrogateReader, key: str) -> tuple[float, ...]:
     numbers = reader.numbers(key)
     if numbers is not None and numbers.ndim != 1:
         reader.report(key, "is no plain list of numbers")
@@ -237,7 +237,7 @@ def _row(reader: _Reader, key: str) -> tuple[float, ...]:
     return () if numbers is None else tuple(numbers.tolist())
 
 
-def _shared(reader: _Reader) -> dict[str, Any]:
+def _shared(reader: _SurrogateReader) -> dict[str, Any]:
     names = {"name": reader.text("name"), "inputs": reader.texts("inputs"), "output": reader.text("output")}
     return {
         **names,
@@ -248,7 +248,7 @@ def _shared(reader: _Reader) -> dict[str, Any]:
     }
 
 
-def _made(reader: _Reader, make: Callable[[], T]) -> T | None:
+def _made(reader: _SurrogateReader, make: Callable[[], T]) -> T | None:
     if reader.findings:
         return None
     try:
@@ -258,7 +258,7 @@ def _made(reader: _Reader, make: Callable[[], T]) -> T | None:
         return None
 
 
-def _inner(reader: _Reader, key: str, names: tuple[str, ...], kind: type[Any]) -> Any:
+def _inner(reader: _SurrogateReader, key: str, names: tuple[str, ...], kind: type[Any]) -> Any:
     inner = reader.inner(key)
     if inner is None:
         return None
@@ -276,7 +276,7 @@ def _inner(reader: _Reader, key: str, names: tuple[str, ...], kind: type[Any]) -
         return None
 
 
-def _limits(reader: _Reader) -> tuple[float, float]:
+def _limits(reader: _SurrogateReader) -> tuple[float, float]:
     value = reader.get("limits")
     good = isinstance(value, list) and len(value) == 2
     if not good or not all(item is None or isinstance(item, int | float) for item in value):
@@ -287,7 +287,7 @@ def _limits(reader: _Reader) -> tuple[float, float]:
     return (-math.inf if lower is None else float(lower), math.inf if upper is None else float(upper))
 
 
-def _quality(reader: _Reader) -> tuple[Quality, ...]:
+def _quality(reader: _SurrogateReader) -> tuple[SurrogateQuality, ...]:
     lines = reader.get("quality")
     if lines is None:
         return ()
@@ -296,14 +296,14 @@ def _quality(reader: _Reader) -> tuple[Quality, ...]:
         return ()
     made = []
     for i, values in enumerate(lines, 1):
-        inner = _Reader(values, f"{reader.place} quality {i}", reader.findings)
+        inner = _SurrogateReader(values, f"{reader.place} quality {i}", reader.findings)
         use, mode = inner.text("use"), inner.text("mode")
         if use not in get_args(Use) or mode not in get_args(Mode):
             inner.report("", f"use {use!r} or mode {mode!r} is unknown")
             continue
         numbers = {name: inner.number(name) if inner.get(name) is not None else math.nan for name in NUMBERS}
         samples = int(inner.number("samples") or 0)
-        made.append(Quality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
+        made.append(SurrogateQuality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
     return tuple(made)
 
 

@@ -15,16 +15,16 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.recursion import UNLIMITED, Lags, Run, Runs, simulate
+from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.validity import Validity
 
-__all__ = ["DynamicSurrogate", "Mode", "Quality", "StaticSurrogate", "quality_of"]
+__all__ = ["DynamicSurrogate", "Mode", "StaticSurrogate", "SurrogateQuality", "quality_of"]
 
 Mode = Literal["static", "leave one out", "one step", "free run"]
 
 
 @dataclass(frozen=True)
-class Quality:
+class SurrogateQuality:
     """One line: the residuals over one dataset, in the unit of the output."""
 
     dataset: str
@@ -43,7 +43,7 @@ class Quality:
         )
 
 
-def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Float) -> Quality:
+def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Float) -> SurrogateQuality:
     """The line for residuals Float[samples] of a measured target Float[samples]; R2 is NaN where it never changes."""
     with np.errstate(over="ignore", invalid="ignore"):
         square = float(np.sum(residual**2))
@@ -52,7 +52,7 @@ def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Floa
         worst = float(np.max(np.abs(residual), initial=0.0))
     r2 = 1 - square / spread if spread > 0 else np.nan
     rmse = float(np.sqrt(square / target.size)) if target.size else np.nan
-    return Quality(dataset, use, mode, int(target.size), rmse, r2, worst)
+    return SurrogateQuality(dataset, use, mode, int(target.size), rmse, r2, worst)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class StaticSurrogate:
     units: tuple[str, ...]
     expansion: Expansion
     validity: Validity | None = None
-    quality: tuple[Quality, ...] = ()
+    quality: tuple[SurrogateQuality, ...] = ()
 
     def __post_init__(self) -> None:
         check_names(self.name, self.inputs, self.output, self.units)
@@ -119,7 +119,7 @@ class DynamicSurrogate:
     step: float
     expansion: Expansion
     validity: Validity | None = None
-    quality: tuple[Quality, ...] = ()
+    quality: tuple[SurrogateQuality, ...] = ()
     start: float = 0.0
     limits: tuple[float, float] = UNLIMITED
     units: tuple[str, ...] = ()
@@ -203,5 +203,5 @@ class DynamicSurrogate:
         padded = np.concatenate([np.repeat(u[:1], back, axis=0), u])
         if known.size == len(padded):
             return np.zeros(0)
-        run = Run(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
+        run = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
         return simulate(self.expansion, Runs.of([run], self._looks, known.size), self.limits).y[:, 0]

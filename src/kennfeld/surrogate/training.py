@@ -11,12 +11,12 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.surrogate.gaussian_process import gaussian_process
-from kennfeld.surrogate.model_selection import MIDDLE, Choice, choose, folds, select_lags
-from kennfeld.surrogate.narx_training import Settings, one_step_expansion, one_step_lengths, train_over_horizons
+from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose, folds, select_lags
+from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
 from kennfeld.surrogate.rbf_fit import expand_data
-from kennfeld.surrogate.recursion import UNLIMITED, Lags, Run, Runs
+from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Quality, StaticSurrogate, quality_of
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality, quality_of
 from kennfeld.surrogate.training_data import channels_missing, points_of, raster_of, runs_of
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
@@ -123,7 +123,7 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
     taken = [points_of(dataset, settings.inputs, settings.output) for dataset in datasets]
     training = [points for points, dataset in zip(taken, datasets, strict=True) if dataset.use == "training"]
     x, y = np.concatenate([one[0] for one in training]), np.concatenate([one[1] for one in training])
-    left_out: list[Quality] = []
+    left_out: list[SurrogateQuality] = []
     if settings.method == "expansion":
         expansion = expand_data(x, y, min(settings.centres, max(len(x), 1)), seed=settings.seed)
         validity = Validity.around(x, x.std(0), settings.seed)
@@ -193,7 +193,7 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
     return replace(made, quality=tuple(lines))
 
 
-def _check_changing(training: Sequence[Run], settings: SurrogateSettings) -> None:
+def _check_changing(training: Sequence[Recording], settings: SurrogateSettings) -> None:
     table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
     findings = [
         Finding(
@@ -206,28 +206,36 @@ def _check_changing(training: Sequence[Run], settings: SurrogateSettings) -> Non
         raise InputError(findings)
 
 
-def _lags(training: Sequence[Run], settings: SurrogateSettings, report: Report) -> Lags:
+def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Report) -> Lags:
     own = None if settings.output_lags == "auto" else settings.output_lags
     given = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
     if own is not None and given is not None:
         return Lags(own, tuple(given))
-    search = Settings(limits=settings.limits)
+    search = TrainingSettings(limits=settings.limits)
     count = len(settings.inputs)
     return select_lags(
         training, count, search, longest=settings.longest_lag, output_lags=own, input_lags=given, report=report
     )
 
 
-def _choice(training: Sequence[Run], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report) -> Choice:
+def _choice(
+    training: Sequence[Recording], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report
+) -> ModelChoice:
     """How smooth and how firmly held; as given, or where one step is all that is asked for, without a search."""
-    asked = Settings(limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations)
+    asked = TrainingSettings(
+        limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations
+    )
     if settings.hold is not None:
-        return Choice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
+        return ModelChoice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
     divisions = folds(training, lags) if settings.free_run else []
-    return choose(divisions, lengths, settings.centres, asked, report) if divisions else Choice(lengths, asked, np.nan)
+    return (
+        choose(divisions, lengths, settings.centres, asked, report)
+        if divisions
+        else ModelChoice(lengths, asked, np.nan)
+    )
 
 
-def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Run]) -> list[Quality]:
+def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Recording]) -> list[SurrogateQuality]:
     """One step ahead and in free run, from the first measured outputs of each piece on."""
     back = max(surrogate.output_lags)
     ahead, free, target_ahead, target_free = [], [], [], []

@@ -14,7 +14,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.measurement.resampling import grid, resample
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.recursion import Run
+from kennfeld.surrogate.recursion import Recording
 
 __all__ = ["Scaling", "channels_missing", "checked_points", "points_of", "raster_of", "runs_of"]
 
@@ -68,7 +68,7 @@ def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
     return float(f"{np.median(steps):.9g}")
 
 
-def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Run]:
+def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Recording]:
     """The pieces on the raster of the model, cut where a value is missing for longer than the dataset's `max_gap`."""
     made = []
     for piece in dataset.pieces:
@@ -82,7 +82,7 @@ def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -
             scored = dataset.scored[piece][nearest_sample]
         table = np.column_stack(columns)
         complete: Bool = np.asarray(np.isfinite(table).all(axis=1))
-        made += [Run(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
+        made += [Recording(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
     return made
 
 
@@ -163,8 +163,8 @@ def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float
         raise ArgumentError(f"{count} points are too few for {inputs} inputs; {max(inputs, 1) + 3} are the least")
     bad = np.flatnonzero(~np.isfinite(points).all(0))
     if bad.size or not np.isfinite(values).all():
-        what = named[bad[0]] if bad.size else "the output"
-        raise ArgumentError(f"{what} has values that are not finite; leave those samples out")
+        message = named[bad[0]] if bad.size else "the output"
+        raise ArgumentError(f"{message} has values that are not finite; leave those samples out")
     constant = np.flatnonzero(~(points.std(0) > 1e-14 * np.abs(points).max(0)))
     if constant.size:
         first = int(constant[0])

@@ -13,16 +13,16 @@ from kennfeld.calfiles.cdfx.reader import recognises_cdfx
 from kennfeld.calfiles.dcm.lines import recognises_dcm
 from kennfeld.calfiles.excel.layout import is_calibration_workbook
 from kennfeld.calfiles.flash.description import recognises_a2l, recognises_flash
-from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat, recognises_script
 from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.calfiles.unsupported_files import foreign_calibration
 from kennfeld.errors import InputError
 from kennfeld.graph.events import events
-from kennfeld.measurement.file_kind import Kind, kind_of
+from kennfeld.measurement.file_kind import FileKind, kind_of
 from kennfeld.models import Model
 from kennfeld.models import formula as formulas
-from kennfeld.models.simulink.outline import outline
+from kennfeld.models.simulink.outline import summarize_model
 from kennfeld.models.simulink.reader.document import recognises_simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.project import Project
@@ -43,7 +43,7 @@ from kennfeld.terminal.simulink import (
     model_tables,
 )
 
-__all__ = ["Contents", "Part", "Table", "contents"]
+__all__ = ["FileInfo", "SimulinkSelection", "Table", "contents"]
 
 Table = Sequence[Sequence[str]]  # the heading first
 
@@ -54,13 +54,13 @@ _LINE_OF_FORMULA = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
     r"|(?:input|output|scalar|curve|map|cube|rbf|step|def)\s+\S)"
 )
-_CALIBRATIONS = (Kind.DCM, Kind.CVX, Kind.JSON)
+_CALIBRATIONS = (FileKind.DCM, FileKind.CVX, FileKind.JSON)
 _HEAD = 65536
 _LARGEST_CALIBRATION = 100_000_000  # bytes of a data file of MATLAB that is looked into
 
 
 @dataclass(frozen=True)
-class Contents:
+class FileInfo:
     """A file: what it is, in a sentence and in tables; `as_json` says the same to programs."""
 
     summary: str
@@ -74,7 +74,7 @@ class Contents:
         return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
 
 
-class Part(NamedTuple):
+class SimulinkSelection(NamedTuple):
     """What to look at of a Simulink model: a subsystem, with values for variables, folders of libraries, cut blocks."""
 
     subsystem: str = ""
@@ -83,10 +83,10 @@ class Part(NamedTuple):
     bind: Mapping[str, str] = MappingProxyType({})
 
 
-WHOLE = Part()
+WHOLE = SimulinkSelection()
 
 
-def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE) -> Contents:
+def contents(path: str | Path, a2l: str | Path | None = None, part: SimulinkSelection = WHOLE) -> FileInfo:
     """What is in a measurement, calibration, A2L, formula, Simulink, project or training file, told by its content.
 
     `a2l` describes the labels of an image; by default the A2L file beside it. `part` is for Simulink models.
@@ -101,21 +101,21 @@ def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE
     if file.suffix.lower() in (".slx", ".mdl"):  # a damaged one too
         return _simulink(file, part)
     kind, head = _sniffed(file)
-    if kind is Kind.MODEL or recognises_simulink(head.encode()):
+    if kind is FileKind.MODEL or recognises_simulink(head.encode()):
         return _simulink(file, part)
-    if file.suffix.lower() == ".toml" or (kind is Kind.CSV and _SECTION.search(head)):
+    if file.suffix.lower() == ".toml" or (kind is FileKind.CSV and _SECTION.search(head)):
         return _training(file) if is_training(read_toml(file)) else _project(file)
     if recognises_surrogate(head):
         return _surrogate(file)
     if file.suffix.lower() == ".kf":
         return _formula(file, formulas.read(file, surrogates=formulas.surrogates_beside(file)))
-    if recognises_flash(Source(file.name, head.encode())):
+    if recognises_flash(CalibrationSource(file.name, head.encode())):
         return _calibration(calfiles.describe(file, a2l))
     if recognises_a2l(head):
         return _a2l(calfiles.describe_a2l(file))
     if _is_calibration(file, kind, head):
         return _calibration(calfiles.describe(file))
-    if kind is Kind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
+    if kind is FileKind.CSV and _LINE_OF_FORMULA.match(_first_line(head)):
         text, beside = formulas.text_of(file), formulas.surrogates_beside(file)
         return _formula(file, formulas.formula(text, file.name, surrogates=beside))
     try:
@@ -127,18 +127,18 @@ def contents(path: str | Path, a2l: str | Path | None = None, part: Part = WHOLE
     raise InputError([reason])
 
 
-def _is_calibration(file: Path, kind: Kind, head: str) -> bool:
-    if kind is Kind.EXCEL:
-        return is_calibration_workbook(Source(file.name, file.read_bytes(), file))
-    if kind in (Kind.MATLAB, Kind.HDF5, Kind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
-        source = Source(file.name, file.read_bytes(), file)
+def _is_calibration(file: Path, kind: FileKind, head: str) -> bool:
+    if kind is FileKind.EXCEL:
+        return is_calibration_workbook(CalibrationSource(file.name, file.read_bytes(), file))
+    if kind in (FileKind.MATLAB, FileKind.HDF5, FileKind.OTHER) and file.stat().st_size < _LARGEST_CALIBRATION:
+        source = CalibrationSource(file.name, file.read_bytes(), file)
         return recognises_mat(source) and is_calibration_mat(source)
-    if recognises_msq(head) or (kind is Kind.CSV and recognises_script(head)):
+    if recognises_msq(head) or (kind is FileKind.CSV and recognises_script(head)):
         return True
-    return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is Kind.CSV and recognises_dcm(head))
+    return kind in _CALIBRATIONS or recognises_cdfx(head) or (kind is FileKind.CSV and recognises_dcm(head))
 
 
-def _sniffed(file: Path) -> tuple[Kind, str]:
+def _sniffed(file: Path) -> tuple[FileKind, str]:
     try:
         with file.open("rb") as stream:
             head = stream.read(_HEAD)
@@ -153,7 +153,7 @@ def _first_line(text: str) -> str:
     return next((line for line in lines if line and not line.startswith("#")), "")
 
 
-def _measurement(found: measurement.Description) -> Contents:
+def _measurement(found: measurement.Description) -> FileInfo:
     tables, notes = [], []
     for table in found.tables:
         several = f" in {table.name}" if len(found.tables) > 1 and table.name else ""
@@ -185,10 +185,10 @@ def _measurement(found: measurement.Description) -> Contents:
             notes.append(f"columns without numbers: {', '.join(table.left_out)}")
     size = " and ".join(f"{len(table.channels)} channels over {table.samples} samples" for table in found.tables)
     summary = f"{found.file}: measurement ({found.kind}), {size}"
-    return Contents(summary, tables, notes, {"content": "measurement", **_plain(found.as_dict())})
+    return FileInfo(summary, tables, notes, {"content": "measurement", **_plain(found.as_dict())})
 
 
-def _calibration(found: calfiles.CalibrationFile) -> Contents:
+def _calibration(found: calfiles.CalibrationFile) -> FileInfo:
     rows: list[Sequence[str]] = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
     rows += [
         (p.name, p.kind, " x ".join(map(str, p.shape)), p.unit, _number(p.minimum), _number(p.maximum), p.description)
@@ -220,10 +220,10 @@ def _calibration(found: calfiles.CalibrationFile) -> Contents:
         "texts": [asdict(text) for text in found.texts],
         "remarks": [str(remark) for remark in found.remarks],
     }
-    return Contents(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
+    return FileInfo(summary, [rows, axes, texts], [str(remark) for remark in found.remarks], _plain(as_json))
 
 
-def _a2l(found: calfiles.A2lFile) -> Contents:
+def _a2l(found: calfiles.A2lFile) -> FileInfo:
     a2l, labels = found.a2l, found.labels
     rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
     rows += [
@@ -256,10 +256,10 @@ def _a2l(found: calfiles.A2lFile) -> Contents:
         "remarks": [str(remark) for remark in found.remarks],
     }
     summary = f"{found.path.name}: A2L description ({version}{a2l.project and f', project {a2l.project}'}), {counted}"
-    return Contents(summary, [rows], [str(remark) for remark in found.remarks], _plain(as_json))
+    return FileInfo(summary, [rows], [str(remark) for remark in found.remarks], _plain(as_json))
 
 
-def _surrogate(file: Path) -> Contents:
+def _surrogate(file: Path) -> FileInfo:
     made = read_surrogate(file)
     as_json = {
         "content": "surrogate",
@@ -276,10 +276,10 @@ def _surrogate(file: Path) -> Contents:
     ranges = ranges_table(made)
     as_json["ranges"] = {name: [float(least), float(most)] for name, _, least, most in ranges[1:]}
     tables = [quality_table(made), ranges]
-    return Contents(f"{file.name}: a surrogate, {described(made)}", tables, notes, _plain(as_json))
+    return FileInfo(f"{file.name}: a surrogate, {described(made)}", tables, notes, _plain(as_json))
 
 
-def _training(file: Path) -> Contents:
+def _training(file: Path) -> FileInfo:
     from kennfeld.project.surrogate_training import read_training  # which loads all that training needs
 
     training = read_training(file)
@@ -297,10 +297,10 @@ def _training(file: Path) -> Contents:
     }
     called = f"{settings.output} = {settings.name}({', '.join(settings.inputs)})"
     summary = f"{file.name}: training file of the {settings.kind} surrogate {called}"
-    return Contents(summary, [datasets], [f"written to {training.target.name}"], as_json)
+    return FileInfo(summary, [datasets], [f"written to {training.target.name}"], as_json)
 
 
-def _formula(file: Path, model: Model) -> Contents:
+def _formula(file: Path, model: Model) -> FileInfo:
     graph = model.graph
     outputs = set(graph.outputs)
     nodes = [("node", "unit", "")]
@@ -327,11 +327,11 @@ def _formula(file: Path, model: Model) -> Contents:
         "nodes": [{"name": name, "unit": graph.units.get(name, ""), "output": name in outputs} for name in graph.names],
     }
     summary = f"{file.name}: formula, {len(graph.names)} nodes{memory}"
-    return Contents(summary, [inputs, parameters, nodes], notes, as_json)
+    return FileInfo(summary, [inputs, parameters, nodes], notes, as_json)
 
 
-def _simulink(file: Path, part: Part) -> Contents:
-    found = outline(file, part.folders)
+def _simulink(file: Path, part: SimulinkSelection) -> FileInfo:
+    found = summarize_model(file, part.folders)
     as_json = {"content": "Simulink model", **found.as_dict()}
     tables, notes = model_tables(found), model_notes(found)
     if found.kind != "library":
@@ -348,16 +348,16 @@ def _simulink(file: Path, part: Part) -> Contents:
             tables = [*seen, *import_tables(report)]
             notes = list(dict.fromkeys([*notes, *import_notes(report)]))
             as_json |= {"import": asdict(report) | {"whole": report.whole}}
-    return Contents(model_summary(found), tables, notes, _plain(as_json))
+    return FileInfo(model_summary(found), tables, notes, _plain(as_json))
 
 
-def _dictionary(file: Path) -> Contents:
+def _dictionary(file: Path) -> FileInfo:
     found = read_dictionary(file, follow=False)
     notes = [f"{name} is not readable: {why}" for name, why in found.data.unreadable.items()]
-    return Contents(dictionary_summary(found), [dictionary_table(found)], notes, _plain(dictionary_json(found)))
+    return FileInfo(dictionary_summary(found), [dictionary_table(found)], notes, _plain(dictionary_json(found)))
 
 
-def _project(file: Path) -> Contents:
+def _project(file: Path) -> FileInfo:
     project = Project.read(file)
     given = project.file
     datasets = [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in given.datasets)]
@@ -378,7 +378,7 @@ def _project(file: Path) -> Contents:
     notes = [f"start: {', '.join(given.calibration.initial)}"] if given.calibration.initial else []
     notes += [f"surrogate {name}: {path}" for name, path in given.surrogates.items()]
     summary = f"{file.name}: project {project.name}, function {given.model.file}"
-    return Contents(summary, [datasets, criteria, parameters], notes, as_json)
+    return FileInfo(summary, [datasets, criteria, parameters], notes, as_json)
 
 
 def _rate(rate: float | None) -> str:

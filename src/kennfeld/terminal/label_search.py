@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from kennfeld.errors import InputError
-from kennfeld.terminal.file_info import Contents, Table
+from kennfeld.terminal.file_info import FileInfo, Table
 
 __all__ = ["searched"]
 
@@ -20,7 +20,7 @@ _CLOSE = 0.6
 _OFFERED = 3
 
 
-def searched(found: Contents, text: str) -> Contents:
+def searched(found: FileInfo, text: str) -> FileInfo:
     """The same contents with those things alone whose name or description has `text`, whatever its case.
 
     With `*` and `?` in it, the text is a pattern of a whole name. Raises `InputError` where nothing is found, with the
@@ -31,8 +31,8 @@ def searched(found: Contents, text: str) -> Contents:
     as_json = _filtered(found.as_json, matches)
     left_out = [name for table in as_json.get(_NESTED, []) for name in table.get("left_out", [])]
     if not left_out and all(len(table) < 2 for table in tables):
-        what = f"nothing in it has {text!r} in its name or description"
-        raise InputError.of(str(found.as_json.get("file", "")), what, _offered(text, _all_names(found)))
+        message = f"nothing in it has {text!r} in its name or description"
+        raise InputError.of(str(found.as_json.get("file", "")), message, _offered(text, _all_names(found)))
     notes = [f"columns without numbers: {', '.join(left_out)}"] if left_out else []
     count = sum(len(table) - 1 for table in tables) + len(left_out)
     return replace(found, summary=f"{found.summary}; {count} found", tables=tables, notes=notes, as_json=as_json)
@@ -70,7 +70,7 @@ def _texts(item: Mapping[str, Any]) -> Iterator[str]:
     yield from (str(item[key]) for key in (*_NAMES, *_DESCRIPTIONS) if item.get(key))
 
 
-def _all_names(found: Contents) -> list[str]:
+def _all_names(found: FileInfo) -> list[str]:
     left_out = [name for table in found.as_json.get(_NESTED, []) for name in table.get("left_out", [])]
     return list(dict.fromkeys([*(row[0] for table in found.tables for row in table[1:]), *left_out]))
 

@@ -12,7 +12,7 @@ from typing import TextIO
 
 from kennfeld.errors import Finding, visible
 
-__all__ = ["Painted", "aligned", "complain", "say"]
+__all__ = ["Painted", "aligned", "print_findings", "print_lines"]
 
 GAP = "  "
 ENDLESS = 10_000  # columns where there is no terminal
@@ -24,12 +24,12 @@ class Painted(str):
     __slots__ = ()
 
 
-def say(*lines: str) -> None:
+def print_lines(*lines: str) -> None:
     """Print lines on stdout."""
     _print(sys.stdout, lines)
 
 
-def complain(*problems: Finding | str) -> None:
+def print_findings(*problems: Finding | str) -> None:
     """Print problems on stderr, each in one line; the excerpt that shows the place follows below."""
     for problem in problems:
         excerpt = problem.excerpt.split("\n") if isinstance(problem, Finding) and problem.excerpt else []

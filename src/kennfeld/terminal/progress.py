@@ -14,7 +14,7 @@ from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
 from kennfeld.optimize import Progress, Stop, TraceLine
-from kennfeld.terminal.output import complain
+from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
 __all__ = ["Interrupt", "display"]
@@ -59,7 +59,7 @@ class _Lines:
         new = before is None or (before != line.stage and not self._several)
         if new or now - self._shown >= PAUSE:
             self._shown = now
-            complain(_words(line, self._several))
+            print_findings(_words(line, self._several))
         self._stages[line.start] = line.stage
 
 

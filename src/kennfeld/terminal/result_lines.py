@@ -15,9 +15,17 @@ from kennfeld.surrogate import DynamicSurrogate, Surrogate
 from kennfeld.terminal.output import aligned
 
 if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Leaving
+    from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["choices", "described", "left_data", "left_open", "quality_table", "ranges_table", "summary"]
+__all__ = [
+    "choices",
+    "described",
+    "extrapolation_lines",
+    "quality_table",
+    "ranges_table",
+    "summary",
+    "undetermined_lines",
+]
 
 MOST = 3  # lines of a kind
 
@@ -38,7 +46,7 @@ def choices(result: Result) -> list[str]:
     ]
 
 
-def left_open(trust: Trust) -> list[str]:
+def undetermined_lines(trust: Trust) -> list[str]:
     """The worst directions that the data do not determine, and what limits of outputs hold, a line each.
 
     Each kind under a heading; nothing where there is none. A search that did not come to its end says so first. If
@@ -55,7 +63,7 @@ def left_open(trust: Trust) -> list[str]:
     ]
 
 
-def left_data(found: "Sequence[Leaving]", where: str = "; see result.json") -> list[str]:
+def extrapolation_lines(found: "Sequence[Extrapolation]", where: str = "; see result.json") -> list[str]:
     """The surrogates that are used outside their data, the largest share first; `where` tells of the others."""
     outside = sorted((row for row in found if row.worst is not None), key=lambda row: -row.share)
     return _listed("What leaves the data of surrogates:", outside, where)

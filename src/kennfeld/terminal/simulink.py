@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kennfeld.models.simulink.import_report import ImportReport
-from kennfeld.models.simulink.outline import Outline
+from kennfeld.models.simulink.outline import ModelOutline
 from kennfeld.models.simulink.variables.data_dictionary import Dictionary
-from kennfeld.models.simulink.variables.stored_variables import Entry
+from kennfeld.models.simulink.variables.stored_variables import StoredVariable
 
 __all__ = [
     "dictionary_json",
@@ -25,7 +25,7 @@ Rows = list[Sequence[str]]
 _MOST_REMARKS = 20  # on one import
 
 
-def model_summary(found: Outline) -> str:
+def model_summary(found: ModelOutline) -> str:
     """The sentence on top: what it is, of which release, how large."""
     release = found.version if found.version.startswith("R") else f"version {found.version}"
     total = sum(found.blocks.values())
@@ -33,7 +33,7 @@ def model_summary(found: Outline) -> str:
     return f"{found.file}: Simulink {found.kind} ({release}), {_counted(total, 'block')}{solver}"
 
 
-def _solver(found: Outline) -> str:
+def _solver(found: ModelOutline) -> str:
     solver = found.solver
     if solver.reference:
         return f"of the configuration {solver.reference}, which is kept elsewhere"
@@ -45,7 +45,7 @@ def _counted(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def model_tables(found: Outline) -> list[Rows]:
+def model_tables(found: ModelOutline) -> list[Rows]:
     """Inputs and outputs, subsystems, blocks by type, charts, functions, links, and where data come from."""
     ports: Rows = [("input", "unit"), *((port.name, port.unit) for port in found.inputs)]
     outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in found.outputs)]
@@ -61,7 +61,7 @@ def model_tables(found: Outline) -> list[Rows]:
     return [ports, outputs, inner, blocks, charts, functions, links, sources]
 
 
-def model_notes(found: Outline) -> list[str]:
+def model_notes(found: ModelOutline) -> list[str]:
     """What was wrong with files that the model refers to, and what was left aside."""
     return [*map(str, found.problems), *found.remarks]
 
@@ -72,7 +72,7 @@ def import_tables(report: ImportReport) -> list[Rows]:
     valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
     missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
     missing += [
-        (_listed([one.path for one in several], 1), one.type, one.why, one.finding.mend, "yes" if one.stops else "no")
+        (_listed([one.path for one in several], 1), one.type, one.why, one.finding.remedy, "yes" if one.stops else "no")
         for several in report.groups
         for one in several[:1]
     ]
@@ -171,7 +171,7 @@ def dictionary_json(found: Dictionary) -> Mapping[str, object]:
     }
 
 
-def _size(entry: Entry) -> str:
+def _size(entry: StoredVariable) -> str:
     return " x ".join(map(str, entry.value.shape)) if isinstance(entry.value, np.ndarray) else ""
 
 

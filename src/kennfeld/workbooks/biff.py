@@ -72,8 +72,8 @@ def _check_dimensions(content: bytes) -> None:
         return
     first_row, end_row, first_column, end_column = struct.unpack_from(shape, content)
     if not (first_row <= end_row <= _ROWS and first_column <= end_column <= _COLUMNS):
-        what = f"rows {first_row} to {end_row} and columns {first_column} to {end_column}"
-        raise ValueError(f"a sheet claims {what}")
+        message = f"rows {first_row} to {end_row} and columns {first_column} to {end_column}"
+        raise ValueError(f"a sheet claims {message}")
 
 
 def _records(stream: bytes, at: int) -> Iterator[tuple[int, int, int]]:

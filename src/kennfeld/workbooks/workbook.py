@@ -160,8 +160,8 @@ def _check(name: str, archive: zipfile.ZipFile) -> None:
             continue
         width, height = _extent(archive, member)
         if width * height > _CELLS:
-            what = f"{member.filename} spans up to {height} rows and {width} columns"
-            raise InputError.of(name, what, "Delete the stray cells far from the table.")
+            message = f"{member.filename} spans up to {height} rows and {width} columns"
+            raise InputError.of(name, message, "Delete the stray cells far from the table.")
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:

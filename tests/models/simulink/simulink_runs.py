@@ -5,7 +5,7 @@ from simulink_files import Model
 
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
-from kennfeld.graph.lookup_lowering import lower
+from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.parameter_set import ParameterSet
 
@@ -64,7 +64,7 @@ def slopes(model, columns, name, output, dt=0.1):
     count = next(iter(given.values())).size
     step = model.step or dt
     full = {**given, "dt": np.full(count, step), "t": step * np.arange(count)}
-    lowered = lower(model.graph, model.values)
+    lowered = lower_lookups(model.graph, model.values)
     line = differentiate(lowered.graph, [lowered.graph.names[output]], (name,))
     exact = Interpreter(lowered, model.values).rows(line, {name: 0}, full)
     return exact.jacobian[:, 0, :], _differences(model, given, name, output, dt)

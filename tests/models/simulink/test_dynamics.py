@@ -298,12 +298,12 @@ WIDE = {
 
 
 @pytest.mark.parametrize(("what", "given"), WIDE.items())
-def test_an_integrator_of_a_scalar_is_as_wide_as(what, given, tmp_path):
+def test_an_integrator_of_a_scalar_is_as_wide_as(message, given, tmp_path):
     drawn = Model(step="0.1", solver="ode1")
     drawn.inport("u")
-    drawn.block("Integrator", "I", ports=(1 + (what != "limits"), 1), **given)
+    drawn.block("Integrator", "I", ports=(1 + (message != "limits"), 1), **given)
     drawn.line("u", "I:1")
-    if what != "limits":
+    if message != "limits":
         drawn.inport("w", PortDimensions="2")
         drawn.line("w", "I:2")
     drawn.outport("y")
@@ -313,10 +313,10 @@ def test_an_integrator_of_a_scalar_is_as_wide_as(what, given, tmp_path):
     u = np.full(12, 1.5)
     found = run(imported(drawn, tmp_path), {"u": u, "w[1]": wide[0], "w[2]": wide[1]})
     for at in range(2):
-        x = wide[at][0] if what == "a start from outside" else 0.0
+        x = wide[at][0] if message == "a start from outside" else 0.0
         for k in range(12):
-            x = 0.0 if what == "a reset" and wide[at][k] else x
-            x = min(x, (0.3, 0.9)[at]) if what == "limits" else x
+            x = 0.0 if message == "a reset" and wide[at][k] else x
+            x = min(x, (0.3, 0.9)[at]) if message == "limits" else x
             assert found[f"y[{at + 1}]"][k] == pytest.approx(x, abs=1e-12), k
             x += T * u[k]
 

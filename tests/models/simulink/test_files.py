@@ -10,7 +10,7 @@ from simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.block_ports import ports_of
 from kennfeld.models.simulink.reader.document import document, read_document
-from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split
+from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split_path
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 
@@ -62,7 +62,7 @@ def test_blocks_come_in_order_with_their_parameters_as_written(read):
     ]  # fmt: skip
     gain = read.root.blocks[2]
     assert gain.parameters["Gain"] == "[1 2\n3 4]"
-    assert (gain.type, gain.path, split(gain.path)) == ("Gain", 'K//2 \\ "x"', ('K/2 \\ "x"',))
+    assert (gain.type, gain.path, split_path(gain.path)) == ("Gain", 'K//2 \\ "x"', ('K/2 \\ "x"',))
     assert gain.signals == {1: "half"}
     assert read.root.by_name["load"].parameters["Port"] == "2"
 

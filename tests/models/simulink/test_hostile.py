@@ -9,7 +9,7 @@ from simulink_runs import alone
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.lowering.registry import KINDS
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
 
 JUNK = [
     "", " ", "0", "-1", "1e9", "inf", "nan", "[]", "[1 2 3]", "[1;2]", "[1 2; 3 4]", "x", "'text'", "{1,2}", "1:5",
@@ -18,10 +18,10 @@ JUNK = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(BLOCK_TYPES))
 def test_every_block_with_settings_that_make_no_sense(kind, tmp_path):
     chance = random.Random(kind)
-    defaults = KINDS[kind].defaults
+    defaults = BLOCK_TYPES[kind].defaults
     for _ in range(25):
         parameters = {name: chance.choice(JUNK) for name in defaults if chance.random() < 0.5}
         inputs = chance.choice([0, 1, 2, 3])

@@ -4,8 +4,13 @@ import pytest
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.models.simulink.stateflow.c_action_parser import CError, c_expression, c_statements
-from kennfeld.models.simulink.stateflow.label_parser import Language, state_label, transition_label, without_comments
+from kennfeld.models.simulink.stateflow.c_action_parser import ActionSyntaxError, c_expression, c_statements
+from kennfeld.models.simulink.stateflow.label_parser import (
+    ActionLanguage,
+    state_label,
+    transition_label,
+    without_comments,
+)
 
 
 @pytest.mark.parametrize(
@@ -120,12 +125,12 @@ def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
     ],
 )
 def test_statements_that_are_no_c_say_why(text, told):
-    with pytest.raises(CError) as caught:
+    with pytest.raises(ActionSyntaxError) as caught:
         c_statements(text)
     assert told in str(caught.value)
 
 
 def test_matlab_in_charts_knows_how_to_count():
-    found = Language("MATLAB").statements("x++; y(2) -= 3*z\nw *= 2;", "A")
-    plain = Language("MATLAB").statements("x = x + 1; y(2) = y(2) - (3*z);\nw = w * (2);", "A")
+    found = ActionLanguage("MATLAB").statements("x++; y(2) -= 3*z\nw *= 2;", "A")
+    plain = ActionLanguage("MATLAB").statements("x = x + 1; y(2) = y(2) - (3*z);\nw = w * (2);", "A")
     assert found == plain

@@ -5,7 +5,7 @@ from simulink_files import LAYOUTS, Mask, Model
 
 from kennfeld.models.simulink.reader import library_links
 from kennfeld.models.simulink.reader.document import read_document
-from kennfeld.models.simulink.reader.library_links import Libraries
+from kennfeld.models.simulink.reader.library_links import LibraryResolver
 
 
 def library(name="mylib"):
@@ -22,7 +22,7 @@ def library(name="mylib"):
 
 
 def resolved(model, folder, layout="slx parts", folders=()):
-    return Libraries(folders).resolve(read_document(model.write(folder, layout)))
+    return LibraryResolver(folders).resolve(read_document(model.write(folder, layout)))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -183,6 +183,6 @@ def test_the_document_that_is_resolved_stays_as_it_was(tmp_path):
     model.link("H", "mylib/Half", Gain="0.25")
     document = read_document(model.write(tmp_path))
     before = replace(document)
-    Libraries().resolve(document)
+    LibraryResolver().resolve(document)
     assert document == before
     assert document.root.at("H").type == "Reference"

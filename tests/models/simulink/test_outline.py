@@ -6,7 +6,7 @@ from simulink_data import Thing, entry, mxarray, sldd, thing
 from simulink_files import LAYOUTS, Chart, Mask, Model
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.outline import outline
+from kennfeld.models.simulink.outline import summarize_model
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 
@@ -44,7 +44,7 @@ def path(request, tmp_path):
 
 
 def test_interfaces_and_blocks_are_told(path):
-    found = outline(path)
+    found = summarize_model(path)
     assert [(port.name, port.unit) for port in found.inputs] == [("n", "rpm"), ("load", "")]
     assert [(port.name, port.unit) for port in found.outputs] == [("y", "")]
     assert found.blocks["Gain"] == 2
@@ -58,7 +58,7 @@ def test_interfaces_and_blocks_are_told(path):
 
 
 def test_links_and_sources_say_where_they_come_from(path):
-    found = outline(path)
+    found = summarize_model(path)
     links = {link.source: link.found for link in found.connections}
     assert links["mylib/Ramp"].startswith("mylib.")
     assert links["plant.slx"] == "plant.slx"
@@ -73,17 +73,17 @@ def test_links_and_sources_say_where_they_come_from(path):
 
 
 def test_an_outline_is_json(path):
-    said = json.loads(json.dumps(outline(path).as_dict()))
+    said = json.loads(json.dumps(summarize_model(path).as_dict()))
     assert said["charts"] == [{"path": "Shift", "kind": "Chart", "states": 1, "transitions": 1}]
     assert said["solver"]["name"] == "ode4"
 
 
 def test_what_is_missing_or_broken_beside_the_model_is_told(tmp_path):
     path = engine().write(tmp_path)
-    assert {source.content for source in outline(path).sources} >= {"not found"}
+    assert {source.content for source in summarize_model(path).sources} >= {"not found"}
     (tmp_path / "engine.sldd").write_bytes(b"PK\3\4")
     (tmp_path / "mylib.slx").write_bytes(b"PK\3\4")
-    found = outline(path)
+    found = summarize_model(path)
     assert [source.content for source in found.sources if source.kind == "data dictionary"] == ["not readable"]
     assert sorted(str(problem).partition(":")[0] for problem in found.problems) == ["engine.sldd", "mylib.slx"]
 
@@ -91,12 +91,12 @@ def test_what_is_missing_or_broken_beside_the_model_is_told(tmp_path):
 def test_a_broken_model_is_refused(tmp_path):
     (tmp_path / "m.slx").write_bytes(b"PK\3\4")
     with pytest.raises(InputError, match=r"m\.slx: is a broken zip archive"):
-        outline(tmp_path / "m.slx")
+        summarize_model(tmp_path / "m.slx")
 
 
 def test_a_real_model_is_told(tmp_path):
     if not DATA.is_dir():
         pytest.skip(f"the models are not at {DATA}")
-    found = outline(DATA / "AbstractFuelControl_M1.slx")
+    found = summarize_model(DATA / "AbstractFuelControl_M1.slx")
     assert (found.version, found.solver.name) == ("R2017b", "ode15s")
     assert sum(found.blocks.values()) == 301

@@ -10,7 +10,7 @@ from kennfeld.graph import bounded_builder
 from kennfeld.models.simulink import importable_subsystems
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import simulink
-from kennfeld.models.simulink.loaded_model import Opened
+from kennfeld.models.simulink.loaded_model import LoadedModel
 
 U = np.linspace(-1, 1, 9)
 
@@ -89,14 +89,14 @@ def test_the_search_builds_each_block_a_few_times_at_most(tmp_path, monkeypatch)
         here.outport("z")
         here.chain("Loop", "Loop", "z")
     built = []
-    flat = Opened.flat
+    flat = LoadedModel.flat
 
     def counted(self, *args):
         found = flat(self, *args)
         built.append(len(found.atoms))
         return found
 
-    monkeypatch.setattr(Opened, "flat", counted)
+    monkeypatch.setattr(LoadedModel, "flat", counted)
     report = inspect_simulink(drawn.write(tmp_path))
     assert report.subsystems == ()
     assert sum(built) < 10 * report.total
@@ -137,7 +137,7 @@ def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path,
     path = large().write(tmp_path)
     report = inspect_simulink(path)
     assert not report.whole
-    assert [one.what for one in report.findings] == ["the blocks up to here ask for more than 250 operations a step"]
+    assert [one.message for one in report.findings] == ["the blocks up to here ask for more than 250 operations a step"]
     assert [one.path for one in report.subsystems] == ["S0", "S1", "S2"]
     assert command(["info", str(path)]) == 0
     shown = capsys.readouterr().out

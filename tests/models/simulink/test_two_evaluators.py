@@ -15,25 +15,25 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, MatlabError
-from kennfeld.matlab.evaluator import Evaluator, evaluate
-from kennfeld.matlab.functions import REGISTERED
-from kennfeld.models.imperative.evaluation_context import Desk
-from kennfeld.models.imperative.evaluation_errors import CodeError
+from kennfeld.matlab.evaluator import NumericEvaluator, evaluate
+from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
+from kennfeld.models.imperative.evaluation_context import EvaluationContext
+from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.library.elementwise_functions import OF_BITS
-from kennfeld.models.imperative.library.function_registry import LIBRARY, matlab_word
-from kennfeld.models.imperative.statement_interpreter import Body
+from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS, matlab_word
+from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import (
-    Cells,
+    LogicalNodes,
     String,
-    Struct,
-    Truths,
-    array_of,
+    SymbolicCell,
+    SymbolicStruct,
+    as_array,
     constants,
+    force,
     integers,
-    resolved,
 )
 
-SHARED = sorted(set(REGISTERED) & set(LIBRARY))
+SHARED = sorted(set(NUMERIC_FUNCTIONS) & set(SYMBOLIC_FUNCTIONS))
 TEXTS = (
     "1", "-2.5", "3", "NaN", "Inf", "0", "[1 2 3]", "[3 -1 2.5]", "[4;0;-6]", "[1 2;3 4]", "[2 -1;0 5;7 1]", "[]",
     "zeros(1,0)", "zeros(0,3)", "reshape([1 3 2 4 2 1 3 1],2,2,2)", "[1 NaN 3]", "true", "[true false true]",
@@ -70,10 +70,10 @@ def as_double(value):
 
 def held(builder, value):
     """A value of scripts as one of code."""
-    if isinstance(value, v.Cell):
-        return Cells(tuple(held(builder, one) for one in value.values.ravel(order="F")), value.values.shape)
-    if isinstance(value, v.Struct):
-        return Struct({key: held(builder, one) for key, one in value.fields.items()})
+    if isinstance(value, v.MatlabCell):
+        return SymbolicCell(tuple(held(builder, one) for one in value.values.ravel(order="F")), value.values.shape)
+    if isinstance(value, v.MatlabStruct):
+        return SymbolicStruct({key: held(builder, one) for key, one in value.fields.items()})
     if value.dtype.kind == "U":
         return "".join(value.ravel().tolist())
     if value.dtype.kind == "O":
@@ -82,24 +82,24 @@ def held(builder, value):
     return integers(nodes, matlab_word(value.dtype.name)) if value.dtype.kind in "iu" else nodes
 
 
-def shown(desk, one):
+def shown(context, one):
     """A value of code as one of scripts."""
-    one = resolved(one)
-    if isinstance(one, Cells):
-        return v.Cell(v.object_array([shown(desk, cell) for cell in one.cells], one.shape))
-    if isinstance(one, Struct):
-        return v.Struct.of({key: shown(desk, inner) for key, inner in one.fields.items()})
+    one = force(one)
+    if isinstance(one, SymbolicCell):
+        return v.MatlabCell(v.object_array([shown(context, cell) for cell in one.cells], one.shape))
+    if isinstance(one, SymbolicStruct):
+        return v.MatlabStruct.of({key: shown(context, inner) for key, inner in one.fields.items()})
     if isinstance(one, str):
         return v.strings([one]) if isinstance(one, String) else v.characters(one)
-    numbers = desk.numbers(np.asarray(array_of(one)), "it")
-    return numbers.astype(bool) if isinstance(one, Truths) else numbers
+    numbers = context.numbers(np.asarray(as_array(one)), "it")
+    return numbers.astype(bool) if isinstance(one, LogicalNodes) else numbers
 
 
 def same(one, other):
-    if isinstance(one, v.Cell) and isinstance(other, v.Cell):
+    if isinstance(one, v.MatlabCell) and isinstance(other, v.MatlabCell):
         pairs = zip(one.values.ravel(), other.values.ravel(), strict=True)
         return one.values.shape == other.values.shape and all(same(*pair) for pair in pairs)
-    if isinstance(one, v.Struct) and isinstance(other, v.Struct):
+    if isinstance(one, v.MatlabStruct) and isinstance(other, v.MatlabStruct):
         return one.names == other.names and all(same(one.fields[key], other.fields[key]) for key in one.names)
     if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)) or one.shape != other.shape:
         return False
@@ -113,7 +113,7 @@ def same(one, other):
 def in_scripts(name, arguments, wanted):
     """What a script gets; None where it is refused."""
     try:
-        return Evaluator({}, {}, Budget(), "").call(name, arguments, wanted, m.Place())
+        return NumericEvaluator({}, {}, Budget(), "").call(name, arguments, wanted, m.SourcePosition())
     except MatlabError:
         return None
 
@@ -121,17 +121,22 @@ def in_scripts(name, arguments, wanted):
 def in_code(name, arguments, wanted):
     """What code gets; None where it is refused."""
     builder = GraphBuilder()
-    desk = Desk(builder)
+    context = EvaluationContext(builder)
     try:
-        results = LIBRARY[name].results(Body(desk).calls, [held(builder, one) for one in arguments], wanted)
-        return [shown(desk, one) for one in results[: max(wanted, 1)]]
-    except CodeError:
+        results = SYMBOLIC_FUNCTIONS[name].results(
+            StatementInterpreter(context).calls, [held(builder, one) for one in arguments], wanted
+        )
+        return [shown(context, one) for one in results[: max(wanted, 1)]]
+    except ProgramError:
         return None
 
 
 def calls(name):
     """The arguments of the calls that are tried, as texts, and how many results are wanted."""
-    counts = range(max(REGISTERED[name].least, LIBRARY[name].least), min(REGISTERED[name].most, LIBRARY[name].most) + 1)
+    counts = range(
+        max(NUMERIC_FUNCTIONS[name].least, SYMBOLIC_FUNCTIONS[name].least),
+        min(NUMERIC_FUNCTIONS[name].most, SYMBOLIC_FUNCTIONS[name].most) + 1,
+    )
     for count in counts:
         if count < 2:
             yield from itertools.product(itertools.product(TEXTS, repeat=count), (1, 2))

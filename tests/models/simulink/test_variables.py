@@ -11,7 +11,7 @@ from simulink_files import Model
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.document import document
-from kennfeld.models.simulink.variables.model_variables import variables_of
+from kennfeld.models.simulink.variables.model_variables import collect_variables
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Map, Scalar
 
@@ -21,7 +21,7 @@ def variables(folder, script=None, given=()):
     if script is not None:
         (folder / "init.m").write_text(script)
         given = (*given, folder / "init.m")
-    return variables_of(document(Model().written("slx parts"), Path(folder / "m.slx")), given)
+    return collect_variables(document(Model().written("slx parts"), Path(folder / "m.slx")), given)
 
 
 def saved(folder, values, name="data.mat"):
@@ -86,7 +86,7 @@ def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
 
 def workspace_of(folder, code, given):
     """The variables of a model whose workspace is made by code."""
-    return variables_of(document(Model(code=code).written("slx parts"), Path(folder / "m.slx")), given)
+    return collect_variables(document(Model(code=code).written("slx parts"), Path(folder / "m.slx")), given)
 
 
 def test_what_is_given_stands_in_for_what_the_code_of_a_workspace_cannot_say(tmp_path):
@@ -121,7 +121,7 @@ def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_tol
     with pytest.raises(InputError, match=r"lost.sldd: there is no such file"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
-    assert "lost.sldd: cannot be read" in str(variables_of(own, ()).findings[0])
+    assert "lost.sldd: cannot be read" in str(collect_variables(own, ()).findings[0])
 
 
 def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):
@@ -129,6 +129,6 @@ def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):
     (tmp_path / "data.sldd").write_bytes(sldd({"K": entry(1.0)}))
     for name in ("../data.sldd", str(tmp_path / "data.sldd")):
         drawn = document(Model(dictionary=name).written("slx parts"), tmp_path / "m" / "m.slx")
-        found = variables_of(drawn, ())
+        found = collect_variables(drawn, ())
         assert "K" not in found
         assert "is not beside the model" in str(found.findings[0])

@@ -11,7 +11,7 @@ from simulink_files import LAYOUTS, Model
 
 from kennfeld.models.simulink.reader.document import document
 from kennfeld.models.simulink.variables.stored_variables import (
-    Entry,
+    StoredVariable,
     mat_variables,
     mxarray_variables,
     workspace_variables,
@@ -220,7 +220,7 @@ def test_garbled_workspaces_are_read_or_told_but_never_crash():
         if chance.random() < 0.2:
             del raw[chance.randrange(len(raw)) :]
         found = mxarray_variables(bytes(raw))
-        assert all(isinstance(entry, Entry) for entry in found.entries.values())
+        assert all(isinstance(entry, StoredVariable) for entry in found.entries.values())
 
 
 def test_objects_that_hold_each_other_end():

@@ -8,10 +8,10 @@ from repetitions import agree, own_targets
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.project.results import write_trust
 
 KINKS, HEIGHTS = np.array([0, 1.2, 2.1, 6.5, 10.0]), np.array([0, 4.0, 1.0, 2.0, 8.0])
@@ -37,14 +37,16 @@ def noisy(target=CLEAN, seed=1, noise=NOISE):
 
 def repeated(made):
     """Values and breakpoints from many measurements, in the order of the trust."""
-    compiled = Compiled(made)
+    compiled = CompiledProblem(made)
     targets = own_targets(compiled)
-    objective, limits = SumOfSquares(compiled), limits_of(made, compiled.values)
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
     start, rng, ends = objective.start, np.random.default_rng(7), []
     for _ in range(REPETITIONS):
         targets[:] = CLEAN + NOISE * rng.standard_normal(X.size)
         compiled.reread_targets()
-        ends.append(gauss_newton(objective, start, limits, Settings(tolerance=1e-6, trusted=np.inf)).values)
+        ends.append(
+            levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6, trusted=np.inf)).values
+        )
     first, axis = compiled.values.offsets["C"], next(iter(compiled.values.moving.values()))
     return np.array(ends)[:, np.r_[first : first + 5, axis : axis + 5]]
 
@@ -77,8 +79,8 @@ def test_on_a_slope_a_breakpoint_and_its_value_move_together():
         "Raising the second breakpoint (3) of C.x and C at 3 together changes nothing.",
         "Raising the third breakpoint (5) of C.x and C at 5 together changes nothing.",
     }
-    mend = "Record samples that tell them apart, give C.x fewer breakpoints, or give C more smoothness."
-    assert {d.remedy for d in trust.directions} == {mend}
+    remedy = "Record samples that tell them apart, give C.x fewer breakpoints, or give C more smoothness."
+    assert {d.remedy for d in trust.directions} == {remedy}
 
 
 def test_where_a_curve_is_flat_nothing_tells_where_its_breakpoint_lies():

@@ -12,7 +12,7 @@ import kennfeld as kf
 from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.optimize import Options, Problem, Stop
-from kennfeld.optimize.fit import Run
+from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.trust.active_limits import multipliers
 
@@ -32,12 +32,12 @@ def curve_problem(*limits, noise=0.3, seed=0, **more):
 
 
 def result_of(problem):
-    return Run(problem, Options(continuation="off"), None, Seconds()).result()
+    return FitRun(problem, Options(continuation="off"), None, Seconds()).result()
 
 
 def repeated_within(problem, truth, noise, count=REPETITIONS):
     """Values fitted to so many measurements of the true function within the limits, shape (count, values)."""
-    run = Run(problem, Options(continuation="off", tolerance=1e-5), None, Seconds())
+    run = FitRun(problem, Options(continuation="off", tolerance=1e-5), None, Seconds())
     target = problem.datasets[0]["z"].values
     target.setflags(write=True)  # what is compiled reads it where it lies
     outputs, given = run.outputs, target.copy()
@@ -185,7 +185,7 @@ def test_a_search_that_was_stopped_between_its_limits_has_a_trust():
         if line.stage == "limits 2":
             raise Stop
 
-    run = Run(curve_problem(Limit("w", -2.5, 2.0)), Options(continuation="off"), stop, Seconds())
+    run = FitRun(curve_problem(Limit("w", -2.5, 2.0)), Options(continuation="off"), stop, Seconds())
     trust = run.result().trust
     assert trust.remark.startswith("The search ended as stopped.")
     assert np.all(trust.deviation["C"] >= 0)

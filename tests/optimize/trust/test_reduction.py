@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.solver.linear_constraints import Limits, Rows
-from kennfeld.optimize.trust.information_matrix import Reduction, active_rows, held
+from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination, active_rows, held
 
 
 def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
@@ -14,13 +14,13 @@ def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
     values = np.array([0.0, 1.0, 1.0, 2.0, 5.0])
     gradient = np.array([3.0, 3.0, -3.0, 0.0, 1.0])  # the cost falls against it
     none = np.zeros((0, 5))
-    assert held(Limits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
+    assert held(LinearLimits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
 
 
 def test_a_bound_may_hold_only_because_of_a_pin():
     """Min (a - 3)^2 + (b - 5)^2 with a + b = 2, a >= 0, b >= 0: at (0, 2) the cost pulls a up, and b more."""
     matrix, two = np.ones((1, 2)), np.array([2.0])
-    limits = Limits(np.zeros(2), np.full(2, np.inf), Rows.of(matrix, two, two))
+    limits = LinearLimits(np.zeros(2), np.full(2, np.inf), LinearRows.of(matrix, two, two))
     gradient = np.array([0.0 - 3, 2.0 - 5 - 1])
     assert held(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [True, False]
     gradient = np.array([-5.0, -1.0])
@@ -35,7 +35,7 @@ def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count
     if repeated and count:
         rows = np.vstack([rows, rows.sum(axis=0)])
     fixed = rng.random(size) < 0.3
-    reduction = Reduction.of(fixed, rows)
+    reduction = ConstraintElimination.of(fixed, rows)
     basis = reduction.expand(np.eye(reduction.independent.size))
     assert np.allclose(basis @ rows.T, 0.0, atol=1e-6 * max(1.0, np.abs(basis).max(initial=0.0)))
     assert not basis[:, fixed].any()
@@ -51,13 +51,13 @@ def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count
 
 
 def test_a_value_pinned_alone_does_not_move():
-    reduction = Reduction.of(np.zeros(3, dtype=bool), np.array([[0.0, 2.0, 0.0]]))
+    reduction = ConstraintElimination.of(np.zeros(3, dtype=bool), np.array([[0.0, 2.0, 0.0]]))
     assert reduction.held.tolist() == [False, True, False]
 
 
 def test_rows_count_where_they_are_met():
-    rows = Rows.of(
+    rows = LinearRows.of(
         np.array([[1.0, -1.0], [1.0, 1.0], [2.0, 0.0]]), np.array([0.0, -5.0, 1.0]), np.array([3.0, 2.0, 1.0])
     )
-    found = active_rows(Limits(np.zeros(2), np.full(2, 9.0), rows), np.array([0.5, 0.5]))
+    found = active_rows(LinearLimits(np.zeros(2), np.full(2, 9.0), rows), np.array([0.5, 0.5]))
     assert found.tolist() == [[1.0, -1.0], [2.0, 0.0]]

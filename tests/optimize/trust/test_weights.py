@@ -10,10 +10,10 @@ import kennfeld as kf
 from kennfeld.criteria import Region
 from kennfeld.native import Accumulator
 from kennfeld.optimize import Problem, run
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.trust.noise import classes, groups, rescored
 
 SIZE, REPETITIONS = 400, 400
@@ -36,14 +36,14 @@ def problem(spread, seed=1, channels=None, **criterion):
 
 def repeated(made, spread):
     """Values from many measurements of noise `spread`, in the order of the parameters."""
-    compiled = Compiled(made)
+    compiled = CompiledProblem(made)
     targets = own_targets(compiled)
-    objective, limits = SumOfSquares(compiled), limits_of(made, compiled.values)
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
     start, rng, ends = compiled.values.pack(TRUTH)[: compiled.values.free], np.random.default_rng(7), []
     for _ in range(REPETITIONS):
         targets[:] = CLEAN + spread * rng.standard_normal(SIZE)
         compiled.reread_targets()
-        ends.append(gauss_newton(objective, start, limits, Settings(tolerance=1e-6)).values)
+        ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
     order = [compiled.values.offsets[name] + np.arange(TRUTH[name].size) for name in made.free_names]
     return np.array(ends)[:, np.concatenate(order)]
 
@@ -152,7 +152,7 @@ def test_the_groups_add_up_to_the_whole(text):
     data = kf.Dataset.of("d", {"x": X, "y": CLEAN, "w": W}, time=0.1 * np.arange(SIZE))
     other = kf.Dataset.of("e", {"x": X[:90], "y": CLEAN[:90], "w": W[:90]}, time=0.1 * np.arange(90), weight=3.0)
     criteria = (kf.Criterion("m", "y", weight_channel="w"), kf.Criterion("m", 1.0, 0.5))
-    compiled = Compiled(Problem(kf.formula(text, parameters=["C", "k"]), (data, other), TRUTH, criteria))
+    compiled = CompiledProblem(Problem(kf.formula(text, parameters=["C", "k"]), (data, other), TRUTH, criteria))
     errors = [np.zeros((2, bound.count)) for bound in compiled.problem.training]
     found = groups(criteria, compiled.problem.training, errors, compiled.weighting)
     assert len(found) == 18

@@ -25,9 +25,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
-from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.a2l.syntax import A2lError
 
-__all__ = ["Conversion", "arithmetic", "conversion_of"]
+__all__ = ["CompuConversion", "arithmetic", "conversion_of"]
 
 Formula = Callable[[Float], Float]
 
@@ -68,7 +68,7 @@ def arithmetic(text: str) -> Formula | None:
     True
     """
     try:
-        parser = _Parser(_tokens(text))
+        parser = _ArithmeticParser(_tokens(text))
         found = parser.sum(0)
         if parser.at != len(parser.tokens) or len(parser.tokens) > _MOST:
             return None
@@ -94,7 +94,7 @@ def _tokens(text: str) -> list[str]:
     return tokens
 
 
-class _Parser:
+class _ArithmeticParser:
     def __init__(self, tokens: Sequence[str]) -> None:
         self.tokens, self.at = tokens, 0
 
@@ -168,7 +168,7 @@ def _constant(word: str) -> Formula:
 
 
 @dataclass(frozen=True)
-class Words:
+class VerbalConversion:
     """Texts that stand for raw numbers."""
 
     table: CompuVtab
@@ -186,25 +186,25 @@ class Words:
 
 
 @dataclass(frozen=True)
-class Conversion:
+class CompuConversion:
     """One conversion, ready to use; `raw` is None where it has no inverse. NaN stands for what has no value."""
 
     name: str
     unit: str
     physical: Numbers
     raw: Numbers | None
-    words: Words | None = None
+    words: VerbalConversion | None = None
 
 
-def conversion_of(a2l: A2l, name: str, lower: float, upper: float) -> Conversion:
+def conversion_of(a2l: A2l, name: str, lower: float, upper: float) -> CompuConversion:
     """The conversion of an object within physical limits. Raises `UnusableError`."""
     if name in ("NO_COMPU_METHOD", ""):
-        return Conversion(name, "", _same, _same)
+        return CompuConversion(name, "", _same, _same)
     method = a2l.compu_methods.get(name)
     if method is None:
-        raise UnusableError(f"has the conversion {name[:60]}, which is not defined")
+        raise A2lError(f"has the conversion {name[:60]}, which is not defined")
     physical, raw, words = _functions(a2l, method, lower, upper)
-    return Conversion(name, method.unit, physical, raw, words)
+    return CompuConversion(name, method.unit, physical, raw, words)
 
 
 def _same(values: Float) -> Float:
@@ -213,7 +213,7 @@ def _same(values: Float) -> Float:
 
 def _functions(
     a2l: A2l, method: CompuMethod, lower: float, upper: float
-) -> tuple[Numbers, Numbers | None, Words | None]:
+) -> tuple[Numbers, Numbers | None, VerbalConversion | None]:
     if method.kind == "IDENTICAL":
         return _same, _same, None
     if method.kind == "LINEAR":
@@ -224,7 +224,7 @@ def _functions(
         return _by_table(a2l, method)
     if method.kind == "FORM":
         return *_formula(method), None
-    raise UnusableError(f"has the conversion {method.name} of the kind {method.kind[:40]!r}, which no version knows")
+    raise A2lError(f"has the conversion {method.name} of the kind {method.kind[:40]!r}, which no version knows")
 
 
 def _linear(slope: float, offset: float) -> tuple[Numbers, Numbers | None]:
@@ -246,9 +246,9 @@ def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Numbers,
             return _finite((f * values - c) / (b - e * values))
 
     if not (a or b or d or e):
-        raise UnusableError(f"has the conversion {method.name}, which has no physical value")
+        raise A2lError(f"has the conversion {method.name}, which has no physical value")
     if b * f == c * e and not (a or d):
-        raise UnusableError(f"has the conversion {method.name}, which gives every number the same raw one")
+        raise A2lError(f"has the conversion {method.name}, which gives every number the same raw one")
     return (partial(_root, method.coeffs, lower, upper), raw) if a or d else (physical, raw)
 
 
@@ -270,17 +270,17 @@ def _finite(values: Float) -> Float:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _by_table(a2l: A2l, method: CompuMethod) -> tuple[Numbers, Numbers | None, Words | None]:
+def _by_table(a2l: A2l, method: CompuMethod) -> tuple[Numbers, Numbers | None, VerbalConversion | None]:
     words = a2l.compu_vtabs.get(method.table)
     if words is not None:
-        return _same, _same, Words(words)
+        return _same, _same, VerbalConversion(words)
     table = a2l.compu_tabs.get(method.table)
     if table is None or not table.raw:
-        raise UnusableError(f"has the conversion {method.name}, whose table {method.table[:60]!r} is not defined")
+        raise A2lError(f"has the conversion {method.name}, whose table {method.table[:60]!r} is not defined")
     if method.kind == "TAB_VERB":
-        raise UnusableError(f"has the conversion {method.name}, whose table {table.name} holds no words")
+        raise A2lError(f"has the conversion {method.name}, whose table {table.name} holds no words")
     if any(np.diff(table.raw) <= 0):
-        raise UnusableError(f"has the conversion {method.name}, whose table {table.name} gives a raw number twice")
+        raise A2lError(f"has the conversion {method.name}, whose table {table.name} gives a raw number twice")
     return *(_interpolating(table) if method.kind == "TAB_INTP" else _exact(table)), None
 
 
@@ -325,9 +325,9 @@ def _exact(table: CompuTab) -> tuple[Numbers, Numbers]:
 
 def _formula(method: CompuMethod) -> tuple[Numbers, Numbers | None]:
     if not method.formula:
-        raise UnusableError(f"has the conversion {method.name}, which has no FORMULA")
+        raise A2lError(f"has the conversion {method.name}, which has no FORMULA")
     forwards, back = arithmetic(method.formula), arithmetic(method.formula_inverse)
     if forwards is None:
-        what = f"has the conversion {method.name}, whose formula {method.formula[:60]!r} cannot be followed"
-        raise UnusableError(what)
+        message = f"has the conversion {method.name}, whose formula {method.formula[:60]!r} cannot be followed"
+        raise A2lError(message)
     return forwards, back

@@ -25,8 +25,8 @@ from kennfeld.calfiles.a2l.objects import (
     CompuVtab,
     RecordLayout,
 )
-from kennfeld.calfiles.a2l.syntax import Block, Cursor, UnusableError, is_text, number, whole
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, is_text, number, whole
+from kennfeld.calfiles.format import Findings
 
 __all__ = ["Instances", "compu_method", "compu_tab", "compu_vtab", "compu_vtab_range", "record_layout"]
 
@@ -67,7 +67,7 @@ _OF_METHOD = {
 _MOST_ROWS = 100_000  # of a conversion table
 
 
-def record_layout(block: Block) -> RecordLayout:
+def record_layout(block: A2lBlock) -> RecordLayout:
     """A RECORD_LAYOUT with its parts in the order of their positions. Raises `UnusableError`."""
     cursor = Cursor(block)
     name = cursor.word("name")
@@ -92,7 +92,7 @@ def record_layout(block: Block) -> RecordLayout:
         else:
             unknown.append(keyword[:40])
         if len(components) + len(unknown) > _MOST_PARTS:
-            raise UnusableError(f"has more than {_MOST_PARTS} parts")
+            raise A2lError(f"has more than {_MOST_PARTS} parts")
     ordered = tuple(sorted(components, key=lambda component: component.position))
     return RecordLayout(name, ordered, fixed, alignments, _FLAGS[0] in flags, _FLAGS[1] in flags, tuple(unknown))
 
@@ -100,7 +100,7 @@ def record_layout(block: Block) -> RecordLayout:
 def _border(cursor: Cursor, keyword: str) -> int:
     border = cursor.whole(keyword)
     if not 1 <= border <= 64:
-        raise UnusableError(f"has {keyword} {border}, which is no number of bytes")
+        raise A2lError(f"has {keyword} {border}, which is no number of bytes")
     return border
 
 
@@ -115,7 +115,7 @@ def _component(cursor: Cursor, kind: str, direction: str) -> Component:
 
 
 @dataclass(frozen=True)
-class _Use:
+class _TypeUse:
     """A type at a place: of an instance, or of a component of a structure."""
 
     name: str
@@ -131,7 +131,7 @@ class _Use:
 @dataclass(frozen=True)
 class _Structure:
     size: int
-    components: tuple[_Use, ...]
+    components: tuple[_TypeUse, ...]
 
 
 class Instances:
@@ -139,10 +139,10 @@ class Instances:
 
     def __init__(
         self,
-        module: Block,
-        notes: Notes,
-        characteristic: Callable[[Block], Characteristic],
-        axis: Callable[[Block], AxisPts],
+        module: A2lBlock,
+        notes: Findings,
+        characteristic: Callable[[A2lBlock], Characteristic],
+        axis: Callable[[A2lBlock], AxisPts],
         functions: Mapping[str, Sequence[str]],
     ) -> None:
         self.module, self.notes, self.functions = module, notes, functions
@@ -159,24 +159,24 @@ class Instances:
         for block in self.module.inner("INSTANCE"):
             try:
                 if any(block.inner("OVERWRITE")):
-                    raise UnusableError("overwrites parts of its type, which is not supported")
+                    raise A2lError("overwrites parts of its type, which is not supported")
                 self._expand(_use(block, absolute=True), 0, "")
-            except UnusableError as error:
+            except A2lError as error:
                 self.notes.remark(block.line, _name(block), f"INSTANCE {error}; left aside")
         return self.made, self.made_axes
 
-    def _types(self, keyword: str, make: Callable[[Block], object]) -> dict[str, object]:
+    def _types(self, keyword: str, make: Callable[[A2lBlock], object]) -> dict[str, object]:
         made: dict[str, object] = {}
         for block in self.module.inner(keyword):
             try:
                 made.setdefault(_name(block), make(block))
-            except UnusableError as error:
+            except A2lError as error:
                 self.notes.remark(block.line, _name(block), f"{keyword} {error}; left aside")
         return made
 
-    def _expand(self, use: _Use, depth: int, outer: str) -> None:
+    def _expand(self, use: _TypeUse, depth: int, outer: str) -> None:
         if depth > _DEEPEST:
-            raise UnusableError(f"has more than {_DEEPEST} structures within each other")
+            raise A2lError(f"has more than {_DEEPEST} structures within each other")
         if use.type in self.measured | self.blobs:
             return  # nothing to calibrate
         made = self.characteristics.get(use.type)
@@ -186,7 +186,7 @@ class Instances:
         for element in self._elements(use):
             self._expand_one(element, depth, outer)
 
-    def _expand_one(self, use: _Use, depth: int, outer: str) -> None:
+    def _expand_one(self, use: _TypeUse, depth: int, outer: str) -> None:
         found = self.characteristics.get(use.type) or self.axes.get(use.type) or self.structures.get(use.type)
         if isinstance(found, Characteristic | AxisPts):
             self._take(found, use, outer)
@@ -196,15 +196,15 @@ class Instances:
                 read_only = inner.read_only or use.read_only
                 self._expand(replace(inner, name=name, address=address, read_only=read_only), depth + 1, use.name)
         else:
-            raise UnusableError(f"is of the type {use.type[:60]}, which is not defined")
+            raise A2lError(f"is of the type {use.type[:60]}, which is not defined")
 
-    def _elements(self, use: _Use) -> Iterator[_Use]:
+    def _elements(self, use: _TypeUse) -> Iterator[_TypeUse]:
         """The element of each index, the first index running fastest; the instance itself where it is no array."""
         if not use.sizes:
             yield use
             return
         if prod(use.sizes) > _MOST_INSTANCES:
-            raise UnusableError(f"has {prod(use.sizes)} elements, more than {_MOST_INSTANCES}")
+            raise A2lError(f"has {prod(use.sizes)} elements, more than {_MOST_INSTANCES}")
         step = self._stride(use.type)
         for at, index in enumerate(product(*(range(size) for size in reversed(use.sizes)))):
             subscript = "".join(f"[{i}]" for i in index)
@@ -217,13 +217,13 @@ class Instances:
         made = self.characteristics.get(name)
         if isinstance(made, Characteristic) and made.type == "ASCII":
             return max(1, *made.shape, 1)
-        raise UnusableError(f"is an array of {name[:60]}, whose distance in the memory is not stated")
+        raise A2lError(f"is an array of {name[:60]}, whose distance in the memory is not stated")
 
-    def _take(self, made: Characteristic | AxisPts, use: _Use, outer: str) -> None:
+    def _take(self, made: Characteristic | AxisPts, use: _TypeUse, outer: str) -> None:
         if len(self.made) + len(self.made_axes) >= _MOST_INSTANCES:
-            raise UnusableError(f"brings more than {_MOST_INSTANCES} labels")
+            raise A2lError(f"brings more than {_MOST_INSTANCES} labels")
         if use.name in self.made or use.name in self.made_axes:
-            raise UnusableError(f"gives the label {use.name[:80]} a second time")
+            raise A2lError(f"gives the label {use.name[:80]} a second time")
         functions = self.functions.get(use.name, ())
         common: dict[str, Any] = {
             "name": use.name,
@@ -249,11 +249,11 @@ def _within(axis: AxisDescr, outer: str) -> AxisDescr:
     return replace(axis, axis_pts_ref=label(axis.axis_pts_ref), curve_axis_ref=label(axis.curve_axis_ref))
 
 
-def _name(block: Block) -> str:
+def _name(block: A2lBlock) -> str:
     return (block.tokens[0] if block.tokens else block.keyword)[:120]
 
 
-def _use(block: Block, *, absolute: bool) -> _Use:
+def _use(block: A2lBlock, *, absolute: bool) -> _TypeUse:
     """An INSTANCE, or a STRUCTURE_COMPONENT, which has an offset for its address and no description."""
     cursor = Cursor(block)
     name = cursor.word("name")
@@ -262,15 +262,15 @@ def _use(block: Block, *, absolute: bool) -> _Use:
     options = cursor.options(_OPTIONS)
     sizes = tuple(size or 1 for word in options.get("MATRIX_DIM", []) if (size := whole(word)) is not None)
     if any(size < 0 for size in sizes) or len(sizes) > 5:
-        raise UnusableError("has MATRIX_DIM that are no sizes")
+        raise A2lError("has MATRIX_DIM that are no sizes")
     if options.get("ADDRESS_TYPE", ["DIRECT"]) != ["DIRECT"]:
-        raise UnusableError("is reached through a pointer, which an image does not resolve")
+        raise A2lError("is reached through a pointer, which an image does not resolve")
     display = options.get("DISPLAY_IDENTIFIER", [""])[0]
     read_only = "READ_ONLY" in options
-    return _Use(name, kind, address, description, sizes, display, read_only, block.line)
+    return _TypeUse(name, kind, address, description, sizes, display, read_only, block.line)
 
 
-def _structure(block: Block) -> _Structure:
+def _structure(block: A2lBlock) -> _Structure:
     cursor = Cursor(block)
     cursor.word("name")
     cursor.text("description")
@@ -278,7 +278,7 @@ def _structure(block: Block) -> _Structure:
     return _Structure(size, tuple(_use(inner, absolute=False) for inner in block.inner("STRUCTURE_COMPONENT")))
 
 
-def compu_method(block: Block) -> CompuMethod:
+def compu_method(block: A2lBlock) -> CompuMethod:
     """A COMPU_METHOD. Raises `UnusableError`."""
     cursor = Cursor(block)
     name, _, kind = cursor.word("name"), cursor.text("description"), cursor.word("kind")
@@ -288,7 +288,7 @@ def compu_method(block: Block) -> CompuMethod:
     coeffs = [number(word) for word in options.get("COEFFS_LINEAR" if kind == "LINEAR" else "COEFFS", [])]
     wanted = {"LINEAR": 2, "RAT_FUNC": 6}.get(kind, len(coeffs))
     if len(coeffs) != wanted or any(value is None or abs(value) > 1e300 for value in coeffs):
-        raise UnusableError(f"is {kind} without {wanted} finite coefficients")
+        raise A2lError(f"is {kind} without {wanted} finite coefficients")
     formulas = [_formula(inner) for inner in block.inner("FORMULA")]
     forwards, inverse = formulas[0] if formulas else ("", "")
     table = options.get("COMPU_TAB_REF", [""])[0]
@@ -296,12 +296,12 @@ def compu_method(block: Block) -> CompuMethod:
     return CompuMethod(name, kind, unit.strip(), found, table, forwards, inverse, block.line)
 
 
-def _formula(block: Block) -> tuple[str, str]:
+def _formula(block: A2lBlock) -> tuple[str, str]:
     cursor = Cursor(block)
     return cursor.text("formula"), cursor.options({"FORMULA_INV": 1}).get("FORMULA_INV", [""])[0]
 
 
-def compu_tab(block: Block) -> CompuTab:
+def compu_tab(block: A2lBlock) -> CompuTab:
     """A COMPU_TAB, its pairs by rising raw numbers. Raises `UnusableError`."""
     cursor = Cursor(block)
     name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
@@ -312,7 +312,7 @@ def compu_tab(block: Block) -> CompuTab:
     return CompuTab(name, tuple(one for one, _ in pairs), tuple(other for _, other in pairs), default)
 
 
-def compu_vtab(block: Block) -> CompuVtab:
+def compu_vtab(block: A2lBlock) -> CompuVtab:
     """A COMPU_VTAB: a word for each of some raw numbers. Raises `UnusableError`."""
     cursor = Cursor(block)
     name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
@@ -320,7 +320,7 @@ def compu_vtab(block: Block) -> CompuVtab:
     return CompuVtab(name, tuple((raw, raw, text) for raw, text in pairs), _default(cursor))
 
 
-def compu_vtab_range(block: Block) -> CompuVtab:
+def compu_vtab_range(block: A2lBlock) -> CompuVtab:
     """A COMPU_VTAB_RANGE: words for ranges of raw numbers. Raises `UnusableError`."""
     cursor = Cursor(block)
     name, _, count = cursor.word("name"), cursor.text("description"), cursor.whole("size")
@@ -333,7 +333,7 @@ def compu_vtab_range(block: Block) -> CompuVtab:
 
 def _rows(count: int, cursor: Cursor, width: int) -> Iterator[int]:
     if not 0 <= count <= _MOST_ROWS or count * width > cursor.left():
-        raise UnusableError(f"states {count} rows, which are not there")
+        raise A2lError(f"states {count} rows, which are not there")
     return iter(range(count))
 
 

@@ -11,11 +11,11 @@ from typing import TypeVar
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.a2l.conversion import Conversion, conversion_of
+from kennfeld.calfiles.a2l.conversion import CompuConversion, conversion_of
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisDescr, AxisPts, Characteristic, Component, RecordLayout
-from kennfeld.calfiles.a2l.record_layout import AbsentError, Places, Wanted, placed
-from kennfeld.calfiles.a2l.storage import SIZES, Kept, Part, decoded, order_of
-from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.a2l.record_layout import AbsentError, LayoutRequest, PartOffsets, place_parts
+from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decoded, order_of
+from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
 from kennfeld.formatting import holds_control_characters
@@ -50,7 +50,7 @@ def fixed_points(axis: AxisDescr, count: int) -> Float:
         offset, distance, _ = axis.fix_axis_par_dist
         return spaced(offset, distance, count)
     if not axis.fix_axis_par_list:
-        raise UnusableError(f"has a {axis.attribute} without breakpoints")
+        raise A2lError(f"has a {axis.attribute} without breakpoints")
     return np.array(axis.fix_axis_par_list[:count])
 
 
@@ -63,14 +63,14 @@ def spaced(offset: float, distance: float, count: int) -> Float:
 def rising(points: Float) -> tuple[Float, bool]:
     """Breakpoints in rising order, and whether they fell; `UnusableError` where they do neither."""
     if not np.all(np.isfinite(points)):
-        raise UnusableError("has breakpoints that have no physical value")
+        raise A2lError("has breakpoints that have no physical value")
     steps = np.diff(points)
     if np.all(steps > 0):
         return points, False
     if np.all(steps < 0):
         return points[::-1], True
     at = int(np.flatnonzero((steps <= 0) if steps[0] > 0 else (steps >= 0))[0]) if steps[0] else 0
-    raise UnusableError(
+    raise A2lError(
         f"has breakpoints that neither rise nor fall: number {at + 1} is {points[at]:g}, "
         f"number {at + 2} is {points[at + 1]:g}"
     )
@@ -79,7 +79,7 @@ def rising(points: Float) -> tuple[Float, bool]:
 def resolved(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
     """The inputs of the columns 0, 1, ...: the same lookup only where every pair is a column."""
     if not np.array_equal(positions, np.arange(count)) or np.any(np.diff(inputs) <= 0):
-        raise UnusableError(f"has breakpoints that do not follow from the positions of {name}")
+        raise A2lError(f"has breakpoints that do not follow from the positions of {name}")
     return Axis(inputs, input=quantity, unit=unit)
 
 
@@ -90,7 +90,7 @@ class AxisInMemory:
     axis: Axis
     falling: bool  # in the order of the memory
     kind: str
-    part: Part | None = None  # of its own
+    part: ObjectPart | None = None  # of its own
     shared: str = ""  # the AXIS_PTS that it refers to
     read_only: bool = False
 
@@ -100,8 +100,8 @@ class SharedAxis:
     """Breakpoints that tables share: an axis, or the pairs of input and position of a rescale axis."""
 
     source: AxisPts
-    places: Places
-    part: Part
+    places: PartOffsets
+    part: ObjectPart
     axis: Axis | None = None
     falling: bool = False
     pairs: Float | None = None  # one row a pair
@@ -112,12 +112,12 @@ class Label:
     """A characteristic in the memory."""
 
     source: Characteristic
-    places: Places
-    part: Part
+    places: PartOffsets
+    part: ObjectPart
     axes: tuple[AxisInMemory, ...] = ()
     member: Parameter | None = None
     text: Text | None = None
-    words: Conversion | None = None  # where the text is a word for a number
+    words: CompuConversion | None = None  # where the text is a word for a number
 
     def same_numbers(self, other: "Label") -> bool:
         """Whether another state of the same label has the same raw numbers."""
@@ -151,11 +151,11 @@ class Labels:
     def _read_shared(self, name: str) -> SharedAxis:
         source = self.a2l.axis_pts.get(name)
         if source is None:
-            raise UnusableError(f"refers to the axis {name[:80]}, which is not defined")
+            raise A2lError(f"refers to the axis {name[:80]}, which is not defined")
         places = self.places(source)
         key = next((key for key in ("AXIS_PTS_X", "AXIS_RESCALE_X") if key in places.offsets), "")
         if not key:
-            raise UnusableError(f"has the record layout {source.record_layout}, which has no AXIS_PTS_X")
+            raise A2lError(f"has the record layout {source.record_layout}, which has no AXIS_PTS_X")
         part = self.part(source.address, places, key, self._kept_of_axis(source, places.components[key]))
         if key == "AXIS_RESCALE_X":
             return SharedAxis(source, places, part, pairs=self._pairs(part))
@@ -163,7 +163,7 @@ class Labels:
         axis = Axis(points, input=_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
         return SharedAxis(source, places, part, axis, falling)
 
-    def _pairs(self, part: Part) -> Float:
+    def _pairs(self, part: ObjectPart) -> Float:
         """Inputs are physical, positions count columns."""
         return np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
 
@@ -172,30 +172,30 @@ class Labels:
         method = self.a2l.compu_methods.get(source.conversion)
         return (source.phys_unit or (method.unit if method else "")).strip()
 
-    def _unit(self, source: AxisPts | AxisDescr | Characteristic, part: Part) -> str:
+    def _unit(self, source: AxisPts | AxisDescr | Characteristic, part: ObjectPart) -> str:
         return (source.phys_unit or part.kept.conversion.unit).strip()
 
-    def _kept_of_axis(self, source: AxisPts | AxisDescr, component: Component, outer_order: str = "") -> Kept:
+    def _kept_of_axis(self, source: AxisPts | AxisDescr, component: Component, outer_order: str = "") -> StorageFormat:
         common = self.a2l.common
         deposit = source.deposit or common.deposit
         if deposit == "DIFFERENCE" and component.mode == "INDEX_DECR":
-            raise UnusableError("has points as distances in falling order")
+            raise A2lError("has points as distances in falling order")
         lower, upper = _limits(source)
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         if conversion.words is not None:
-            raise UnusableError("has words for breakpoints")
+            raise A2lError("has words for breakpoints")
         order = order_of(source.byte_order, outer_order, common.byte_order)
         difference = deposit == "DIFFERENCE" and component.kind == "AXIS_PTS"
-        return Kept(component.data_type, order, conversion, None, difference, lower, upper)
+        return StorageFormat(component.data_type, order, conversion, None, difference, lower, upper)
 
     def layout(self, name: str) -> RecordLayout:
         """A record layout by its name."""
         found = self.a2l.record_layouts.get(name)
         if found is None:
-            raise UnusableError(f"has the record layout {name[:60]}, which is not defined")
+            raise A2lError(f"has the record layout {name[:60]}, which is not defined")
         return found
 
-    def places(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None = None) -> Places:
+    def places(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None = None) -> PartOffsets:
         """Where the parts of an object are, with the numbers of axis points in the image or those of `counts`."""
         layout = self.layout(source.record_layout)
         order = self.order(source)
@@ -207,7 +207,7 @@ class Labels:
                 return counts[key]
             return self._count(source.address + offset, component, order)
 
-        return placed(layout, source.address, wanted, self.a2l.common.alignments, count_at, self.image.holds)
+        return place_parts(layout, source.address, wanted, self.a2l.common.alignments, count_at, self.image.holds)
 
     def _count(self, address: int, component: Component, order: str) -> int:
         memory = self.image.read(address, SIZES[component.data_type])
@@ -216,24 +216,24 @@ class Labels:
         number = float(decoded(memory, np.array(0), component.data_type, order))
         return int(number) if 0 <= number < _UNCOUNTED else 0
 
-    def _wanted(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> Wanted:
+    def _wanted(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> LayoutRequest:
         if isinstance(source, AxisPts):
-            return Wanted({"X": source.max_axis_points}, values=False)
+            return LayoutRequest({"X": source.max_axis_points}, values=False)
         if not source.axes:
-            return Wanted({}, _sizes(source))
+            return LayoutRequest({}, _sizes(source))
         most = {}
         for direction, axis in zip(DIRECTIONS, source.axes, strict=False):
             most[direction] = self._most(axis)
             if counts is not None and axis.attribute == "COM_AXIS":
                 most[direction] = counts.get(f"AXIS_PTS_{direction}", most[direction])
-        return Wanted(most)
+        return LayoutRequest(most)
 
     def _most(self, axis: AxisDescr) -> int:
         """How many points an axis has at most, or has where they are kept elsewhere."""
         if axis.attribute == "COM_AXIS":
             shared = self.shared(axis.axis_pts_ref)
             if shared.axis is None:
-                raise UnusableError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
+                raise A2lError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
             return len(shared.axis)
         if axis.attribute == "FIX_AXIS" and (count := fixed_count(axis)):
             return count
@@ -244,29 +244,29 @@ class Labels:
         return order_of(source.byte_order, self.a2l.common.byte_order)
 
     @property
-    def plain(self) -> Conversion:
+    def plain(self) -> CompuConversion:
         """No conversion at all."""
         return conversion_of(self.a2l, "", 0.0, 0.0)
 
-    def part(self, address: int, places: Places, key: str, kept: Kept) -> Part:
+    def part(self, address: int, places: PartOffsets, key: str, kept: StorageFormat) -> ObjectPart:
         """The numbers of one part of an object at an address."""
         offsets = places.offsets[key]
         start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[kept.data_type]
         memory = self.image.read(address + start, size)
         if memory is None:
             raise AbsentError
-        found = Part.of(memory, offsets - start, kept)
-        return Part(kept, offsets, found.stored)
+        found = ObjectPart.of(memory, offsets - start, kept)
+        return ObjectPart(kept, offsets, found.stored)
 
     def _read_label(self, source: Characteristic) -> Label:
         if source.virtual:
-            raise UnusableError("is virtual: a formula gives its value, which is not in the memory")
+            raise A2lError("is virtual: a formula gives its value, which is not in the memory")
         if source.name in self.a2l.variant_coded:
-            raise UnusableError("is variant-coded: it has a place in the memory for each variant")
+            raise A2lError("is variant-coded: it has a place in the memory for each variant")
         if source.type == "CUBE_5":
-            raise UnusableError("has five axes, a table at most four")
+            raise A2lError("has five axes, a table at most four")
         if len(source.axes) != _AXES.get(source.type, 0):
-            raise UnusableError(f"is a {source.type} with {len(source.axes)} axes")
+            raise A2lError(f"is a {source.type} with {len(source.axes)} axes")
         if source.type == "ASCII":
             return self._ascii(source)
         places = self.places(source)
@@ -279,14 +279,16 @@ class Labels:
         )
         return self._table(source, places, part, axes)
 
-    def _kept(self, source: Characteristic, component: Component) -> Kept:
+    def _kept(self, source: Characteristic, component: Component) -> StorageFormat:
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         lower, upper = _limits(source)
         order = self.order(source)
         mask = source.bit_mask or None
-        return Kept(component.data_type, order, conversion, mask, False, lower, upper)
+        return StorageFormat(component.data_type, order, conversion, mask, False, lower, upper)
 
-    def _table(self, source: Characteristic, places: Places, part: Part, axes: tuple[AxisInMemory, ...]) -> Label:
+    def _table(
+        self, source: Characteristic, places: PartOffsets, part: ObjectPart, axes: tuple[AxisInMemory, ...]
+    ) -> Label:
         label = Label(source, places, part, axes)
         low, high = part.kept.bounds(source.lower, source.upper)
         attributes = {
@@ -299,7 +301,7 @@ class Labels:
         values = label.in_memory_order(part.physical)
         if source.type == "VAL_BLK" or part.offsets.ndim > len(axes):
             if values.ndim > _MOST_DIMENSIONS:
-                raise UnusableError(f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}")
+                raise A2lError(f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}")
             member: Parameter = Block(source.name, values, **attributes)
         else:
             member = parameter(source.name, values, [one.axis for one in axes], **attributes)
@@ -309,27 +311,27 @@ class Labels:
         places = self.places(source)
         part = self.part(source.address, places, "FNC_VALUES", self._kept(source, places.components["FNC_VALUES"]))
         if SIZES[part.kept.data_type] != 1 or source.encoding not in _ENCODINGS:
-            raise UnusableError(f"is text of {part.kept.data_type} {source.encoding}, not of bytes")
+            raise A2lError(f"is text of {part.kept.data_type} {source.encoding}, not of bytes")
         content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
         found = content.decode(encoding_of(source), errors="replace")
         if holds_control_characters(found):
-            raise UnusableError("holds bytes that are no text")
+            raise A2lError("holds bytes that are no text")
         text = Text(source.name, found, source.description)
         return Label(source, places, part, text=text)
 
-    def _word(self, source: Characteristic, places: Places, part: Part) -> Label:
+    def _word(self, source: Characteristic, places: PartOffsets, part: ObjectPart) -> Label:
         words = part.kept.conversion.words
         if part.raw.ndim or words is None:
-            raise UnusableError(f"is a {source.type} of words, which are no numbers to calibrate")
+            raise A2lError(f"is a {source.type} of words, which are no numbers to calibrate")
         word = words.text(float(part.raw))
         if word is None:
-            raise UnusableError(f"holds the number {float(part.raw):g}, for which {words.table.name} has no word")
+            raise A2lError(f"holds the number {float(part.raw):g}, for which {words.table.name} has no word")
         known = [word for _, _, word in words.table.ranges]
         kind = kind_of_words(known + ([words.table.default] if words.table.default else []))
         text = Text(source.name, word, source.description, unit=self._unit(source, part), kind=kind)
         return Label(source, places, part, text=text, words=part.kept.conversion)
 
-    def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         readers = {
             "STD_AXIS": self._own,
             "FIX_AXIS": self._fixed,
@@ -339,7 +341,7 @@ class Labels:
         }
         return readers[axis.attribute](source, axis, direction, places)
 
-    def _own(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _own(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         key = f"AXIS_PTS_{direction}"
         if key not in places.offsets:
             return self._fixed(source, axis, direction, places)
@@ -349,7 +351,7 @@ class Labels:
         made = Axis(points, input=_quantity(axis.input_quantity), unit=self._unit(axis, part))
         return AxisInMemory(made, falling, axis.attribute, part, read_only=axis.read_only)
 
-    def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         raw = self._stored_spacing(source, direction, places, count)
         raw = fixed_points(axis, count) if raw is None else raw
@@ -358,35 +360,35 @@ class Labels:
         unit = (axis.phys_unit or conversion.unit).strip()
         return AxisInMemory(Axis(points, input=_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
 
-    def _stored_spacing(self, source: Characteristic, direction: str, places: Places, count: int) -> Float | None:
+    def _stored_spacing(self, source: Characteristic, direction: str, places: PartOffsets, count: int) -> Float | None:
         """Points of a fixed axis whose offset and distance are in the record itself."""
         order = self.order(source)
         stored = {}
         for kind in ("OFFSET", "DIST_OP", "SHIFT_OP"):
             key = f"{kind}_{direction}"
             if key in places.offsets:
-                kept = Kept(places.components[key].data_type, order, self.plain)
+                kept = StorageFormat(places.components[key].data_type, order, self.plain)
                 stored[kind] = float(self.part(source.address, places, key, kept).raw)
         if not stored:
             return None
         shift = stored.get("SHIFT_OP")
         if "DIST_OP" not in stored and (shift is None or abs(shift) > 64):
-            raise UnusableError(f"has an offset of its {direction} axis in the memory, but no distance")
+            raise A2lError(f"has an offset of its {direction} axis in the memory, but no distance")
         return spaced(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
 
-    def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         if shared.axis is None or len(shared.axis) != count:
             found = 0 if shared.axis is None else len(shared.axis)
-            raise UnusableError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {found} points")
+            raise A2lError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {found} points")
         return AxisInMemory(shared.axis, shared.falling, "COM_AXIS", shared=axis.axis_pts_ref)
 
-    def _rescaled(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _rescaled(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         if shared.pairs is None:
-            raise UnusableError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
+            raise A2lError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
         unit = self._unit(shared.source, shared.part)
         quantity = _quantity(axis.input_quantity)
         made = resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
@@ -396,20 +398,20 @@ class Labels:
         self._depth += 1
         try:
             if self._depth > _DEEPEST:
-                raise UnusableError(f"has an axis that follows from more than {_DEEPEST} curves")
+                raise A2lError(f"has an axis that follows from more than {_DEEPEST} curves")
             return self.label(name)
         finally:
             self._depth -= 1
 
-    def _by_curve(self, source: Characteristic, axis: AxisDescr, direction: str, places: Places) -> AxisInMemory:
+    def _by_curve(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         name = axis.curve_axis_ref
         curve = self._curve(name) if name in self.a2l.characteristics else None
         if curve is None or curve.member is None or len(curve.axes) != 1:
-            raise UnusableError(f"refers to the curve {name[:80]} for its axis, which is no curve here")
+            raise A2lError(f"refers to the curve {name[:80]} for its axis, which is no curve here")
         points = curve.axes[0]
         if points.falling:
-            raise UnusableError(f"has positions along the curve {name}, which lies in falling order")
+            raise A2lError(f"has positions along the curve {name}, which lies in falling order")
         made = resolved(points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input)
         return AxisInMemory(made, False, "CURVE_AXIS")
 
@@ -422,10 +424,10 @@ def encoding_of(source: Characteristic) -> str:
 def _remembered(known: dict[str, Found | Exception], name: str, read: Callable[[], Found]) -> Found:
     """What was read before, or its error again; whoever refers to itself gets an error too."""
     if name not in known:
-        known[name] = UnusableError(f"refers to {name[:80]}, which refers to itself")
+        known[name] = A2lError(f"refers to {name[:80]}, which refers to itself")
         try:
             known[name] = read()
-        except (UnusableError, AbsentError) as error:
+        except (A2lError, AbsentError) as error:
             known[name] = error
     found = known[name]
     if isinstance(found, Exception):
@@ -441,7 +443,7 @@ def _limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]
 
 def _sizes(source: Characteristic) -> tuple[int, ...]:
     if source.type in ("VAL_BLK", "ASCII") and not source.shape:
-        raise UnusableError(f"is a {source.type} that states no size")
+        raise A2lError(f"is a {source.type} that states no size")
     sizes = source.shape
     if source.type == "ASCII":
         return (prod(sizes),)

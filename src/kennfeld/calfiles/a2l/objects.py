@@ -10,6 +10,7 @@ from math import inf
 __all__ = [
     "DIRECTIONS",
     "A2l",
+    "A2lFunction",
     "AxisDescr",
     "AxisPts",
     "Characteristic",
@@ -18,7 +19,6 @@ __all__ = [
     "CompuTab",
     "CompuVtab",
     "Described",
-    "Function",
     "ModCommon",
     "RecordLayout",
     "described",
@@ -186,7 +186,7 @@ class RecordLayout:
 
 
 @dataclass(frozen=True)
-class Function:
+class A2lFunction:
     """A function, and the labels that it defines."""
 
     name: str
@@ -218,7 +218,7 @@ class A2l:
     compu_tabs: Mapping[str, CompuTab] = field(default_factory=dict)
     compu_vtabs: Mapping[str, CompuVtab] = field(default_factory=dict)
     record_layouts: Mapping[str, RecordLayout] = field(default_factory=dict)
-    functions: Mapping[str, Function] = field(default_factory=dict)
+    functions: Mapping[str, A2lFunction] = field(default_factory=dict)
     measurements: int = 0
     variant_coded: frozenset[str] = frozenset()  # labels with a place in the memory for each variant
     epk: str = ""  # identifier of the program that this describes

@@ -17,16 +17,9 @@ from kennfeld.calfiles.a2l.definitions import (
     compu_vtab_range,
     record_layout,
 )
-from kennfeld.calfiles.a2l.objects import (
-    A2l,
-    AxisDescr,
-    AxisPts,
-    Characteristic,
-    Function,
-    ModCommon,
-)
-from kennfeld.calfiles.a2l.syntax import Block, Cursor, Include, UnusableError, blocks, number, unquoted, whole
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.a2l.objects import A2l, A2lFunction, AxisDescr, AxisPts, Characteristic, ModCommon
+from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, Include, blocks, number, unquoted, whole
+from kennfeld.calfiles.format import Findings
 
 __all__ = ["parse_a2l"]
 
@@ -69,7 +62,7 @@ _OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
 Made = TypeVar("Made", bound=Any)
 
 
-def parse_a2l(raw: bytes, name: str, notes: Notes, include: Include | None = None) -> A2l:
+def parse_a2l(raw: bytes, name: str, notes: Findings, include: Include | None = None) -> A2l:
     """The objects of an A2L file. `include` gives the content of a file that the text includes, by its name.
 
     Notes an error where the blocks do not fit together or no module is there, and a remark for each object that is
@@ -90,19 +83,19 @@ def parse_a2l(raw: bytes, name: str, notes: Notes, include: Include | None = Non
     return _Module(chosen, notes).read(name, _version(root), _first_word(projects[0]) if projects else "")
 
 
-def _version(root: Block) -> str:
+def _version(root: A2lBlock) -> str:
     words = root.tokens
     if "ASAP2_VERSION" not in words:
         return ""
     return ".".join(words[words.index("ASAP2_VERSION") + 1 :][:2])
 
 
-def _first_word(block: Block) -> str:
+def _first_word(block: A2lBlock) -> str:
     return unquoted(block.tokens[0])[:80] if block.tokens else ""
 
 
 class _Module:
-    def __init__(self, module: Block, notes: Notes) -> None:
+    def __init__(self, module: A2lBlock, notes: Findings) -> None:
         self.module, self.notes = module, notes
         self.by_label: dict[str, list[str]] = {}  # the functions of each label
 
@@ -135,18 +128,18 @@ class _Module:
             epk_addresses=tuple(place for word in self._words("ADDR_EPK") if (place := whole(word)) is not None),
         )
 
-    def _all(self, keyword: str, make: Callable[[Block], Made]) -> dict[str, Made]:
+    def _all(self, keyword: str, make: Callable[[A2lBlock], Made]) -> dict[str, Made]:
         """The objects of one keyword by name; of two with one name the first counts."""
         made: dict[str, Made] = {}
         for block in self.module.inner(keyword):
             try:
                 found = make(block)
-            except UnusableError as error:
+            except A2lError as error:
                 self.notes.remark(block.line, _first_word(block) or keyword, f"{keyword} {error}; left aside")
                 continue
             if found.name in made:
-                what = f"{keyword} is defined a second time; the first one counts"
-                self.notes.remark(block.line, found.name, what)
+                message = f"{keyword} is defined a second time; the first one counts"
+                self.notes.remark(block.line, found.name, message)
             else:
                 made[found.name] = found
         return made
@@ -161,7 +154,7 @@ class _Module:
         for block in self.module.inner("MOD_COMMON"):
             try:
                 options = Cursor(block).options(_OF_COMMON)
-            except UnusableError as error:
+            except A2lError as error:
                 self.notes.remark(block.line, "MOD_COMMON", f"{error}; left aside")
                 continue
             return ModCommon(
@@ -183,34 +176,34 @@ class _Module:
         items = [word for block in self.module.inner("MOD_PAR") for word in block.tokens]
         return [after for word, after in pairwise(items) if word == keyword]
 
-    def _axis_pts(self, block: Block) -> AxisPts:
+    def _axis_pts(self, block: A2lBlock) -> AxisPts:
         cursor = Cursor(block)
         name, description, address = cursor.word("name"), cursor.text("description"), cursor.whole("address")
         made = _axis_pts(block, cursor, name, description, address)
         return _with_functions(made, self.by_label, block)
 
-    def _characteristic(self, block: Block) -> Characteristic:
+    def _characteristic(self, block: A2lBlock) -> Characteristic:
         cursor = Cursor(block)
         name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
         made = _characteristic(block, cursor, name, description, kind, cursor.whole("address"))
         return _with_functions(made, self.by_label, block)
 
 
-def typedef_characteristic(block: Block) -> Characteristic:
+def typedef_characteristic(block: A2lBlock) -> Characteristic:
     """A TYPEDEF_CHARACTERISTIC: a characteristic at address 0."""
     cursor = Cursor(block)
     name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
     return _characteristic(block, cursor, name, description, kind, 0)
 
 
-def typedef_axis(block: Block) -> AxisPts:
+def typedef_axis(block: A2lBlock) -> AxisPts:
     """A TYPEDEF_AXIS: breakpoints at address 0."""
     cursor = Cursor(block)
     name, description = cursor.word("name"), cursor.text("description")
     return _axis_pts(block, cursor, name, description, 0)
 
 
-def _axis_pts(block: Block, cursor: Cursor, name: str, description: str, address: int) -> AxisPts:
+def _axis_pts(block: A2lBlock, cursor: Cursor, name: str, description: str, address: int) -> AxisPts:
     input_quantity, layout = cursor.word("input quantity"), cursor.word("record layout")
     cursor.number("largest difference")
     conversion, most = cursor.word("conversion"), cursor.whole("number of axis points")
@@ -222,10 +215,10 @@ def _axis_pts(block: Block, cursor: Cursor, name: str, description: str, address
 
 
 def _characteristic(
-    block: Block, cursor: Cursor, name: str, description: str, kind: str, address: int
+    block: A2lBlock, cursor: Cursor, name: str, description: str, kind: str, address: int
 ) -> Characteristic:
     if kind not in TYPES:
-        raise UnusableError(f"is a {kind[:40]!r}, which no version knows")
+        raise A2lError(f"is a {kind[:40]!r}, which no version knows")
     layout = cursor.word("record layout")
     cursor.number("largest difference")
     conversion = cursor.word("conversion")
@@ -254,11 +247,11 @@ def _characteristic(
     )
 
 
-def _axis_descr(block: Block) -> AxisDescr:
+def _axis_descr(block: A2lBlock) -> AxisDescr:
     cursor = Cursor(block)
     kind, input_quantity, conversion = cursor.word("kind"), cursor.word("input quantity"), cursor.word("conversion")
     if kind not in AXIS_KINDS:
-        raise UnusableError(f"has an axis of the kind {kind[:40]!r}, which no version knows")
+        raise A2lError(f"has an axis of the kind {kind[:40]!r}, which no version knows")
     most = cursor.whole("number of axis points")
     lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
     options = cursor.options(_OF_AXIS)
@@ -280,7 +273,7 @@ def _axis_descr(block: Block) -> AxisDescr:
     )
 
 
-def _numbers(block: Block) -> tuple[float, ...]:
+def _numbers(block: A2lBlock) -> tuple[float, ...]:
     cursor = Cursor(block)
     return tuple(cursor.number("axis point") for _ in range(cursor.left()))
 
@@ -291,7 +284,7 @@ def _shifted(options: Mapping[str, list[str]]) -> tuple[float, int, int] | None:
         return None
     offset, shift, count = number(given[0]), whole(given[1]), whole(given[2])
     if offset is None or shift is None or count is None or not -64 <= shift <= 64:
-        raise UnusableError("has a FIX_AXIS_PAR that is no offset, shift and number")
+        raise A2lError("has a FIX_AXIS_PAR that is no offset, shift and number")
     return offset, shift, count
 
 
@@ -301,7 +294,7 @@ def _spaced(options: Mapping[str, list[str]]) -> tuple[float, float, int] | None
         return None
     offset, distance, count = number(given[0]), number(given[1]), whole(given[2])
     if offset is None or distance is None or count is None:
-        raise UnusableError("has a FIX_AXIS_PAR_DIST that is no offset, distance and number")
+        raise A2lError("has a FIX_AXIS_PAR_DIST that is no offset, distance and number")
     return offset, distance, count
 
 
@@ -321,14 +314,14 @@ def _whole(options: Mapping[str, list[str]], keyword: str) -> int | None:
     given = options.get(keyword)
     value = None if given is None else whole(given[0])
     if given is not None and value is None:
-        raise UnusableError(f"has {given[0][:40]!r} behind {keyword}, no whole number")
+        raise A2lError(f"has {given[0][:40]!r} behind {keyword}, no whole number")
     return value
 
 
 def _sizes(options: Mapping[str, list[str]]) -> tuple[int, ...]:
     sizes = tuple(size for word in options.get("MATRIX_DIM", []) if (size := whole(word)) is not None)
     if any(size < 0 for size in sizes) or len(sizes) > 5:
-        raise UnusableError(f"has MATRIX_DIM {' '.join(map(str, sizes))[:60]}, which are no sizes")
+        raise A2lError(f"has MATRIX_DIM {' '.join(map(str, sizes))[:60]}, which are no sizes")
     # ASAP2 1.6 writes three sizes, zeros and ones for what is not there
     return tuple(size or 1 for size in sizes) if any(sizes) else ()
 
@@ -339,19 +332,19 @@ def _alignments(options: Mapping[str, list[str]]) -> dict[str, int]:
     return {name: size for name, size in found.items() if size is not None and 1 <= size <= 64}
 
 
-def _dependent_on(block: Block) -> tuple[str, ...]:
+def _dependent_on(block: A2lBlock) -> tuple[str, ...]:
     found = (inner for inner in block.inner("DEPENDENT_CHARACTERISTIC"))
     return tuple(unquoted(word) for inner in found for word in inner.tokens[1:])
 
 
-def _with_functions(made: Made, by_label: Mapping[str, list[str]], block: Block) -> Made:
+def _with_functions(made: Made, by_label: Mapping[str, list[str]], block: A2lBlock) -> Made:
     own = [unquoted(word) for inner in block.inner("FUNCTION_LIST") for word in inner.tokens]
     functions = tuple(dict.fromkeys([*by_label.get(made.name, ()), *own]))
     return replace(made, functions=functions) if functions else made
 
 
-def _function(block: Block) -> Function:
+def _function(block: A2lBlock) -> A2lFunction:
     cursor = Cursor(block)
     name, description = cursor.word("name"), cursor.text("description")
     inner = block.inner("DEF_CHARACTERISTIC")
-    return Function(name, description, tuple(unquoted(word) for one in inner for word in one.tokens))
+    return A2lFunction(name, description, tuple(unquoted(word) for one in inner for word in one.tokens))

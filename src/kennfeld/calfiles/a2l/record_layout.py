@@ -15,9 +15,9 @@ import numpy as np
 from kennfeld.arrays import Int
 from kennfeld.calfiles.a2l.objects import Component, RecordLayout
 from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, alignment_of
-from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.a2l.syntax import A2lError
 
-__all__ = ["AbsentError", "Places", "Wanted", "placed"]
+__all__ = ["AbsentError", "LayoutRequest", "PartOffsets", "place_parts"]
 
 _ROWS, _COLUMNS = "ROW_DIR", "COLUMN_DIR"
 _ALTERNATING = {"ALTERNATE_WITH_X": "X", "ALTERNATE_WITH_Y": "Y"}
@@ -29,7 +29,7 @@ class AbsentError(Exception):
 
 
 @dataclass
-class Places:
+class PartOffsets:
     """Byte offsets of the parts from the address of the object, by their keywords, and the numbers of axis points.
 
     Offsets of FNC_VALUES have a dimension for each axis, x first; those of AXIS_RESCALE one row a pair.
@@ -42,7 +42,7 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class LayoutRequest:
     """What an object asks of its layout: the directions of its axes and how many points each has at most.
 
     An object without axes has the sizes of its block instead.
@@ -53,14 +53,14 @@ class Wanted:
     values: bool = True  # false for breakpoints on their own
 
 
-def placed(
+def place_parts(
     layout: RecordLayout,
     address: int,
-    wanted: Wanted,
+    wanted: LayoutRequest,
     alignments: Mapping[str, int],
     count_at: Callable[[Component, int], int],
     holds: Callable[[int, int], bool],
-) -> Places:
+) -> PartOffsets:
     """Where everything is. `count_at` gives the number of points stored in a part at an offset, `holds` whether the
     image has some bytes at an address.
 
@@ -70,40 +70,40 @@ def placed(
     return _Walk(layout, address, wanted, alignments, count_at, holds).run()
 
 
-def _check(layout: RecordLayout, wanted: Wanted) -> None:
+def _check(layout: RecordLayout, wanted: LayoutRequest) -> None:
     name = layout.name
     if layout.unknown:
-        raise UnusableError(f"has the record layout {name} with {layout.unknown[0]!r}, which no version knows")
+        raise A2lError(f"has the record layout {name} with {layout.unknown[0]!r}, which no version knows")
     keys = [component.key for component in layout.components if component.kind not in ("RESERVED", "IDENTIFICATION")]
     twice = next((key for key in keys if keys.count(key) > 1), "")
     if twice:
-        raise UnusableError(f"has the record layout {name} with two {twice}")
+        raise A2lError(f"has the record layout {name} with two {twice}")
     if wanted.values and "FNC_VALUES" not in keys:
-        raise UnusableError(f"has the record layout {name}, which has no FNC_VALUES")
+        raise A2lError(f"has the record layout {name}, which has no FNC_VALUES")
     for component in layout.components:
         if component.data_type not in (SIZES if component.kind == "RESERVED" else NUMBERS):
-            raise UnusableError(f"has the record layout {name} with the data type {component.data_type[:40]!r}")
+            raise A2lError(f"has the record layout {name} with the data type {component.data_type[:40]!r}")
         if component.addressing != "DIRECT":
-            raise UnusableError(f"has the record layout {name}, whose {component.key} is a pointer")
+            raise A2lError(f"has the record layout {name}, whose {component.key} is a pointer")
         if component.mode == "ALTERNATE_CURVES":
-            what = f"has the record layout {name}: ALTERNATE_CURVES does not say how many curves share the memory"
-            raise UnusableError(what)
+            message = f"has the record layout {name}: ALTERNATE_CURVES does not say how many curves share the memory"
+            raise A2lError(message)
 
 
 @dataclass
 class _Walk:
     layout: RecordLayout
     address: int
-    wanted: Wanted
+    wanted: LayoutRequest
     alignments: Mapping[str, int]
     count_at: Callable[[Component, int], int]
     holds: Callable[[int, int], bool]
     spaces_only: bool = False  # look for the room of each part alone
-    places: Places = field(default_factory=Places)
+    places: PartOffsets = field(default_factory=PartOffsets)
     found: dict[str, int] = field(default_factory=dict)  # offsets of stored numbers of points
     at: int = 0
 
-    def run(self) -> Places:
+    def run(self) -> PartOffsets:
         self._fixed_counts()
         if self.layout.static_layout or self.layout.static_offsets:
             self._counts_first()
@@ -124,12 +124,12 @@ class _Walk:
         direction = key[-1]
         most = self.wanted.most.get(direction)
         if count < 1 or (most is not None and count > most and not key.startswith("AXIS_RESCALE")):
-            raise UnusableError(f"states {count} axis points in direction {direction}, of at most {most}")
+            raise A2lError(f"states {count} axis points in direction {direction}, of at most {most}")
         self.places.counts[key] = count
 
     def _counts_first(self) -> None:
         """In a static layout nothing moves, so the numbers of points may lie behind the points."""
-        start = replace(self, holds=lambda *_: True, spaces_only=True, places=Places(), found={})
+        start = replace(self, holds=lambda *_: True, spaces_only=True, places=PartOffsets(), found={})
         for component in self.layout.components:
             start._place(component)
         for key, offset in start.found.items():
@@ -175,9 +175,9 @@ class _Walk:
         key = f"AXIS_PTS_{direction}"
         most = self.wanted.most.get(direction)
         if most is None:
-            raise UnusableError(f"has the record layout {self.layout.name} with {key}, but no such axis")
+            raise A2lError(f"has the record layout {self.layout.name} with {key}, but no such axis")
         if key not in self.places.counts and self._counted_later(key):
-            raise UnusableError(f"has the record layout {self.layout.name}, which counts the points behind them")
+            raise A2lError(f"has the record layout {self.layout.name}, which counts the points behind them")
         number = self.places.counts.setdefault(key, most) if not self.spaces_only else most
         return number, most
 
@@ -195,7 +195,7 @@ class _Walk:
     def _pairs(self, component: Component) -> None:
         number = self.places.counts.setdefault(component.key, component.pairs)
         if number < 1:
-            raise UnusableError(f"has {number} rescale pairs")
+            raise A2lError(f"has {number} rescale pairs")
         size = SIZES[component.data_type]
         self._keep(component, self.at, (number, 2), (2 * size, size))
         self.at += 2 * size * (max(number, component.pairs) if self._is_static() else number)
@@ -225,7 +225,7 @@ class _Walk:
         if values is None or not direction or component not in (values, axis):
             return None
         if axis is None or direction not in self.wanted.most or self._is_static():
-            raise UnusableError(f"has the record layout {self.layout.name} with {values.mode} that cannot be followed")
+            raise A2lError(f"has the record layout {self.layout.name} with {values.mode} that cannot be followed")
         return axis, values
 
     def _interleaved(self, axis: Component, values: Component) -> None:
@@ -233,7 +233,7 @@ class _Walk:
         numbers, _ = self._shape()
         along = list(self.wanted.most).index(axis.direction)
         if len(numbers) > 2:
-            raise UnusableError(f"has the record layout {self.layout.name}: {values.mode} in a cube")
+            raise A2lError(f"has the record layout {self.layout.name}: {values.mode} in a cube")
         others = prod(numbers) // numbers[along]
         point, value = SIZES[axis.data_type], SIZES[values.data_type]
         if prod(numbers) > 2**32:
@@ -259,7 +259,7 @@ class _Walk:
         if self.spaces_only:
             return
         if any(number < 1 for number in numbers):
-            raise UnusableError(f"has {' x '.join(map(str, numbers))} values")
+            raise A2lError(f"has {' x '.join(map(str, numbers))} values")
         self._span(component, start, last + SIZES[component.data_type])
         offsets = np.array(start)
         for number, stride in zip(numbers, strides, strict=True):
@@ -283,7 +283,7 @@ def _strides(numbers: Sequence[int], size: int, mode: str) -> list[int]:
     if mode == _COLUMNS and len(numbers) > 1:
         order[:2] = [1, 0]
     elif mode not in (_ROWS, _COLUMNS) and len(numbers) > 1:
-        raise UnusableError(f"has the index mode {mode[:40]!r}, which no version knows")
+        raise A2lError(f"has the index mode {mode[:40]!r}, which no version knows")
     strides, step = [0] * len(numbers), size
     for direction in order:
         strides[direction] = step

@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.calfiles.a2l.conversion import Conversion
-from kennfeld.calfiles.format import Notes
-from kennfeld.formatting import counted
+from kennfeld.calfiles.a2l.conversion import CompuConversion
+from kennfeld.calfiles.format import Findings
+from kennfeld.formatting import count_noun
 from kennfeld.parameters import Axis
 
 __all__ = [
     "NUMBERS",
     "SIZES",
-    "Kept",
-    "Part",
+    "ObjectPart",
     "Raw",
     "Roundings",
+    "StorageFormat",
     "alignment_of",
     "decoded",
     "encoded",
@@ -151,12 +151,12 @@ def _significance(size: int, byte_order: str) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Kept:
+class StorageFormat:
     """How a number is kept: everything between its bytes and its physical value, and its hard limits."""
 
     data_type: str
     byte_order: str
-    conversion: Conversion
+    conversion: CompuConversion
     bit_mask: int | None = None
     difference: bool = False  # each point as the distance from the one before
     lower: float = -inf
@@ -210,15 +210,15 @@ def _bound(limit: float) -> float:
 
 
 @dataclass(frozen=True)
-class Part:
+class ObjectPart:
     """The numbers of one part, in the shape of the table, in the order of the memory."""
 
-    kept: Kept
+    kept: StorageFormat
     offsets: Int
     stored: Raw  # as they lie in the memory
 
     @classmethod
-    def of(cls, memory: bytes, offsets: Int, kept: Kept) -> "Part":
+    def of(cls, memory: bytes, offsets: Int, kept: StorageFormat) -> "ObjectPart":
         """The part at byte offsets of a piece of memory."""
         return cls(kept, offsets, decoded(memory, offsets, kept.data_type, kept.byte_order, kept.bit_mask))
 
@@ -255,7 +255,7 @@ class Rounded:
 
 
 def nearest_raw(
-    name: str, part: Part, values: Float, unlike: Bool, thing: str, axes: Sequence[Axis] | None, notes: Notes
+    name: str, part: ObjectPart, values: Float, unlike: Bool, thing: str, axes: Sequence[Axis] | None, notes: Findings
 ) -> Rounded | None:
     """The raw numbers to store, those that are not `unlike` as they are.
 
@@ -282,7 +282,7 @@ def nearest_raw(
     return Rounded(raw, off, steps, values, kept.conversion.unit)
 
 
-def _complaints(part: Part, values: Float, raw: Float, unlike: Bool) -> Bool:
+def _complaints(part: ObjectPart, values: Float, raw: Float, unlike: Bool) -> Bool:
     """Which of the values to change cannot be stored or are not allowed."""
     kept = part.kept
     least, largest = kept.span
@@ -296,7 +296,7 @@ def _complaints(part: Part, values: Float, raw: Float, unlike: Bool) -> Bool:
     return unlike & (outside | beyond)
 
 
-def _complain(name: str, kept: Kept, values: Float, wrong: Bool, thing: str, notes: Notes) -> None:
+def _complain(name: str, kept: StorageFormat, values: Float, wrong: Bool, thing: str, notes: Findings) -> None:
     low, high = kept.range
     low, high = (
         max(low, kept.lower) if low == low else kept.lower,
@@ -305,10 +305,10 @@ def _complain(name: str, kept: Kept, values: Float, wrong: Bool, thing: str, not
     places = [tuple(int(i) for i in at) for at in np.argwhere(wrong)]
     for at in places[:_MOST]:
         where = f" {[i + 1 for i in at]}" if at else ""
-        what = f"the {thing}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
-        notes.error(0, name, f"{what}, which is outside what can be stored and is allowed: {low:g} to {high:g}")
+        message = f"the {thing}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
+        notes.error(0, name, f"{message}, which is outside what can be stored and is allowed: {low:g} to {high:g}")
     if len(places) > _MOST:
-        notes.error(0, name, f"{counted(len(places) - _MOST, f'further {thing}')} outside {low:g} to {high:g}")
+        notes.error(0, name, f"{count_noun(len(places) - _MOST, f'further {thing}')} outside {low:g} to {high:g}")
 
 
 @dataclass
@@ -331,16 +331,16 @@ class Roundings:
             at = np.unravel_index(int(np.nanargmax(found.steps)), found.off.shape)
             self.far[name] = (float(found.wanted[at]), float(found.off[at]), found.unit)
 
-    def tell(self, notes: Notes) -> None:
+    def tell(self, notes: Findings) -> None:
         """One remark on all rounding, and one for each label where it is more than half a step of the storage."""
         if self.labels:
             count = sum(values for *_, values in self.labels.values())
             name, (share, off, unit, _) = max(self.labels.items(), key=lambda one: one[1])
-            what = (
-                f"{counted(count, 'number')} of {counted(len(self.labels), 'label')} rounded to what the control unit "
+            message = (
+                f"{count_noun(count, 'number')} of {count_noun(len(self.labels), 'label')} rounded to what the control unit "
                 f"can store, at most by {off:.3g} {unit}".rstrip()
             )
-            notes.remark(0, "", f"{what} ({name}, {share:.2g} of its largest number)")
+            notes.remark(0, "", f"{message} ({name}, {share:.2g} of its largest number)")
         for name, (wanted, off, unit) in self.far.items():
-            what = f"{wanted:g} {unit}".rstrip()
-            notes.remark(0, name, f"the closest number to {what} that it can have is {off:.3g} away")
+            message = f"{wanted:g} {unit}".rstrip()
+            notes.remark(0, name, f"the closest number to {message} that it can have is {off:.3g} away")

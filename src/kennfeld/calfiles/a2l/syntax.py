@@ -14,10 +14,10 @@ from functools import cached_property
 from math import isnan
 from pathlib import Path
 
-from kennfeld.calfiles.format import Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings
 from kennfeld.formatting import one_line
 
-__all__ = ["Block", "Cursor", "Include", "UnusableError", "blocks", "is_text", "number", "unquoted", "whole"]
+__all__ = ["A2lBlock", "A2lError", "Cursor", "Include", "blocks", "is_text", "number", "unquoted", "whole"]
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.
@@ -59,21 +59,21 @@ class _File:
 
 
 @dataclass(slots=True, eq=False)
-class Block:
+class A2lBlock:
     """A block: its keyword, its words and texts (with a quote before them) in their order, and the blocks within it."""
 
     keyword: str
     file: _File
     offset: int
     tokens: list[str] = field(default_factory=list)
-    blocks: list["Block"] = field(default_factory=list)
+    blocks: list["A2lBlock"] = field(default_factory=list)
 
     @property
     def line(self) -> int:
         """The line of its beginning, counted from 1."""
         return self.file.line(self.offset)
 
-    def inner(self, keyword: str) -> "Iterator[Block]":
+    def inner(self, keyword: str) -> "Iterator[A2lBlock]":
         """The blocks of one keyword within it."""
         return (block for block in self.blocks if block.keyword == keyword)
 
@@ -94,18 +94,18 @@ def unquoted(token: str) -> str:
     return _ESCAPE.sub(lambda found: found[1] or '"', token[1:]) if "\\" in token or '""' in token else token[1:]
 
 
-def blocks(raw: bytes, name: str, notes: Notes, include: Include | None = None) -> tuple[Block, bool]:
+def blocks(raw: bytes, name: str, notes: Findings, include: Include | None = None) -> tuple[A2lBlock, bool]:
     """The file as one block without a keyword, and whether its structure is sound; notes an error where it is not."""
-    builder = _Builder(notes, include)
-    builder.feed(_File(name, Source(name, raw).text), 0)
+    builder = _BlockBuilder(notes, include)
+    builder.feed(_File(name, CalibrationSource(name, raw).text), 0)
     return builder.finished(), not builder.faults
 
 
 @dataclass
-class _Builder:
-    notes: Notes
+class _BlockBuilder:
+    notes: Findings
     include: Include | None
-    stack: list[Block] = field(default_factory=list)
+    stack: list[A2lBlock] = field(default_factory=list)
     faults: int = 0
     files: int = 0
     characters: int = 0
@@ -113,7 +113,7 @@ class _Builder:
     def feed(self, file: _File, depth: int) -> None:
         """Take the tokens of one file."""
         if not self.stack:
-            self.stack.append(Block("", file, 0))
+            self.stack.append(A2lBlock("", file, 0))
         at: int | None = 0
         while at is not None:
             at = self._run(file, at, depth)
@@ -163,7 +163,7 @@ class _Builder:
     def _act(self, file: _File, offset: int, action: str, word: str, depth: int) -> bool:
         """Open or close a block or include a file; False where there is no sense in going on."""
         if action == "/begin":
-            self.stack.append(Block(word, file, offset))
+            self.stack.append(A2lBlock(word, file, offset))
             if len(self.stack) > _DEEPEST:
                 self._fault(file, offset, f"more than {_DEEPEST} blocks are within each other")
         elif action == "/end":
@@ -185,7 +185,7 @@ class _Builder:
         while len(self.stack) > at:
             self._attach(self.stack.pop())
 
-    def _attach(self, block: Block) -> None:
+    def _attach(self, block: A2lBlock) -> None:
         if block.keyword not in _LEFT_OUT:
             self.stack[-1].blocks.append(block)
 
@@ -199,13 +199,13 @@ class _Builder:
             return
         found = self.include(name, file.path) if self.include else None
         if found is None and name.lower().endswith(_ML_ENDINGS):
-            what = (
+            message = (
                 f"/include names {name[:60]!r}, which is not there; it describes interfaces, which do not matter here"
             )
-            self.notes.remark(file.line(offset), "", what)
+            self.notes.remark(file.line(offset), "", message)
         elif found is None:
-            mend = "Put it where the name says, from the folder of the file that includes it or of the main file."
-            self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", mend)
+            remedy = "Put it where the name says, from the folder of the file that includes it or of the main file."
+            self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", remedy)
         else:
             self._feed_included(file, offset, name, found, depth)
 
@@ -216,14 +216,14 @@ class _Builder:
             self.faults = _MOST_FAULTS
             self._fault(file, offset, f"/include {name[:60]}: the included files are too large")
             return
-        self.feed(_File(name, Source(name, raw).text, path), depth + 1)
+        self.feed(_File(name, CalibrationSource(name, raw).text, path), depth + 1)
 
-    def _fault(self, file: _File, offset: int, what: str, mend: str = "") -> None:
+    def _fault(self, file: _File, offset: int, message: str, remedy: str = "") -> None:
         self.faults += 1
         inside = f"{file.name}: " if file is not self.stack[0].file else ""
-        self.notes.error(file.line(offset), "", inside + what, mend)
+        self.notes.error(file.line(offset), "", inside + message, remedy)
 
-    def finished(self) -> Block:
+    def finished(self) -> A2lBlock:
         """The outermost block, with an error noted for what is not closed."""
         if len(self.stack) > 1 and not self.faults:
             top = self.stack[-1]
@@ -233,7 +233,7 @@ class _Builder:
         return self.stack[0]
 
 
-class UnusableError(Exception):
+class A2lError(Exception):
     """A block that does not say what its keyword asks for; the text says what is wrong."""
 
 
@@ -243,7 +243,7 @@ class Cursor:
     Everything raises `UnusableError` where the block has something else.
     """
 
-    def __init__(self, block: Block) -> None:
+    def __init__(self, block: A2lBlock) -> None:
         self.tokens = block.tokens
         self.at = 0
 
@@ -251,33 +251,33 @@ class Cursor:
         """How many tokens are left."""
         return len(self.tokens) - self.at
 
-    def word(self, what: str) -> str:
+    def word(self, message: str) -> str:
         """The next word or text; `what` names it in a message."""
         if self.at >= len(self.tokens):
-            raise UnusableError(f"has no {what}")
+            raise A2lError(f"has no {message}")
         self.at += 1
         return unquoted(self.tokens[self.at - 1])
 
-    def text(self, what: str) -> str:
+    def text(self, message: str) -> str:
         """The next text in quotes, as one line."""
         if self.at >= len(self.tokens) or not is_text(self.tokens[self.at]):
-            raise UnusableError(f"has no {what} in quotes")
-        return one_line(self.word(what))
+            raise A2lError(f"has no {message} in quotes")
+        return one_line(self.word(message))
 
-    def number(self, what: str) -> float:
+    def number(self, message: str) -> float:
         """The next number."""
-        word = self.word(what)
+        word = self.word(message)
         value = number(word)
         if value is None:
-            raise UnusableError(f"has {word[:_SHOWN]!r} where its {what} should be")
+            raise A2lError(f"has {word[:_SHOWN]!r} where its {message} should be")
         return value
 
-    def whole(self, what: str) -> int:
+    def whole(self, message: str) -> int:
         """The next whole number, decimal or hexadecimal."""
-        word = self.word(what)
+        word = self.word(message)
         value = whole(word)
         if value is None:
-            raise UnusableError(f"has {word[:_SHOWN]!r} where its {what} should be, a whole number")
+            raise A2lError(f"has {word[:_SHOWN]!r} where its {message} should be, a whole number")
         return value
 
     def options(self, known: Mapping[str, int]) -> dict[str, list[str]]:
@@ -294,7 +294,7 @@ class Cursor:
             count = known[keyword]
             end = self.at + count if count >= 0 else self._next_keyword(known)
             if end > len(self.tokens):
-                raise UnusableError(f"has too few words behind {keyword}")
+                raise A2lError(f"has too few words behind {keyword}")
             found[keyword] = [unquoted(token) for token in self.tokens[self.at : end]]
             self.at = end
         return found

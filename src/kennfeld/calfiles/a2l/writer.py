@@ -16,14 +16,14 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis, encoding_of
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
-from kennfeld.calfiles.a2l.reader import say_identity
-from kennfeld.calfiles.a2l.record_layout import AbsentError, Places
-from kennfeld.calfiles.a2l.storage import Kept, Part, Raw, Roundings, encoded, native, nearest_raw
-from kennfeld.calfiles.a2l.syntax import UnusableError
+from kennfeld.calfiles.a2l.reader import check_epk
+from kennfeld.calfiles.a2l.record_layout import AbsentError, PartOffsets
+from kennfeld.calfiles.a2l.storage import ObjectPart, Raw, Roundings, StorageFormat, encoded, native, nearest_raw
+from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
-from kennfeld.calfiles.format import Notes
-from kennfeld.formatting import counted, listed
+from kennfeld.calfiles.format import Findings
+from kennfeld.formatting import count_noun, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -36,11 +36,11 @@ _CLOSE = 1e-5  # of its span, as far as a breakpoint that cannot change may be o
 class Memory:
     """What labels put at which address: the bits, which of them count, and who wants them."""
 
-    notes: Notes
+    notes: Findings
     cells: dict[int, tuple[int, int, str]] = field(default_factory=dict)
     clashes: set[tuple[str, str]] = field(default_factory=set)
 
-    def put(self, name: str, address: int, part: Part, raw: Any, where: Bool) -> None:
+    def put(self, name: str, address: int, part: ObjectPart, raw: Any, where: Bool) -> None:
         """Put raw numbers of a part of an object at an address, those of `where`."""
         kept = part.kept
         stored: Raw = np.asarray(raw)
@@ -57,8 +57,8 @@ class Memory:
         before, known, other = self.cells.get(at, (0, 0, name))
         if (before ^ value) & mask & known and other != name and (other, name) not in self.clashes:
             self.clashes.add((other, name))
-            what = f"lies in the same memory as {other} at 0x{at:X}, which shall have another value"
-            self.notes.error(0, name, what, "Give both the same.")
+            message = f"lies in the same memory as {other} at 0x{at:X}, which shall have another value"
+            self.notes.error(0, name, message, "Give both the same.")
         self.cells[at] = ((before & ~mask) | (value & mask), known | mask, name)
 
     def changes(self, image: Image) -> dict[int, bytes]:
@@ -84,17 +84,17 @@ def _runs(addresses: list[int]) -> Iterator[list[int]]:
             start = at
 
 
-def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Notes) -> bytes:
+def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Findings) -> bytes:
     """The file of an image with the values of `parameters` in it; byte for byte the same where nothing changed.
 
     Notes an error for each value beyond what its data type or its limits allow and for each shape that the memory
     does not have, and remarks on what is rounded, cannot be written or is not in the A2L file.
     """
-    writer = _Writer(Labels(a2l, image), notes, parameters)
+    writer = _ImageWriter(Labels(a2l, image), notes, parameters)
     writer.write()
     content = image.changed(writer.memory.changes(image))
     if content != image.raw:
-        say_identity(a2l, image, notes)
+        check_epk(a2l, image, notes)
         writer.roundings.tell(notes)
         notes.remark(0, "", "the checksums of the control unit are left to the flash tool")
         _tell_dependent(a2l, writer.done, notes)
@@ -103,9 +103,9 @@ def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Notes) -> by
 
 
 @dataclass
-class _Writer:
+class _ImageWriter:
     labels: Labels
-    notes: Notes
+    notes: Findings
     given: ParameterSet
     memory: Memory = field(init=False)
     roundings: Roundings = field(default_factory=Roundings)
@@ -131,10 +131,10 @@ class _Writer:
                 self._guarded(source, partial(self._parameter, thing))
         others = list(dict.fromkeys(thing.name for thing in self.given.others))
         if others:
-            what = f"further variants of {listed(others)} left out: the control unit has one place for each"
-            self.notes.remark(0, "", what)
+            message = f"further variants of {join_limited(others)} left out: the control unit has one place for each"
+            self.notes.remark(0, "", message)
         if self.left:
-            self.notes.remark(0, "", f"{listed(self.left)} left out: {self.labels.a2l.file} does not have them")
+            self.notes.remark(0, "", f"{join_limited(self.left)} left out: {self.labels.a2l.file} does not have them")
 
     def _tell_units(self) -> None:
         """Numbers in another unit than the control unit's would be wrong; that is for a person to decide."""
@@ -145,20 +145,20 @@ class _Writer:
             if unit and member.unit and unit != member.unit:
                 found.append(f"{member.name} in {member.unit}, not {unit}")
         if found:
-            what = f"{counted(len(found), 'label')} in another unit than {self.labels.a2l.file} states"
+            message = f"{count_noun(len(found), 'label')} in another unit than {self.labels.a2l.file} states"
             self.notes.remark(
-                0, "", f"{what}, written as they are: {'; '.join(found[:3])}", "See whether that is meant."
+                0, "", f"{message}, written as they are: {'; '.join(found[:3])}", "See whether that is meant."
             )
 
     def _guarded(self, source: AxisPts | Characteristic, write: Callable[[], None]) -> None:
         """Do it; what cannot be written is told."""
         try:
             write()
-        except UnusableError as error:
+        except A2lError as error:
             self.notes.remark(0, source.name, f"cannot be written: it {error}")
         except AbsentError:
-            what = f"cannot be written: 0x{source.address:X} is not in {self.labels.image.name}"
-            self.notes.remark(0, source.name, what)
+            message = f"cannot be written: 0x{source.address:X} is not in {self.labels.image.name}"
+            self.notes.remark(0, source.name, message)
 
     def _shared_axis(self, axis: Axis) -> None:
         shared = self.labels.shared(axis.name)
@@ -182,7 +182,7 @@ class _Writer:
         if users:
             self._wrong(
                 name,
-                f"has {points.size} breakpoints, the image {len(shared.axis or ())}, and {listed(users)} "
+                f"has {points.size} breakpoints, the image {len(shared.axis or ())}, and {join_limited(users)} "
                 "that share them are not given",
                 "Give these tables too.",
             )
@@ -195,7 +195,7 @@ class _Writer:
 
     def _resized(
         self, source: AxisPts | Characteristic, counts: Mapping[str, int], before: tuple[int, ...]
-    ) -> Places | None:
+    ) -> PartOffsets | None:
         """Where everything is with other numbers of points; None, and an error, where the memory has none of them."""
         layout = self.labels.layout(source.record_layout)
         stored = {f"AXIS_PTS_{one.direction}" for one in layout.components if one.kind == "NO_AXIS_PTS"}
@@ -211,28 +211,28 @@ class _Writer:
             return None
         try:
             return self.labels.places(source, counts)
-        except UnusableError as error:
+        except A2lError as error:
             self._wrong(source.name, f"{said}: it {error}")
         except AbsentError:
             self._wrong(source.name, f"{said}, where there is no room for them")
         return None
 
-    def _counts(self, source: AxisPts | Characteristic, places: Places) -> None:
+    def _counts(self, source: AxisPts | Characteristic, places: PartOffsets) -> None:
         """Write the numbers of points that the memory keeps."""
         for key, component in places.components.items():
             if component.kind != "NO_AXIS_PTS":
                 continue
             number = places.counts[f"AXIS_PTS_{component.direction}"]
             order = self.labels.order(source)
-            kept = Kept(component.data_type, order, self.labels.plain)
+            kept = StorageFormat(component.data_type, order, self.labels.plain)
             part = self.labels.part(source.address, places, key, kept)
             self._numbers(source, part, np.array(float(number)), source.address, "number of points")
 
     def _parameter(self, member: Parameter) -> None:
         label = self.labels.label(member.name)
         if label.member is None:
-            what = "is a text in the control unit"
-            self.notes.remark(0, member.name, f"{what}; the number given is not written")
+            message = "is a text in the control unit"
+            self.notes.remark(0, member.name, f"{message}; the number given is not written")
             return
         if label.member.values.ndim != member.values.ndim or len(label.axes) != len(member.axes):
             self._wrong(member.name, f"is a {member.kind} here and a {label.member.kind} in the control unit")
@@ -257,8 +257,8 @@ class _Writer:
         if np.any(np.abs(axis.breakpoints - wanted) > _CLOSE * span):
             at = int(np.argmax(np.abs(axis.breakpoints - wanted)))
             which = f"where the common axis {mine.shared} has" if mine.shared else "which the control unit fixes to"
-            what = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {wanted[at]:g}"
-            self._wrong(label.source.name, what, "Give both the same breakpoints.")
+            message = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {wanted[at]:g}"
+            self._wrong(label.source.name, message, "Give both the same breakpoints.")
 
     def _shared_points(self, mine: AxisInMemory) -> Float:
         """The breakpoints that a common axis will have."""
@@ -295,8 +295,8 @@ class _Writer:
     def _text(self, text: Text) -> None:
         label = self.labels.label(text.name)
         if label.text is None:
-            what = f"is a {label.source.type} in the control unit"
-            self.notes.remark(0, text.name, f"{what}; the text given is not written")
+            message = f"is a {label.source.type} in the control unit"
+            self.notes.remark(0, text.name, f"{message}; the text given is not written")
             return
         if text.kind != label.text.kind:
             self.notes.remark(0, text.name, f"is of the kind {text.kind} here, {label.text.kind} in the control unit")
@@ -334,7 +334,7 @@ class _Writer:
     def _numbers(
         self,
         source: AxisPts | Characteristic,
-        part: Part,
+        part: ObjectPart,
         values: Float,
         address: int,
         thing: str,
@@ -360,18 +360,18 @@ class _Writer:
         self.memory.put(source.name, address, part, found.raw, changed | everything)
 
     def _read_only(self, source: AxisPts | Characteristic, count: int) -> None:
-        what = f"is READ_ONLY: {counted(count, 'other value')} given for it not written"
-        self.notes.remark(0, source.name, what)
+        message = f"is READ_ONLY: {count_noun(count, 'other value')} given for it not written"
+        self.notes.remark(0, source.name, message)
 
-    def _wrong(self, name: str, what: str, mend: str = "") -> None:
-        self.notes.error(0, name, what, mend)
+    def _wrong(self, name: str, message: str, remedy: str = "") -> None:
+        self.notes.error(0, name, message, remedy)
 
 
 def _in_order(points: Float, falling: bool) -> Float:
     return points[::-1] if falling else points
 
 
-def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Notes) -> None:
+def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Findings) -> None:
     """Tell which labels a formula gives from others that have changed."""
     found = [
         one.name
@@ -379,22 +379,22 @@ def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Notes) -> None:
         if one.name not in changed and any(name in changed for name in one.dependent_on)
     ]
     if found:
-        what = f"{listed(found)} follow from changed labels by formulas, which are not calculated"
-        notes.remark(0, "", f"{what}; their numbers stay")
+        message = f"{join_limited(found)} follow from changed labels by formulas, which are not calculated"
+        notes.remark(0, "", f"{message}; their numbers stay")
 
 
-def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _Writer, notes: Notes) -> None:
+def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, notes: Findings) -> None:
     """Tell which labels that were not to change have changed, because they lie in the same memory as others."""
-    after = Labels(a2l, read_image(content, image.name, Notes(image.name)))
+    after = Labels(a2l, read_image(content, image.name, Findings(image.name)))
     for name in a2l.characteristics:
         if name in writer.done or name in a2l.axis_pts:
             continue
         try:
             before, now = writer.labels.label(name), after.label(name)
-        except (UnusableError, AbsentError):
+        except (A2lError, AbsentError):
             continue
         if before.places.offsets.keys() == now.places.offsets.keys() and before.same_numbers(now):
             continue
         given = name in writer.given
-        what = "changes although it is not to: it lies in the same memory as another label that does"
-        (notes.error if given else notes.remark)(0, name, what)
+        message = "changes although it is not to: it lies in the same memory as another label that does"
+        (notes.error if given else notes.remark)(0, name, message)

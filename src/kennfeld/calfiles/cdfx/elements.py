@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.calfiles.xml_tree import PARTED, Element
-from kennfeld.formatting import counted
+from kennfeld.formatting import count_noun
 
 __all__ = ["Instance", "Values", "array_size", "instances", "values_of"]
 
@@ -50,7 +50,7 @@ class Instance:
         return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
 
 
-def instances(root: Element, notes: Notes) -> list[Instance]:
+def instances(root: Element, notes: Findings) -> list[Instance]:
     """All labels that hold something, once a variant, in the order of the file; says what is left aside."""
     found: list[Instance] = []
     for tree in _trees(root):
@@ -69,7 +69,7 @@ def _trees(element: Element) -> Iterator[Element]:
             yield from _trees(child)
 
 
-def _flat(element: Element, outer: str, notes: Notes) -> Iterator[Instance]:
+def _flat(element: Element, outer: str, notes: Findings) -> Iterator[Instance]:
     """An instance and those within it; INCA may write the label a.b.c as c in b in a."""
     name = element.line_of("SHORT-NAME").strip()
     name = name if not outer or name.startswith("[") else f"{outer}.{name}"
@@ -95,15 +95,15 @@ def _flat(element: Element, outer: str, notes: Notes) -> Iterator[Instance]:
         yield from _flat(child, name, notes)
 
 
-def _holders(element: Element, has_inner: bool, name: str, notes: Notes) -> Iterator[tuple[Element, str]]:
+def _holders(element: Element, has_inner: bool, name: str, notes: Findings) -> Iterator[tuple[Element, str]]:
     """What holds values: the instance itself, or each of its variants with its name."""
     variants = element.first(_VARIANTS)
     found: dict[str, Element] = {}
     for holder in variants.all(_VARIANT) if variants else ():
         first = found.setdefault(_variant(holder), holder)
         if first is not holder:
-            what = f"is another variant with the criteria of that in line {first.line}; left aside"
-            notes.remark(holder.line, name, what)
+            message = f"is another variant with the criteria of that in line {first.line}; left aside"
+            notes.remark(holder.line, name, message)
     if found:
         yield from ((holder, variant) for variant, holder in found.items())
     elif element.first("SW-VALUE-CONT") is not None or not has_inner:
@@ -127,7 +127,7 @@ def _criteria(element: Element) -> Iterator[str]:
         yield from _criteria(child)
 
 
-def _tell_left_aside(root: Element, notes: Notes) -> None:
+def _tell_left_aside(root: Element, notes: Findings) -> None:
     histories = 0
     waiting: list[Element] = [root]
     while waiting:
@@ -155,7 +155,7 @@ class Values:
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
-def values_of(holder: Element | None, name: str, notes: Notes) -> Values | None:
+def values_of(holder: Element | None, name: str, notes: Findings) -> Values | None:
     """The values within a SW-VALUE-CONT or SW-AXIS-CONT.
 
     None where there are none, and with an error noted for each text that is no number.
@@ -186,7 +186,7 @@ class _Taken:
     """Walks the groups of one value; `group` gives the shape, or None where rows are not equally long."""
 
     name: str
-    notes: Notes
+    notes: Findings
     values: Values
     wrong: bool = False
 
@@ -201,8 +201,8 @@ class _Taken:
             return None
         odd = next((i for i, shape in enumerate(shapes) if shape != shapes[0]), None)
         if odd is not None:
-            what = f"group {odd + 1} has {_size(shapes[odd])}, the first has {_size(shapes[0])}"
-            self.notes.error(groups[odd].line, self.name, what)
+            message = f"group {odd + 1} has {_size(shapes[odd])}, the first has {_size(shapes[0])}"
+            self.notes.error(groups[odd].line, self.name, message)
             return None
         return (len(groups), *(shapes[0] or ()))
 
@@ -225,15 +225,15 @@ class _Taken:
         for word in words:
             if "_" in word or _numbers(child.tag, [word]) is None:
                 shown = word.strip()[:60]
-                mend = "Write a decimal point." if _has_comma(shown) else ""
+                remedy = "Write a decimal point." if _has_comma(shown) else ""
                 at = line + word[: len(word) - len(word.lstrip())].count("\n")
-                self.notes.error(at, self.name, f"{shown!r} is no finite number", mend)
+                self.notes.error(at, self.name, f"{shown!r} is no finite number", remedy)
             line += word.count("\n")
         self.wrong = True
 
 
 def _size(shape: tuple[int, ...] | None) -> str:
-    return counted(prod(shape or ()), "value")
+    return count_noun(prod(shape or ()), "value")
 
 
 def _numbers(tag: str, words: list[str]) -> list[float] | None:

@@ -15,13 +15,13 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
-from kennfeld.formatting import counted, listed
+from kennfeld.formatting import count_noun, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = ["read_cdfx", "recognises_cdfx"]
+__all__ = ["recognises_cdfx"]
 
 _ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
 _VERSION = re.compile(r"CDF(\d)(\d)")
@@ -39,22 +39,22 @@ def recognises_cdfx(text: str) -> bool:
     return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
 
 
-def read_cdfx(source: Source) -> Content:
+def read_cdfx(source: CalibrationSource) -> ReadResult:
     """The parameters of a CDFX file, with variants or without; where there are several, the first variant counts.
 
     Raises `InputError` with every finding; text tables, axes that cannot be resolved and histories are left aside
     with a remark. Entities are refused.
     """
     with collection_paused():
-        return _read(source, Notes(source.name))
+        return _read(source, Findings(source.name))
 
 
-def _read(source: Source, notes: Notes) -> Content:
+def _read(source: CalibrationSource, notes: Findings) -> ReadResult:
     root = parsed(source.raw, notes, "V")
     if root is None:
         notes.settle()
         raise AssertionError("a document that is not read has a finding")
-    reader = _Reader(notes)
+    reader = _CdfxReader(notes)
     found = instances(root, notes)
     if not found and not _holds(root, "SW-INSTANCE-TREE"):
         notes.error(root.line, "", "has no SW-INSTANCE-TREE, where CDFX keeps its labels", "Export it as CDF 2.0.")
@@ -68,7 +68,7 @@ def _read(source: Source, notes: Notes) -> Content:
     remarks = notes.settle()
     version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
     kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
-    return Content(kind, reader.parameters(), remarks)
+    return ReadResult(kind, reader.parameters(), remarks)
 
 
 def _holds(root: Element, tag: str) -> bool:
@@ -100,8 +100,8 @@ class _Positions:
         return self.inputs
 
 
-class _Reader:
-    def __init__(self, notes: Notes) -> None:
+class _CdfxReader:
+    def __init__(self, notes: Findings) -> None:
         self.notes = notes
         self.things: dict[tuple[str, str], Parameter | Text] = {}  # by name and variant
         self.kinds: dict[str, type] = {}  # of the first variant of each label
@@ -125,14 +125,14 @@ class _Reader:
     def tell_numbered(self) -> None:
         """Remark on booleans that are given as numbers, whose category is not kept."""
         if self.numbered:
-            names = listed(list(dict.fromkeys(self.numbered)))
-            what = f"{names} are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
-            self.notes.remark(0, "", what)
+            names = join_limited(list(dict.fromkeys(self.numbered)))
+            message = f"{names} are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
+            self.notes.remark(0, "", message)
 
     def take_axis(self, instance: Instance) -> None:
         """Keep an axis that tables refer to."""
         # A CURVE_AXIS is a parameter too, whose findings are noted where it is taken.
-        notes = Notes("") if instance.category == "CURVE_AXIS" else self.notes
+        notes = Findings("") if instance.category == "CURVE_AXIS" else self.notes
         values = values_of(instance.value, instance.name, notes)
         if instance.variant and (instance.name in self.groups or instance.name in self.positions):
             if instance.category != "CURVE_AXIS":  # which is a curve in each of its variants
@@ -146,8 +146,8 @@ class _Reader:
         elif values is not None and (found := self._positions(instance, values)):
             self.positions[instance.name] = found
         if instance.category == "RES_AXIS":
-            what = "RES_AXIS gives tables their breakpoints; as a parameter it is left aside"
-            self.notes.remark(instance.line, instance.name, what)
+            message = "RES_AXIS gives tables their breakpoints; as a parameter it is left aside"
+            self.notes.remark(instance.line, instance.name, message)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points = None if values is None else np.array(values.numbers)
@@ -167,7 +167,7 @@ class _Reader:
                 return None
             inputs, positions = np.array(values.numbers).reshape(-1, 2).T
             return _Positions(inputs, positions, instance.unit)
-        axis = values_of(instance.axes[0], instance.name, Notes("")) if len(instance.axes) == 1 else None
+        axis = values_of(instance.axes[0], instance.name, Findings("")) if len(instance.axes) == 1 else None
         if axis is None or len(axis.numbers) != len(values.numbers):
             return None
         unit = instance.axes[0].line_of("UNIT-DISPLAY-NAME")
@@ -180,8 +180,8 @@ class _Reader:
             self._left_aside(instance, "holds no values")
             return
         if category not in (*_SCALARS, *_BLOCKS, *_TABLES, "ASCII"):
-            what = f"has the category {category[:40]}, which no parameter holds" if category else "has no CATEGORY"
-            self._left_aside(instance, what)
+            message = f"has the category {category[:40]}, which no parameter holds" if category else "has no CATEGORY"
+            self._left_aside(instance, message)
             return
         values = values_of(instance.value, instance.name, self.notes)
         if values is None:
@@ -196,7 +196,7 @@ class _Reader:
 
     def _take_text(self, instance: Instance, values: Values) -> None:
         if values.numbers or len(values.texts) > 1:
-            found = counted(len(values.numbers) + len(values.texts), "value")
+            found = count_noun(len(values.numbers) + len(values.texts), "value")
             self._wrong(instance, f"{instance.category} has {found}, not one text")
             return
         kind = _WORDS.get(instance.category, "enumeration")
@@ -224,17 +224,17 @@ class _Reader:
         """Whether a name comes for the first time; a repetition must hold the same."""
         line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, made))
         if first is not made and first != made:
-            what = f"{instance.name} is defined a second time, with another content than in line {line}"
-            self._wrong(instance, what, "Keep one of the two.")
+            message = f"{instance.name} is defined a second time, with another content than in line {line}"
+            self._wrong(instance, message, "Keep one of the two.")
         return first is made
 
     def _scalar(self, instance: Instance, values: Values) -> Parameter | None:
         if len(values.numbers) != 1:
-            self._wrong(instance, f"{instance.category} has {counted(len(values.numbers), 'value')}, not one")
+            self._wrong(instance, f"{instance.category} has {count_noun(len(values.numbers), 'value')}, not one")
             return None
         if instance.category.startswith("DEP"):
-            what = "is a dependent value: its number is read, the formula for it is in the A2L file"
-            self.notes.remark(instance.line, instance.name, what)
+            message = "is a dependent value: its number is read, the formula for it is in the A2L file"
+            self.notes.remark(instance.line, instance.name, message)
         return parameter(instance.name, values.numbers[0], unit=instance.unit, **instance.labels)
 
     def _block(self, instance: Instance, values: Values) -> Parameter | None:
@@ -248,7 +248,7 @@ class _Reader:
             return None
         if not values.numbers or (len(values.shape) == 1 and stated and prod(stated) != len(values.numbers)):
             asked = f", SW-ARRAYSIZE asks for {' x '.join(map(str, stated))}" if stated else ""
-            self._wrong(instance, f"{instance.category} has {counted(len(values.numbers), 'value')}{asked}")
+            self._wrong(instance, f"{instance.category} has {count_noun(len(values.numbers), 'value')}{asked}")
             return None
         if len(shape) > _MOST_DIMENSIONS:
             self._left_aside(instance, f"has {len(shape)} dimensions, a value block at most {_MOST_DIMENSIONS}")
@@ -260,7 +260,7 @@ class _Reader:
     def _table(self, instance: Instance, values: Values) -> Parameter | None:
         wanted = _TABLES[instance.category]
         if len(instance.axes) != wanted:
-            found = counted(len(instance.axes), "SW-AXIS-CONT")
+            found = count_noun(len(instance.axes), "SW-AXIS-CONT")
             self._wrong(instance, f"{instance.category} has {found}, it needs {wanted}")
             return None
         sizes = values.shape[::-1] if len(values.shape) == wanted else (0,) * wanted
@@ -295,8 +295,8 @@ class _Reader:
             return None
         fault = _fault(points)
         if fault:
-            mend = "Each breakpoint must be larger than the one before." if points.size else ""
-            self.notes.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", mend)
+            remedy = "Each breakpoint must be larger than the one before." if points.size else ""
+            self.notes.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", remedy)
             return None
         return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
 
@@ -305,8 +305,8 @@ class _Reader:
         if reference in self.broken:
             return None
         if reference not in self.groups and (points is None or _fault(points)):
-            what = f"refers to the {letter} axis {reference}, which is not in this file"
-            self._left_aside(instance, what, "Export the axis along with it.")
+            message = f"refers to the {letter} axis {reference}, which is not in this file"
+            self._left_aside(instance, message, "Export the axis along with it.")
             return None
         if reference not in self.groups and points is not None:
             unit = cont.line_of("UNIT-DISPLAY-NAME")
@@ -319,8 +319,8 @@ class _Reader:
         if fault:
             self.notes.error(cont.line, instance.name, f"the {letter} axis {fault}")
             return None
-        what = f"has other {letter} breakpoints than the group axis {reference}; they are kept as an axis of its own"
-        self.notes.remark(cont.line, instance.name, what)
+        message = f"has other {letter} breakpoints than the group axis {reference}; they are kept as an axis of its own"
+        self.notes.remark(cont.line, instance.name, message)
         return Axis(points, unit=unit)
 
     def _resolved(
@@ -333,16 +333,16 @@ class _Reader:
             points = known.breakpoints(size)
         if points is None or _fault(points):
             kind = cont.line_of("CATEGORY").strip() or "axis"
-            what = f"has breakpoints that do not follow from the {kind} {reference}"
-            self._left_aside(instance, what)
+            message = f"has breakpoints that do not follow from the {kind} {reference}"
+            self._left_aside(instance, message)
             return None
         return Axis(points, unit=unit)
 
-    def _left_aside(self, instance: Instance, what: str, mend: str = "") -> None:
-        self.notes.remark(instance.line, instance.name, f"{what}; left aside", mend)
+    def _left_aside(self, instance: Instance, message: str, remedy: str = "") -> None:
+        self.notes.remark(instance.line, instance.name, f"{message}; left aside", remedy)
 
-    def _wrong(self, instance: Instance, what: str, mend: str = "") -> None:
-        self.notes.error(instance.line, instance.name, what, mend)
+    def _wrong(self, instance: Instance, message: str, remedy: str = "") -> None:
+        self.notes.error(instance.line, instance.name, message, remedy)
 
 
 def _is_empty(holder: Element | None) -> bool:

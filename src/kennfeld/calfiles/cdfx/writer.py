@@ -7,7 +7,7 @@ from html import escape  # that of xml.sax loads half of urllib
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
@@ -68,7 +68,7 @@ def write_cdfx(parameters: ParameterSet, file: str) -> str:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    notes = Notes(file)
+    notes = Findings(file)
     names = [*parameters, *(text.name for text in parameters.texts), *(axis.name for axis in parameters.axes)]
     seen = set[str]()
     for name in names:
@@ -78,8 +78,8 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
         if not name.strip() or name != name.strip() or holds_control_characters(name) or _UNFIT.search(name):
             notes.error(0, name, f"{name!r} cannot be a name in CDFX: blanks around it or controls in it", "Rename it.")
     for member in parameters.parameters:
-        for what in _faults(member):
-            notes.error(0, member.name, what, "Write it as .json.")
+        for message in _faults(member):
+            notes.error(0, member.name, message, "Write it as .json.")
     for text in parameters.texts:
         if _UNFIT.search(text.text):
             notes.error(0, text.name, "XML cannot hold a text with control characters", "Write it as .json.")
@@ -87,15 +87,15 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
     notes.settle()
 
 
-def _refuse_variants(parameters: ParameterSet, notes: Notes) -> None:
+def _refuse_variants(parameters: ParameterSet, notes: Findings) -> None:
     first = {thing.name: thing for thing in parameters.chosen}
     for thing in parameters.others:
         if thing.name not in first or thing.kind != first[thing.name].kind:
-            what = f"is a {thing.kind} in the variant {thing.variant!r} alone; a label of CDFX has one category"
-            notes.error(0, thing.name, what, "Write it as .json.")
+            message = f"is a {thing.kind} in the variant {thing.variant!r} alone; a label of CDFX has one category"
+            notes.error(0, thing.name, message, "Write it as .json.")
         faults = [*_faults(thing), *other_axes(thing, parameters)] if isinstance(thing, Parameter) else []
-        for what in faults:
-            notes.error(0, thing.name, f"{what} (variant {thing.variant})", "Write it as .json.")
+        for message in faults:
+            notes.error(0, thing.name, f"{message} (variant {thing.variant})", "Write it as .json.")
         if isinstance(thing, Text) and _UNFIT.search(thing.text):
             notes.error(0, thing.name, "XML cannot hold a text with control characters", "Write it as .json.")
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.calfiles.verbal_values import of_one_kind
-from kennfeld.formatting import counted
+from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = ["read_cvx", "recognises_cvx"]
+__all__ = []
 
 _TITLE = "CALIBRATION VALUES V"
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
@@ -33,7 +33,7 @@ _UNIT = re.compile(r""":(["'])(.*)\1:""")  # in the string delimiter of the file
 
 
 @dataclass(frozen=True)
-class _Row:
+class _CsvRow:
     line: int
     cells: list[str]
 
@@ -47,8 +47,8 @@ class _Record:
     """One record: its type line, the rows of values after it, and the lines that say where it belongs."""
 
     name: str
-    row: _Row
-    rows: list[_Row] = field(default_factory=list)
+    row: _CsvRow
+    rows: list[_CsvRow] = field(default_factory=list)
     functions: tuple[str, ...] = ()
     variant: str = ""
     display_name: str = ""
@@ -139,15 +139,15 @@ def recognises_cvx(text: str) -> bool:
     return text.lstrip("\ufeff \t\n").startswith(_TITLE)
 
 
-def read_cvx(source: Source) -> Content:
+def read_cvx(source: CalibrationSource) -> ReadResult:
     """The parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
 
     Raises `InputError` with every finding.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     text = source.text.lstrip("\ufeff")
     dialect = _dialect(text, notes)
-    reader = _Reader(notes, dialect)
+    reader = _CvxReader(notes, dialect)
     records = _records(text, dialect, notes)
     for record in records:
         if record.kind in _AXES:
@@ -156,10 +156,10 @@ def read_cvx(source: Source) -> Content:
         if record.kind not in _AXES:
             reader.take(record)
     remarks = notes.settle()
-    return Content(f"CVX {dialect.version}", reader.parameters(), remarks)
+    return ReadResult(f"CVX {dialect.version}", reader.parameters(), remarks)
 
 
-def _dialect(text: str, notes: Notes) -> _Dialect:
+def _dialect(text: str, notes: Findings) -> _Dialect:
     found = _HEADER.match(text.lstrip())
     if found is None:
         notes.error(1, "", "the first line states no version", f"It must begin like {_TITLE}2.1,.,*")
@@ -171,18 +171,18 @@ def _dialect(text: str, notes: Notes) -> _Dialect:
     return _Dialect(version, separator, point, (comment or "").strip() or "*", quote or '"')
 
 
-def _rows(text: str, dialect: _Dialect) -> Iterator[_Row]:
+def _rows(text: str, dialect: _Dialect) -> Iterator[_CsvRow]:
     for number, line in enumerate(text.split("\n"), 1):
         if line.lstrip().startswith(dialect.comment):
             continue
         cells = dialect.cells(line)
         if cells:
-            yield _Row(number, cells)
+            yield _CsvRow(number, cells)
 
 
-def _records(text: str, dialect: _Dialect, notes: Notes) -> list[_Record]:
+def _records(text: str, dialect: _Dialect, notes: Findings) -> list[_Record]:
     records: list[_Record] = []
-    before = _Row(0, [])
+    before = _CsvRow(0, [])
     for row in _rows(text, dialect):
         if row.cells[0] in _TYPES and len(before.cells) == 2 and before.cells[0] not in _TYPES:
             if records and records[-1].rows:
@@ -197,12 +197,12 @@ def _records(text: str, dialect: _Dialect, notes: Notes) -> list[_Record]:
             records[-1].rows.append(row)
         before = row
     if not records and before.line > 1:
-        what = f"holds no record whose cells are separated by {dialect.separator!r}, as its first line declares"
-        notes.error(before.line, "", what, "Compare the first line with the others.")
+        message = f"holds no record whose cells are separated by {dialect.separator!r}, as its first line declares"
+        notes.error(before.line, "", message, "Compare the first line with the others.")
     return [record for record in records if record.name]
 
 
-def _code(record: _Record, row: _Row, dialect: _Dialect) -> None:
+def _code(record: _Record, row: _CsvRow, dialect: _Dialect) -> None:
     """Heed a line that says to which function or variant a record belongs, or how it is displayed."""
     kind = row.cells[0].strip("'")
     first = (dialect.text(row.values[0]) or "") if row.values else ""
@@ -214,8 +214,8 @@ def _code(record: _Record, row: _Row, dialect: _Dialect) -> None:
         record.functions += (first,)
 
 
-class _Reader:
-    def __init__(self, notes: Notes, dialect: _Dialect) -> None:
+class _CvxReader:
+    def __init__(self, notes: Findings, dialect: _Dialect) -> None:
         self.notes = notes
         self.dialect = dialect
         self.axes: dict[tuple[str, str, str], tuple[_Record, Axis]] = {}  # by type, name and variant
@@ -242,8 +242,8 @@ class _Reader:
             return
         falling = np.flatnonzero(points[1:] <= points[:-1])
         if not points.size or falling.size or not np.isfinite(points).all():
-            what = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
-            self._wrong(record, f"{record.kind} {what}")
+            message = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
+            self._wrong(record, f"{record.kind} {message}")
             return
         is_group = record.kind == "AXIS_PTS"
         axis = Axis(points, unit=record.unit, name=record.name if is_group else "")
@@ -259,8 +259,8 @@ class _Reader:
         group = self.groups.setdefault(record.name, axis)
         self.groups_folded.setdefault(record.name.casefold(), axis)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
-            what = f"is the group axis in another variant ({record.variant}); left aside"
-            self.notes.remark(record.row.line, record.name, what)
+            message = f"is the group axis in another variant ({record.variant}); left aside"
+            self.notes.remark(record.row.line, record.name, message)
 
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
@@ -282,18 +282,18 @@ class _Reader:
             return
         before, known = self.things.setdefault((record.name, record.variant), (record, thing))
         if not _same(known, thing):
-            what = f"{record.name} is defined a second time, with other values than in line {before.row.line}"
-            self._wrong(record, what, "Keep one of the two.")
+            message = f"{record.name} is defined a second time, with other values than in line {before.row.line}"
+            self._wrong(record, message, "Keep one of the two.")
 
     def _holds_text(self, record: _Record) -> bool:
         return any(self.dialect.text(cell) is not None for row in (record.row, *record.rows) for cell in row.values)
 
     def _repeated(self, record: _Record, first: _Record) -> None:
-        what = f"{record.name} is defined a second time, with other values than in line {first.row.line}"
-        self._wrong(record, what, "Keep one of the two.")
+        message = f"{record.name} is defined a second time, with other values than in line {first.row.line}"
+        self._wrong(record, message, "Keep one of the two.")
 
-    def _wrong(self, record: _Record, what: str, mend: str = "") -> None:
-        self.notes.error(record.row.line, record.name, what, mend)
+    def _wrong(self, record: _Record, message: str, remedy: str = "") -> None:
+        self.notes.error(record.row.line, record.name, message, remedy)
 
     def _member(self, record: _Record) -> Parameter | None:
         makers: dict[str, Callable[[_Record], Parameter | None]]
@@ -333,7 +333,9 @@ class _Reader:
         # One row more is the line of embedded breakpoints, which the specification has every reader discard.
         rows = record.rows[1:] if len(record.rows) == count + 1 else record.rows
         if len(rows) != count:
-            self._wrong(record, f"{record.kind} has {counted(len(rows), 'row')} of values, its axis asks for {count}")
+            self._wrong(
+                record, f"{record.kind} has {count_noun(len(rows), 'row')} of values, its axis asks for {count}"
+            )
             return None
         if not self._widths_agree(record, rows, len(own[0])):
             return None
@@ -343,11 +345,11 @@ class _Reader:
         shaped = values.reshape(count, -1).T if len(own) == 2 else values
         return parameter(record.name, shaped, own, unit=record.unit, **record.labels)
 
-    def _widths_agree(self, record: _Record, rows: list[_Row], width: int) -> bool:
+    def _widths_agree(self, record: _Record, rows: list[_CsvRow], width: int) -> bool:
         short = [row for row in rows if len(row.values) != width]
         for row in short:
-            what = f"the row has {counted(len(row.values), 'value')}, the x axis asks for {width}"
-            self.notes.error(row.line, record.name, what)
+            message = f"the row has {count_noun(len(row.values), 'value')}, the x axis asks for {width}"
+            self.notes.error(row.line, record.name, message)
         return not short
 
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
@@ -364,14 +366,14 @@ class _Reader:
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}
         if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:
-            what = f"{record.kind} does not say which group axis is its {letter.lower()} axis; left aside"
-            self.notes.remark(record.row.line, record.name, what, "Export it as DCM.")
+            message = f"{record.kind} does not say which group axis is its {letter.lower()} axis; left aside"
+            self.notes.remark(record.row.line, record.name, message, "Export it as DCM.")
         else:
-            mend = "The file may be cut off: take a complete copy."
-            self._wrong(record, f"{record.kind} has no record {letter}_AXIS_PTS", mend)
+            remedy = "The file may be cut off: take a complete copy."
+            self._wrong(record, f"{record.kind} has no record {letter}_AXIS_PTS", remedy)
         return None
 
-    def _numbers(self, record: _Record, rows: list[_Row]) -> Float | None:
+    def _numbers(self, record: _Record, rows: list[_CsvRow]) -> Float | None:
         """All numbers of some rows; None where one of them is none."""
         numbers = [self.dialect.numbers(row.values) for row in rows]
         wrong = [

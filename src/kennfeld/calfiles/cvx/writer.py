@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
@@ -113,7 +113,7 @@ def _quoted(text: str) -> str:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    notes, seen = Notes(file), set[str]()
+    notes, seen = Findings(file), set[str]()
     for name in [*parameters, *(text.name for text in parameters.texts)]:
         if name in seen:
             notes.error(0, name, "is given twice", "Rename one of the two.")
@@ -123,8 +123,8 @@ def _refuse(parameters: ParameterSet, file: str) -> None:
             notes.error(0, name, f"{name!r} cannot be a name in CVX: no commas and no quotes", "Rename it.")
     groups = {axis.name: axis for axis in parameters.axes}
     for thing in (*parameters.parameters, *parameters.texts, *parameters.others):
-        for what in _text_faults(thing) if isinstance(thing, Text) else _faults(thing, groups):
-            notes.error(0, thing.name, what, "Write it as .json.")
+        for message in _text_faults(thing) if isinstance(thing, Text) else _faults(thing, groups):
+            notes.error(0, thing.name, message, "Write it as .json.")
     notes.settle()
 
 

@@ -7,10 +7,10 @@ number, so that a finding can point at it and a writer can later replace single 
 import re
 from dataclasses import dataclass, field
 
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import nearest
 
-__all__ = ["Block", "DcmLines", "Statement", "recognises_dcm", "split", "unquoted", "words"]
+__all__ = ["DcmBlock", "DcmLines", "recognises_dcm", "split", "unquoted"]
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
@@ -43,7 +43,7 @@ _MOST_GUESSES = 20  # a garbled file must not spend its time on guessing keyword
 
 
 @dataclass(slots=True)
-class Block:
+class DcmBlock:
     """One block from its header to its END; `sizes` is None where the header could not be read."""
 
     keyword: str
@@ -74,7 +74,7 @@ class DcmLines:
     """The blocks of a file, its version (1 where the file states none) and what its variant coding declares."""
 
     version: str
-    blocks: list[Block]
+    blocks: list[DcmBlock]
     criteria: frozenset[str] = frozenset()  # by which variants are told apart
 
 
@@ -105,7 +105,7 @@ def recognises_dcm(text: str) -> bool:
     return _RECOGNISED.search(text) is not None
 
 
-def split(text: str, notes: Notes) -> DcmLines:
+def split(text: str, notes: Findings) -> DcmLines:
     """Cut DCM text into blocks; whatever is no DCM goes to the notes, with its line."""
     splitter = _Splitter(notes)
     for number, line in enumerate(text.split("\n"), 1):
@@ -121,11 +121,11 @@ def split(text: str, notes: Notes) -> DcmLines:
 
 
 class _Splitter:
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: Findings) -> None:
         self.notes = notes
         self.version = "1"
-        self.blocks: list[Block] = []
-        self.block: Block | None = None
+        self.blocks: list[DcmBlock] = []
+        self.block: DcmBlock | None = None
         self.criteria: set[str] = set()
         self.unknown: dict[str, Statement] = {}
         self.guessed = 0
@@ -164,18 +164,18 @@ class _Splitter:
     def close_open_block(self) -> None:
         """Report the block that another one, or the end of the file, interrupts."""
         if self.block is not None and self.block.keyword:
-            what = f"{self.block.keyword} has no END"
-            mend = "The file may be cut off: take a complete copy, or add the missing lines."
-            self.notes.error(self.block.line, self.block.name, what, mend)
+            message = f"{self.block.keyword} has no END"
+            remedy = "The file may be cut off: take a complete copy, or add the missing lines."
+            self.notes.error(self.block.line, self.block.name, message, remedy)
         self.block = None
 
-    def _opened(self, number: int, keyword: str, rest: str) -> Block:
+    def _opened(self, number: int, keyword: str, rest: str) -> DcmBlock:
         if keyword in _LISTS:
-            return Block(keyword, "", number)
+            return DcmBlock(keyword, "", number)
         name, sizes = _header(keyword, rest)
         if sizes is None:
             self.notes.error(number, name, f"{keyword} needs {_asked(keyword)}", "", f"{keyword} {rest}")
-        return Block(keyword, name, number, sizes)
+        return DcmBlock(keyword, name, number, sizes)
 
     def _single(self, keyword: str, rest: str) -> None:
         self.close_open_block()
@@ -198,7 +198,7 @@ class _Splitter:
             self.notes.error(number, rest.split(" ")[0], f"{keyword} is no keyword of DCM", guess)
         else:
             self.unknown.setdefault(keyword, (number, "", rest))
-        self.block = Block("", "", number)
+        self.block = DcmBlock("", "", number)
 
     def _guess(self, keyword: str) -> str:
         self.guessed += 1

@@ -9,27 +9,26 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.dcm.lines import Block as Lines
+from kennfeld.calfiles.dcm.lines import DcmBlock as Lines
 from kennfeld.calfiles.dcm.lines import DcmLines, split, unquoted
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.calfiles.verbal_values import of_one_kind
-from kennfeld.formatting import counted
+from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = ["Dcm", "Key", "VariantValue", "read_dcm", "variant_of", "variant_values"]
+__all__ = ["Dcm", "Key", "VariantValue", "variant_values"]
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
 _LONGEST = 4096  # characters of a line with the values of variants; the search takes the square of them
 _VARIANT = re.compile(r'([^,="]+)(?:=\s*("(?:[^"\\]|\\.)*"|[^,]*))?\s*(?:,|$)')
-
 
 Key = tuple[str, str]  # name and variant
 Thing = Parameter | Text
 
 
 @dataclass(frozen=True)
-class _Held:
+class PendingTable:
     """A checked block whose group axes are not tied yet."""
 
     lines: Lines
@@ -47,10 +46,10 @@ class _Numbers:
 
 
 @dataclass
-class _Found:
+class DcmContent:
     """What the blocks hold."""
 
-    things: dict[Key, _Held] = field(default_factory=dict)
+    things: dict[Key, PendingTable] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
     axis_lines: dict[str, Lines] = field(default_factory=dict)
     keys: dict[int, Key] = field(default_factory=dict)  # of the block that begins in a line
@@ -63,7 +62,7 @@ class Dcm:
     `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none.
     """
 
-    source: Source
+    source: CalibrationSource
     blocks: tuple[Lines, ...]
     keys: Mapping[int, Key]
     things: Mapping[Key, Thing]
@@ -71,16 +70,16 @@ class Dcm:
     criteria: frozenset[str]
 
 
-def read_dcm(source: Source) -> Content:
+def read_dcm(source: CalibrationSource) -> ReadResult:
     """The parameters of a DCM file, version 1.x or 2.x.
 
     Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j. Of a label with
     several variants the first one counts. Raises `InputError` with every finding; text axes and text tables are left
     aside with a remark, and stay in the file when it is written again.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     lines = split(source.text, notes)
-    reader = _Reader(notes, lines)
+    reader = _DcmReader(notes, lines)
     blocks = [block for block in lines.blocks if block.sizes is not None]
     for block in blocks:
         if block.keyword == "STUETZSTELLENVERTEILUNG":
@@ -92,7 +91,7 @@ def read_dcm(source: Source) -> Content:
     remarks = notes.settle()
     first = {name: (name, variant) for name, variant in reversed(things)}
     chosen = [thing for key, thing in things.items() if first[key[0]] == key]
-    return Content(
+    return ReadResult(
         f"DCM {lines.version}",
         ParameterSet(
             [thing for thing in chosen if isinstance(thing, Parameter)],
@@ -144,13 +143,13 @@ def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]
     return values if all(fits) and not criteria & {one.variant for one in values} else []
 
 
-class _Reader:
-    def __init__(self, notes: Notes, lines: DcmLines) -> None:
+class _DcmReader:
+    def __init__(self, notes: Findings, lines: DcmLines) -> None:
         self.notes = notes
         self.version = lines.version
         self.criteria = lines.criteria
-        self.found = _Found()
-        self.first: dict[str, _Held] = {}  # of each label
+        self.found = DcmContent()
+        self.first: dict[str, PendingTable] = {}  # of each label
 
     def take_axis(self, block: Lines) -> None:
         """Keep a group axis."""
@@ -165,8 +164,8 @@ class _Reader:
         elif variant_of(block) == variant_of(first):
             self._twice(block, first.line, "with other breakpoints")
         else:
-            what = f"is the axis of line {first.line} in another variant ({variant_of(block)}); left aside"
-            self.notes.remark(block.line, block.name, what)
+            message = f"is the axis of line {first.line} in another variant ({variant_of(block)}); left aside"
+            self.notes.remark(block.line, block.name, message)
 
     def take(self, block: Lines) -> None:
         """Check a block and keep what it holds."""
@@ -178,8 +177,8 @@ class _Reader:
             return
         texts = [key for key in keys if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         if texts:
-            what = f"{block.keyword} holds text ({texts[0]}), which is no number to calibrate; left aside"
-            self.notes.remark(block.line, block.name, what)
+            message = f"{block.keyword} holds text ({texts[0]}), which is no number to calibrate; left aside"
+            self.notes.remark(block.line, block.name, message)
             return
         table = self._table(block)
         if table is not None:
@@ -196,7 +195,7 @@ class _Reader:
     def _hold(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
         """One label may occur once a variant."""
         key = (thing.name, thing.variant)
-        held = _Held(block, thing, groups)
+        held = PendingTable(block, thing, groups)
         first = self.first.setdefault(thing.name, held)
         if isinstance(thing, Text) != isinstance(first.thing, Text):
             self._twice(block, first.lines.line, "as a text" if isinstance(thing, Text) else "as a number")
@@ -217,8 +216,8 @@ class _Reader:
         }
 
     def _twice(self, block: Lines, line: int, difference: str) -> None:
-        what = f"{block.name} is defined a second time, {difference}, after line {line}"
-        self.notes.error(block.line, block.name, what, "Keep one of the two.")
+        message = f"{block.name} is defined a second time, {difference}, after line {line}"
+        self.notes.error(block.line, block.name, message, "Keep one of the two.")
 
     def _table(self, block: Lines) -> Parameter | None:
         assert block.sizes is not None
@@ -257,8 +256,8 @@ class _Reader:
             return group.breakpoints
         letter, keyword = _AXES[direction][:2]
         if self.version.startswith("1") and block.keyword.startswith(("FEST", "GRUPPEN")):
-            what = f"{block.keyword} of DCM 1.x has no {letter} breakpoints in the file; left aside"
-            self.notes.remark(block.line, block.name, what, "Export it as DCM 2.0.")
+            message = f"{block.keyword} of DCM 1.x has no {letter} breakpoints in the file; left aside"
+            self.notes.remark(block.line, block.name, message, "Export it as DCM 2.0.")
         else:
             self.notes.error(block.line, block.name, f"has no {letter} breakpoints", f"Add a line {keyword}.")
         return None
@@ -270,7 +269,7 @@ class _Reader:
         count, wanted = len(found.values), prod(sizes)
         if count != wanted:
             asked = f"{' x '.join(map(str, sizes))} = {wanted}" if len(sizes) > 1 else str(wanted)
-            self.notes.error(block.line, block.name, f"has {counted(count, 'value')}, its header asks for {asked}")
+            self.notes.error(block.line, block.name, f"has {count_noun(count, 'value')}, its header asks for {asked}")
             return None
         return found.values.reshape(sizes[::-1]).T
 
@@ -282,9 +281,9 @@ class _Reader:
         complete = True
         for (line, rest, start), end in zip(found.rows, ends, strict=True):
             if end - start != block.sizes[0]:
-                count = counted(end - start, "value")
-                what = f"the row at y = {rest.strip()} has {count}, the header asks for {block.sizes[0]}"
-                self.notes.error(line, block.name, what)
+                count = count_noun(end - start, "value")
+                message = f"the row at y = {rest.strip()} has {count}, the header asks for {block.sizes[0]}"
+                self.notes.error(line, block.name, message)
                 complete = False
         return complete
 
@@ -317,8 +316,8 @@ class _Reader:
         for line, key, rest in block.statements:
             for word in rest.split() if key == keyword else ():
                 if not _is_number(word):
-                    mend = "Write a decimal point." if _is_number(word.replace(",", ".", 1)) else ""
-                    self.notes.error(line, block.name, f"{word[:60]!r} is no finite number", mend, rest)
+                    remedy = "Write a decimal point." if _is_number(word.replace(",", ".", 1)) else ""
+                    self.notes.error(line, block.name, f"{word[:60]!r} is no finite number", remedy, rest)
 
     def _axis_named(self, reference: str) -> Axis | None:
         r"""ASCET refers to the axis `distrib` of a module as `distrib\Module`."""
@@ -329,7 +328,7 @@ class _Reader:
         """What was read, the tables with their group axes named, the words of a label of one kind."""
         return of_one_kind({key: self._tied(held) for key, held in self.found.things.items()})
 
-    def _tied(self, held: _Held) -> Thing:
+    def _tied(self, held: PendingTable) -> Thing:
         if isinstance(held.thing, Text) or not any(held.groups):
             return held.thing
         pairs = zip(held.thing.axes, held.groups, strict=True)
@@ -342,8 +341,8 @@ class _Reader:
         if group is None:
             group = self.found.axes[reference] = Axis(axis.breakpoints, unit=axis.unit, name=reference)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
-            what = f"has other breakpoints than the group axis {group.name}; they are kept as an axis of its own"
-            self.notes.remark(block.line, block.name, what)
+            message = f"has other breakpoints than the group axis {group.name}; they are kept as an axis of its own"
+            self.notes.remark(block.line, block.name, message)
             return axis
         return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name)
 
@@ -359,16 +358,16 @@ def _groups(block: Lines) -> tuple[str, ...]:
 def _wrong_axis(letter: str, points: Float, size: int) -> tuple[str, str] | None:
     """What is wrong with the breakpoints of an axis, and the mend."""
     if len(points) != size:
-        return f"has {counted(len(points), f'{letter} breakpoint')}, its header asks for {size}", ""
+        return f"has {count_noun(len(points), f'{letter} breakpoint')}, its header asks for {size}", ""
     falling = np.flatnonzero(points[1:] <= points[:-1])
     if not falling.size:
         return None
     at = int(falling[0])
-    what = (
+    message = (
         f"the {letter} axis does not increase: breakpoint {at + 2} ({points[at + 1]:g}) "
         f"does not exceed breakpoint {at + 1} ({points[at]:g})"
     )
-    return what, "Each breakpoint must be larger than the one before."
+    return message, "Each breakpoint must be larger than the one before."
 
 
 def _same(first: Thing, second: Thing) -> bool:

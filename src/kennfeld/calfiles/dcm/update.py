@@ -11,22 +11,24 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.dcm.lines import Block as Lines
+from kennfeld.calfiles.dcm.lines import DcmBlock as Lines
 from kennfeld.calfiles.dcm.reader import Dcm, Key, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, in_the_block_of, quoted, refuse, thing_block, whole_text
-from kennfeld.calfiles.format import Written
+from kennfeld.calfiles.format import WriteResult
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["write_dcm"]
+__all__ = []
 
 Thing = Parameter | Text
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")
 _NO_LABEL: dict[str, object] = {"functions": (), "display_name": ""}  # a set without them leaves those of the file
 
+_GROUP_AXIS = re.compile(r"\s*\*\s*SST")
 
-def write_dcm(parameters: ParameterSet, file: str) -> Written:
+
+def write_dcm(parameters: ParameterSet, file: str) -> WriteResult:
     """A set as DCM: the file it was read from with its numbers, or a new one where it is from elsewhere.
 
     Raises `InputError` naming every parameter that DCM cannot hold.
@@ -34,12 +36,12 @@ def write_dcm(parameters: ParameterSet, file: str) -> Written:
     refuse(parameters, file)
     origin = parameters.origin
     if not isinstance(origin, Dcm) or not origin.source.is_exact:
-        return Written(whole_text(parameters).encode("utf-8", errors="replace"))
-    update = _Update(origin, parameters)
-    return Written(origin.source.encoded("".join(update.lines())))
+        return WriteResult(whole_text(parameters).encode("utf-8", errors="replace"))
+    update = _DcmUpdate(origin, parameters)
+    return WriteResult(origin.source.encoded("".join(update.lines())))
 
 
-class _Update:
+class _DcmUpdate:
     def __init__(self, dcm: Dcm, parameters: ParameterSet) -> None:
         self.dcm = dcm
         self.now: Mapping[Key, Thing] = parameters.everything
@@ -182,9 +184,6 @@ class _Update:
         for block in blocks:
             yield self.newline
             yield block.replace("\n", self.newline)
-
-
-_GROUP_AXIS = re.compile(r"\s*\*\s*SST")
 
 
 def _end_of(line: str) -> str:

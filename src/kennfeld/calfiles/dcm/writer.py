@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes
+from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text
@@ -71,16 +71,16 @@ def _word(name: str) -> str:
 
 def refuse(parameters: ParameterSet, file: str) -> None:
     """Raise `InputError` naming every parameter that DCM cannot hold: cubes, values that are not finite."""
-    notes = Notes(file)
+    notes = Findings(file)
     used = {axis.name for member in parameters.parameters for axis in member.axes}
     for name in _repeated([*parameters, *(text.name for text in parameters.texts)]):
         notes.error(0, name, "is given twice", "Rename one of the two.")
     for thing in (*parameters.chosen, *parameters.others):
-        for what, mend in _faults(thing):
-            notes.error(0, thing.name, what, mend)
+        for message, remedy in _faults(thing):
+            notes.error(0, thing.name, message, remedy)
     for axis in parameters.axes:
-        for what, mend in _axis_faults(axis, used):
-            notes.error(0, axis.name, what, mend)
+        for message, remedy in _axis_faults(axis, used):
+            notes.error(0, axis.name, message, remedy)
     notes.settle()
 
 

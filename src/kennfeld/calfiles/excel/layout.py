@@ -21,7 +21,7 @@ from datetime import date, time, timedelta
 from io import BytesIO
 
 from kennfeld import workbooks
-from kennfeld.calfiles.format import Source
+from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
 from kennfeld.parameters import TextKind
 from kennfeld.workbooks import Workbook, column_letters
@@ -131,7 +131,7 @@ def number_fault(value: object) -> str:
     return "" if isinstance(value, (int, float)) else f"holds {str(value)[:60]!r}, which is no number"
 
 
-def looks_like_a_workbook(source: Source) -> bool:
+def looks_like_a_workbook(source: CalibrationSource) -> bool:
     """Whether a file, of which the beginning may suffice, is an .xlsx."""
     if not source.raw.startswith(_ZIP):
         return False
@@ -142,7 +142,7 @@ def looks_like_a_workbook(source: Source) -> bool:
         return b"xl/" in source.raw or source.raw[30:49] == b"[Content_Types].xml"
 
 
-def is_calibration_workbook(source: Source) -> bool:
+def is_calibration_workbook(source: CalibrationSource) -> bool:
     """Whether an .xlsx holds parameters rather than measured data: it has the index that lists them."""
     if not source.raw.startswith(_ZIP):
         return False
@@ -165,7 +165,7 @@ def index_heading(sheet: Sheet) -> int | None:
     return None
 
 
-def opened(source: Source) -> Workbook:
+def opened(source: CalibrationSource) -> Workbook:
     """The workbook; raises `InputError` where it is damaged, encrypted, or asks for more memory than a table needs."""
     return workbooks.opened(source.name, source.raw)
 

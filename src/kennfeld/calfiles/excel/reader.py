@@ -23,42 +23,42 @@ from kennfeld.calfiles.excel.layout import (
     sheet_of,
 )
 from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook
 
-__all__ = ["read_excel"]
+__all__ = []
 
 Thing = Parameter | Text
 Key = tuple[str, str]  # name and variant
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 
 
-def read_excel(source: Source) -> Content:
+def read_excel(source: CalibrationSource) -> ReadResult:
     """The parameters of a workbook with an index; sheets that the index does not name are the user's own.
 
     Of a label with several variants the first one counts. Raises `InputError` with every finding and its cell.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     book = opened(source)
     index = sheet_of(book, INDEX) if INDEX in book.names else Sheet(INDEX, [])
     heading = index_heading(index)
     if heading is None:
-        what = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
-        notes.error(0, "", what, "A workbook of measured data belongs to a dataset.")
+        message = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
+        notes.error(0, "", message, "A workbook of measured data belongs to a dataset.")
         notes.settle()
     assert heading is not None
-    reader = _Reader(book, notes)
+    reader = _SheetReader(book, notes)
     reader.read(_rows(index, heading, INDEX_HEADING, notes))
     remarks = notes.settle()
-    return Content("Excel", reader.parameters(), remarks)
+    return ReadResult("Excel", reader.parameters(), remarks)
 
 
 @dataclass(frozen=True)
-class _Row:
+class _SheetRow:
     """One row of a list: its cells by heading."""
 
     sheet: Sheet
@@ -85,7 +85,7 @@ class _Row:
         return {"description": self.text("description"), "functions": functions, **named}
 
 
-def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], notes: Notes) -> list[_Row]:
+def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], notes: Findings) -> list[_SheetRow]:
     """The rows of a list below its headings, whose columns may have moved."""
     if heading is None:
         heading = next((row for row in range(min(len(sheet.rows), 50)) if words[0] in _words(sheet, row)), None)
@@ -94,7 +94,7 @@ def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], notes: Note
         return []
     found = _words(sheet, heading)
     columns = {word: found.index(word) for word in words if word in found}
-    rows = [_Row(sheet, row, columns) for row in range(heading + 1, len(sheet.rows))]
+    rows = [_SheetRow(sheet, row, columns) for row in range(heading + 1, len(sheet.rows))]
     first = columns.get(words[0], 0)
     return [row for row in rows if sheet.text(row.row, first).strip()]
 
@@ -104,20 +104,20 @@ def _words(sheet: Sheet, row: int) -> list[str]:
 
 
 @dataclass
-class _Reader:
+class _SheetReader:
     book: Workbook
-    notes: Notes
+    notes: Findings
     things: dict[Key, Thing] = field(default_factory=dict)
     groups: dict[str, tuple[Sheet, AxisCells]] = field(default_factory=dict)
     broken: set[str] = field(default_factory=set)  # group axes with a finding of their own
     users: dict[str, str] = field(default_factory=dict)  # the parameter whose table is on a sheet
 
-    def read(self, index: list[_Row]) -> None:
+    def read(self, index: list[_SheetRow]) -> None:
         """Everything that the index names, in its order, then the single values that were added."""
         self._read_groups()
         singles = self._listed(SCALARS, SCALARS_HEADING)
         texts = self._listed(TEXTS, TEXTS_HEADING)
-        seen: dict[Key, _Row] = {}
+        seen: dict[Key, _SheetRow] = {}
         for row in index:
             first = seen.setdefault(row.key, row)
             if first is not row:
@@ -137,8 +137,8 @@ class _Reader:
         members = [thing for thing in chosen if isinstance(thing, Parameter)]
         return ParameterSet(members, [thing for thing in chosen if isinstance(thing, Text)], axes, others)
 
-    def _wrong(self, what: str, mend: str = "") -> None:
-        self.notes.error(0, "", what, mend)
+    def _wrong(self, message: str, remedy: str = "") -> None:
+        self.notes.error(0, "", message, remedy)
 
     def _hold(self, key: Key, thing: Thing | None) -> None:
         if thing is None:
@@ -148,9 +148,9 @@ class _Reader:
             self._wrong(f"{key[0]} is a text in one variant and a number in another", "Rename one of the two.")
         self.things[key] = thing
 
-    def _listed(self, name: str, heading: tuple[str, ...]) -> dict[Key, _Row]:
+    def _listed(self, name: str, heading: tuple[str, ...]) -> dict[Key, _SheetRow]:
         """The rows of the sheet of single values or texts."""
-        found: dict[Key, _Row] = {}
+        found: dict[Key, _SheetRow] = {}
         if name not in self.book.names:
             return found
         for row in _rows(sheet_of(self.book, name), None, heading, self.notes):
@@ -159,11 +159,11 @@ class _Reader:
             found.setdefault(row.key, row)
         return found
 
-    def _take(self, row: _Row, singles: dict[Key, _Row], texts: dict[Key, _Row]) -> None:
+    def _take(self, row: _SheetRow, singles: dict[Key, _SheetRow], texts: dict[Key, _SheetRow]) -> None:
         kind, sheet = row.text("kind").strip().casefold(), row.text("sheet").strip()
         if kind not in KINDS:
-            mend = nearest(kind, KINDS) or f"The kinds are {', '.join(KINDS)}."
-            self._wrong(f"{row.place('kind')} holds {row.text('kind')[:60]!r}, which is no kind of parameter", mend)
+            remedy = nearest(kind, KINDS) or f"The kinds are {', '.join(KINDS)}."
+            self._wrong(f"{row.place('kind')} holds {row.text('kind')[:60]!r}, which is no kind of parameter", remedy)
             return
         text_kind = next((one for one in TEXT_KINDS if one == kind), None)
         if text_kind or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
@@ -174,15 +174,15 @@ class _Reader:
             found = listed[row.key]
             self._hold(row.key, _text(found, text_kind, row.text("unit")) if text_kind else self._single(found))
         elif sheet not in self.book.names:
-            what = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
-            self._wrong(what, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
+            message = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
+            self._wrong(message, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
         elif self.users.setdefault(sheet, row.place("name")) != row.place("name"):
-            what = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
-            self._wrong(what, "Each table has a sheet of its own.")
+            message = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
+            self._wrong(message, "Each table has a sheet of its own.")
         else:
             self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet)))
 
-    def _single(self, row: _Row) -> Parameter | None:
+    def _single(self, row: _SheetRow) -> Parameter | None:
         if "value" not in row.columns:
             self._wrong(f"Sheet {row.sheet.name} has no column 'value'")
             return None
@@ -198,7 +198,7 @@ class _Reader:
             return None
         return Block(row.name, np.full([1] * len(size), number), **attributes)
 
-    def _table(self, row: _Row, kind: str, sheet: Sheet) -> Parameter | None:
+    def _table(self, row: _SheetRow, kind: str, sheet: Sheet) -> Parameter | None:
         grid = read_grid(sheet, self.notes)
         if grid is None:
             return None
@@ -214,7 +214,7 @@ class _Reader:
             return None
         return self._made(row, grid, [axis for axis in axes if axis is not None], attributes)
 
-    def _made(self, row: _Row, grid: Grid, axes: list[Axis], attributes: dict[str, Any]) -> Parameter | None:
+    def _made(self, row: _SheetRow, grid: Grid, axes: list[Axis], attributes: dict[str, Any]) -> Parameter | None:
         try:
             return parameter(row.name, grid.values, axes, **attributes)
         except ArgumentError as error:
@@ -232,23 +232,23 @@ class _Reader:
 
     def _agrees(self, sheet: Sheet, cells: AxisCells, where: Sheet, known: AxisCells) -> bool:
         """Whether the copy of a group axis is that of its own row."""
-        mend = f"Change group axes on the sheet {AXES} alone, and let Excel recalculate."
+        remedy = f"Change group axes on the sheet {AXES} alone, and let Excel recalculate."
         if len(cells.points) != len(known.points):
             found = f"{sheet.place(*cells.cells[0])} begins {len(cells.points)} breakpoints"
-            self._wrong(f"{found}, the group axis {cells.group} has {len(known.points)}", mend)
+            self._wrong(f"{found}, the group axis {cells.group} has {len(known.points)}", remedy)
             return False
         for point, cell, other, place in zip(cells.points, cells.cells, known.points, known.cells, strict=True):
             if point != other:
                 origin = f"{other:.15g} of the group axis {cells.group} in {where.place(*place)}"
-                self._wrong(f"{sheet.place(*cell)} holds {point:.15g}, not {origin}", mend)
+                self._wrong(f"{sheet.place(*cell)} holds {point:.15g}, not {origin}", remedy)
                 return False
         return True
 
     def _increases(self, sheet: Sheet, cells: AxisCells) -> bool:
         for before, after, place in zip(cells.points, cells.points[1:], cells.cells[1:], strict=False):
             if after <= before:
-                what = f"{sheet.place(*place)} holds {after:.15g}, no more than the breakpoint before, {before:.15g}"
-                self._wrong(what, "Each breakpoint must be larger than the one before.")
+                message = f"{sheet.place(*place)} holds {after:.15g}, no more than the breakpoint before, {before:.15g}"
+                self._wrong(message, "Each breakpoint must be larger than the one before.")
                 return False
         return True
 
@@ -269,11 +269,11 @@ class _Reader:
                 self.groups[name] = (sheet, cells)
 
 
-def _text(row: _Row, kind: TextKind = "text", unit: str = "") -> Text:
+def _text(row: _SheetRow, kind: TextKind = "text", unit: str = "") -> Text:
     return Text(row.name, row.text("text"), kind=kind, unit=unit, **row.labels())
 
 
-def _breakpoints(sheet: Sheet, row: int, start: int, notes: Notes) -> AxisCells | None:
+def _breakpoints(sheet: Sheet, row: int, start: int, notes: Findings) -> AxisCells | None:
     end = start
     while sheet.cell(row, end) is not None:
         end += 1

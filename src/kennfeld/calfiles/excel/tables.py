@@ -7,8 +7,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, LETTERS, Sheet, number_fault
-from kennfeld.calfiles.format import Notes
-from kennfeld.formatting import counted
+from kennfeld.calfiles.format import Findings
+from kennfeld.formatting import count_noun
 
 __all__ = ["AxisCells", "Grid", "read_grid", "read_number"]
 
@@ -44,13 +44,13 @@ class _Page:
     values: Float
 
 
-def read_number(sheet: Sheet, row: int, column: int, notes: Notes) -> float | None:
+def read_number(sheet: Sheet, row: int, column: int, notes: Findings) -> float | None:
     """The number of a cell; None with a finding where it holds none."""
     value = sheet.cell(row, column)
     fault = number_fault(value)
     if fault:
-        mend = "Write a number." if not _has_comma(value) else "Write it as a number: the cell holds text."
-        notes.error(0, "", f"{sheet.place(row, column)} {fault}", mend)
+        remedy = "Write a number." if not _has_comma(value) else "Write it as a number: the cell holds text."
+        notes.error(0, "", f"{sheet.place(row, column)} {fault}", remedy)
         return None
     assert isinstance(value, (int, float))
     number = float(value)
@@ -70,16 +70,16 @@ def _has_comma(value: object) -> bool:
     return True
 
 
-def read_grid(sheet: Sheet, notes: Notes) -> Grid | None:
+def read_grid(sheet: Sheet, notes: Findings) -> Grid | None:
     """The table of a sheet; None with findings where it is broken.
 
     A table ends where its breakpoints end, so that notes and sums may stand beside it or below it, apart from it.
     """
     corners = [row for row in range(len(sheet.rows)) if _is_corner(sheet, row)]
     if not corners:
-        what = f"Sheet {sheet.name} holds no table"
+        message = f"Sheet {sheet.name} holds no table"
         notes.error(
-            0, "", what, f"Write {CORNERS[1]!r} into the cell left above the numbers, {CORNERS[0]!r} for a row."
+            0, "", message, f"Write {CORNERS[1]!r} into the cell left above the numbers, {CORNERS[0]!r} for a row."
         )
         return None
     pages = [_page(sheet, row, notes) for row in corners]
@@ -97,7 +97,7 @@ def _is_corner(sheet: Sheet, row: int) -> bool:
     return isinstance(cell, str) and " ".join(cell.split()).casefold().startswith(CORNERS)
 
 
-def _page(sheet: Sheet, row: int, notes: Notes) -> _Page | None:
+def _page(sheet: Sheet, row: int, notes: Findings) -> _Page | None:
     """One page, whose corner is in a row."""
     x = _across(sheet, row, notes)
     downwards = sheet.text(row, 0).strip().casefold().startswith("y")
@@ -115,14 +115,14 @@ def _page(sheet: Sheet, row: int, notes: Notes) -> _Page | None:
     return _Page(row, further[0], further[1], x, y, values)
 
 
-def _across(sheet: Sheet, row: int, notes: Notes) -> AxisCells | None:
+def _across(sheet: Sheet, row: int, notes: Findings) -> AxisCells | None:
     end = 1
     while sheet.cell(row, end) is not None:
         end += 1
     return _axis(sheet, [(row, column) for column in range(1, end)], (row, 1), "x", notes)
 
 
-def _down(sheet: Sheet, row: int, notes: Notes) -> AxisCells | None:
+def _down(sheet: Sheet, row: int, notes: Findings) -> AxisCells | None:
     end = row + 1
     while sheet.cell(end, 0) is not None and not _ends(sheet, end):
         end += 1
@@ -138,7 +138,7 @@ def _ends(sheet: Sheet, row: int) -> bool:
 
 
 def _axis(
-    sheet: Sheet, cells: list[tuple[int, int]], first: tuple[int, int], letter: str, notes: Notes
+    sheet: Sheet, cells: list[tuple[int, int]], first: tuple[int, int], letter: str, notes: Findings
 ) -> AxisCells | None:
     if not cells:
         notes.error(0, "", f"{sheet.place(*first)} is empty; the {letter} breakpoints begin here")
@@ -148,19 +148,19 @@ def _axis(
     return AxisCells(known, cells) if len(known) == len(points) else None
 
 
-def _stray(sheet: Sheet, corner: int, rows: list[int], columns: list[int], downwards: bool, notes: Notes) -> None:
+def _stray(sheet: Sheet, corner: int, rows: list[int], columns: list[int], downwards: bool, notes: Findings) -> None:
     """Numbers right beside a table that belong to no breakpoint: one was deleted, or is still missing."""
     right, below = columns[-1] + 1, rows[-1] + 1
     if any(not number_fault(sheet.cell(row, right)) for row in rows):
-        what = f"{sheet.place(corner, right)} is empty; the numbers below it have no x breakpoint"
-        notes.error(0, "", what, "Write the breakpoint, or leave a column free beside the table.")
+        message = f"{sheet.place(corner, right)} is empty; the numbers below it have no x breakpoint"
+        notes.error(0, "", message, "Write the breakpoint, or leave a column free beside the table.")
     is_page = sheet.text(below, 0).strip().casefold() == LETTERS[2]
     if downwards and not is_page and any(not number_fault(sheet.cell(below, column)) for column in columns):
-        what = f"{sheet.place(below, 0)} is empty; the numbers beside it have no y breakpoint"
-        notes.error(0, "", what, "Write the breakpoint, or leave a row free below the table.")
+        message = f"{sheet.place(below, 0)} is empty; the numbers beside it have no y breakpoint"
+        notes.error(0, "", message, "Write the breakpoint, or leave a row free below the table.")
 
 
-def _further(sheet: Sheet, row: int, notes: Notes) -> tuple[list[float], list[tuple[int, int]]] | None:
+def _further(sheet: Sheet, row: int, notes: Findings) -> tuple[list[float], list[tuple[int, int]]] | None:
     """The breakpoints in the row `z | 0.5 | w | 7` above a page; empty where there is none."""
     cells = []
     for column, letter in enumerate(LETTERS[2:]):
@@ -174,7 +174,7 @@ def _further(sheet: Sheet, row: int, notes: Notes) -> tuple[list[float], list[tu
     return (known, cells) if len(known) == len(points) else None
 
 
-def _stacked(sheet: Sheet, pages: list[_Page], notes: Notes) -> Grid | None:
+def _stacked(sheet: Sheet, pages: list[_Page], notes: Findings) -> Grid | None:
     """The pages as one table; they must have the same breakpoints and fill every place."""
     first = pages[0]
     wrong = False
@@ -188,28 +188,30 @@ def _stacked(sheet: Sheet, pages: list[_Page], notes: Notes) -> Grid | None:
     if wrong:
         return None
     if len(pages) > 1 and not first.further:
-        what = f"{sheet.place(pages[1].row, 0)} begins a second table"
-        notes.error(0, "", what, "Keep one of the two, or write 'z' and a breakpoint above each page.")
+        message = f"{sheet.place(pages[1].row, 0)} begins a second table"
+        notes.error(0, "", message, "Keep one of the two, or write 'z' and a breakpoint above each page.")
         return None
     return _cube(sheet, pages, notes)
 
 
-def _differs(sheet: Sheet, axis: AxisCells, first: AxisCells, notes: Notes) -> bool:
+def _differs(sheet: Sheet, axis: AxisCells, first: AxisCells, notes: Findings) -> bool:
     if len(axis.points) != len(first.points):
-        found, wanted = counted(len(axis.points), "breakpoint"), len(first.points)
+        found, wanted = count_noun(len(axis.points), "breakpoint"), len(first.points)
         notes.error(
             0, "", f"{sheet.place(*axis.cells[0])} begins an axis of {found}, that of the first page has {wanted}"
         )
         return True
     for point, cell, known, where in zip(axis.points, axis.cells, first.points, first.cells, strict=True):
         if point != known:
-            what = f"{sheet.place(*cell)} holds {point:.15g}, {sheet.place(*where)} holds {known:.15g}"
-            notes.error(0, "", what, "All pages of a table have the same breakpoints: change those of the first page.")
+            message = f"{sheet.place(*cell)} holds {point:.15g}, {sheet.place(*where)} holds {known:.15g}"
+            notes.error(
+                0, "", message, "All pages of a table have the same breakpoints: change those of the first page."
+            )
             return True
     return False
 
 
-def _cube(sheet: Sheet, pages: list[_Page], notes: Notes) -> Grid | None:
+def _cube(sheet: Sheet, pages: list[_Page], notes: Findings) -> Grid | None:
     first = pages[0]
     axes = [first.x, *([first.y] if first.y else [])]
     known: dict[tuple[float, ...], _Page] = {}

@@ -25,13 +25,13 @@ from kennfeld.calfiles.excel.layout import (
     TEXTS_HEADING,
     sheet_names,
 )
-from kennfeld.calfiles.format import Notes, Written
+from kennfeld.calfiles.format import Findings, WriteResult
 from kennfeld.formatting import holds_control_characters
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 from kennfeld.workbooks import column_letters
 
-__all__ = ["write_excel"]
+__all__ = []
 
 Thing = Parameter | Text
 _MOST_ROWS, _MOST_COLUMNS, _LONGEST_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
@@ -41,7 +41,7 @@ _NO_DATE = datetime(2000, 1, 1)  # the same set gives the same bytes
 _COLOURS = {"min_color": "#63BE7B", "mid_color": "#FFEB84", "max_color": "#F8696B"}
 
 
-def write_excel(parameters: ParameterSet, file: str) -> Written:
+def write_excel(parameters: ParameterSet, file: str) -> WriteResult:
     """A set as .xlsx: an index, the single values and texts in lists, a sheet for each table in each variant.
 
     Numbers read back exactly. Bounds, locks and extrapolation have no place. Raises `InputError` naming every
@@ -54,11 +54,11 @@ def write_excel(parameters: ParameterSet, file: str) -> Written:
     options = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
     with xlsxwriter.Workbook(stream, options) as book:
         book.set_properties({"created": _NO_DATE})
-        _Writer(book, parameters).write()
-    return Written(stream.getvalue())
+        _WorkbookWriter(book, parameters).write()
+    return WriteResult(stream.getvalue())
 
 
-class _Writer:
+class _WorkbookWriter:
     def __init__(self, book: Any, parameters: ParameterSet) -> None:
         self.book = book
         self.parameters = parameters
@@ -276,19 +276,19 @@ def _corner(table: Parameter) -> str:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    notes = Notes(file)
+    notes = Findings(file)
     _refuse_twice(parameters, notes)
     groups = {axis.name: axis for axis in parameters.axes}
     for thing in (*parameters.chosen, *parameters.others, *parameters.axes):
         if not thing.name.strip() or thing.name != thing.name.strip() or holds_control_characters(thing.name):
             notes.error(0, thing.name, f"{thing.name!r} cannot be a name in Excel", "Rename it.")
         faults = [*_text_faults(thing), *(_faults(thing, groups) if isinstance(thing, Parameter) else ())]
-        for what in faults:
-            notes.error(0, thing.name, what, "Write it as .json.")
+        for message in faults:
+            notes.error(0, thing.name, message, "Write it as .json.")
     notes.settle()
 
 
-def _refuse_twice(parameters: ParameterSet, notes: Notes) -> None:
+def _refuse_twice(parameters: ParameterSet, notes: Findings) -> None:
     """A number and a text of one name could not be told apart in the index."""
     names = Counter([*parameters, *(text.name for text in parameters.texts)])
     for name in (name for name, count in names.items() if count > 1):

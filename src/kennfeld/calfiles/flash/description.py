@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kennfeld.calfiles.format import Content, Flash, Notes, Source, Written
+from kennfeld.calfiles.format import CalibrationSource, Findings, FlashOrigin, ReadResult, WriteResult
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
@@ -55,7 +55,7 @@ class A2lFile:
         return described(self.a2l)
 
 
-def recognises_flash(source: Source) -> bool:
+def recognises_flash(source: CalibrationSource) -> bool:
     """Whether a file begins like Intel HEX or S-records."""
     head = source.raw[:_HEAD].lstrip()
     if head[:1] not in (b":", b"S"):
@@ -77,11 +77,11 @@ def fragment_of_a2l(head: str) -> tuple[str, str] | None:
     first = _A2L_BLOCK.search(head)
     if first is None or "ASAP2_VERSION" in head or first[1] in ("PROJECT", "MODULE"):
         return None
-    what = f"is a fragment of an A2L file: it begins with {first[1]}, without a PROJECT and a MODULE around it"
-    return what, "Name the A2L file that includes it."
+    message = f"is a fragment of an A2L file: it begins with {first[1]}, without a PROJECT and a MODULE around it"
+    return message, "Name the A2L file that includes it."
 
 
-def read_flash(source: Source) -> Content:
+def read_flash(source: CalibrationSource) -> ReadResult:
     """The parameters in an image. Its A2L file is the one that `source` names, else the one of the same name beside
     it, else the only one in its folder.
 
@@ -91,16 +91,16 @@ def read_flash(source: Source) -> Content:
     from kennfeld.calfiles.flash.records import read_image
 
     description = read_a2l(_a2l_of(source))
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     image = read_image(source.raw, source.name, notes)
     own = notes.settle()
-    notes = Notes(description.path.name)
+    notes = Findings(description.path.name)
     parameters = read_parameters(description.a2l, image, notes)
     kind = f"{image.kind} with {description.path.name}"
-    return Content(kind, parameters, (*own, *description.remarks, *notes.settle()))
+    return ReadResult(kind, parameters, (*own, *description.remarks, *notes.settle()))
 
 
-def _a2l_of(source: Source) -> Path:
+def _a2l_of(source: CalibrationSource) -> Path:
     if source.partner is not None:
         return source.partner
     folder = source.path.parent if source.path is not None else Path()
@@ -109,11 +109,11 @@ def _a2l_of(source: Source) -> Path:
     beside = [one for one in found if one.stem.casefold() == stem] or found
     if len(beside) == 1:
         return beside[0]
-    what = "is an image, whose labels an A2L file describes"
+    message = "is an image, whose labels an A2L file describes"
     if not found:
-        raise InputError.of(source.name, f"{what}; there is none beside it", f"Name it: {_NAMING}.")
+        raise InputError.of(source.name, f"{message}; there is none beside it", f"Name it: {_NAMING}.")
     names = ", ".join(one.name for one in found[:5])
-    raise InputError.of(source.name, f"{what}; beside it are {names}", f"Name the right one: {_NAMING}.")
+    raise InputError.of(source.name, f"{message}; beside it are {names}", f"Name the right one: {_NAMING}.")
 
 
 def read_a2l(path: Path) -> A2lFile:
@@ -124,8 +124,8 @@ def read_a2l(path: Path) -> A2lFile:
     if raw is None:
         beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
         raise InputError.of(str(path), "there is no such A2L file", nearest(path.name, beside))
-    notes = Notes(path.name)
-    fragment = fragment_of_a2l(Source(path.name, raw).text)
+    notes = Findings(path.name)
+    fragment = fragment_of_a2l(CalibrationSource(path.name, raw).text)
     if fragment:
         raise InputError.of(path.name, *fragment)
     a2l = parse_a2l(raw, path.name, notes, partial(_included, path))
@@ -161,26 +161,26 @@ def _content(path: Path) -> bytes | None:
 
 def unwritable(origin: object, ending: str) -> tuple[str, str] | None:
     """Why no file of an ending can be written over what a set was read from, and the mend; None where it can."""
-    if not isinstance(origin, Flash):
-        what = "an image is written over one to start from, and there is none"
-        return what, "Read the parameters from an image, or name it: kennfeld convert IN OUT --image FILE."
+    if not isinstance(origin, FlashOrigin):
+        message = "an image is written over one to start from, and there is none"
+        return message, "Read the parameters from an image, or name it: kennfeld convert IN OUT --image FILE."
     if (ending in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX"):
         return None
     known = [one for one in IMAGE_ENDINGS if (one in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX")]
     return f"{ending} is not what {origin.image.name} holds, {origin.image.kind}", f"Write a file {', '.join(known)}."
 
 
-def write_flash(parameters: ParameterSet, file: str) -> Written:
+def write_flash(parameters: ParameterSet, file: str) -> WriteResult:
     """The image that a set was read from, with the values of the set.
 
     Raises `InputError` where the set is not from an image, or for values that the control unit cannot store.
     """
     origin = parameters.origin
     wrong = unwritable(origin, Path(file).suffix.lower())
-    if wrong or not isinstance(origin, Flash):
+    if wrong or not isinstance(origin, FlashOrigin):
         raise InputError.of(file, *(wrong or ()))
     from kennfeld.calfiles.a2l import stored
 
-    notes = Notes(file)
+    notes = Findings(file)
     content = stored(origin.a2l, origin.image, parameters, notes)
-    return Written(content, notes.settle())
+    return WriteResult(content, notes.settle())

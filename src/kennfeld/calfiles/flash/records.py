@@ -20,8 +20,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from kennfeld.calfiles.flash.image import Image, Record
-from kennfeld.calfiles.format import Notes
-from kennfeld.formatting import counted
+from kennfeld.calfiles.format import Findings
+from kennfeld.formatting import count_noun
 
 __all__ = ["read_image", "recognises_image"]
 
@@ -47,19 +47,19 @@ class Line:
 
 
 @dataclass
-class Findings:
+class LineFindings:
     """Notes on lines; of many alike only the first are told, with how many there are."""
 
-    notes: Notes
+    notes: Findings
     counts: dict[str, int] = field(default_factory=dict)
     last: dict[str, int] = field(default_factory=dict)
 
-    def error(self, line: Line, what: str, kind: str, mend: str = "") -> None:
+    def error(self, line: Line, message: str, kind: str, remedy: str = "") -> None:
         """Note what makes the file unusable."""
         self.counts[kind] = self.counts.get(kind, 0) + 1
         self.last[kind] = line.number
         if self.counts[kind] <= _MOST:
-            self.notes.error(line.number, "", what, mend, line.text[:80].decode("latin-1"))
+            self.notes.error(line.number, "", message, remedy, line.text[:80].decode("latin-1"))
 
     def close(self, records: Sequence[Record]) -> None:
         """Tell how many findings were not told one by one, or that there is nothing in the file."""
@@ -67,7 +67,7 @@ class Findings:
             self.notes.error(0, "", "holds no bytes of any memory")
         for kind, count in self.counts.items():
             if count > _MOST:
-                more = counted(count - _MOST, "further line")
+                more = count_noun(count - _MOST, "further line")
                 self.notes.error(self.last[kind], "", f"{more} up to here with {kind}")
 
 
@@ -80,9 +80,9 @@ class RecordReader(ABC):
     besides = 1
     total = 0
 
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: Findings) -> None:
         self.notes = notes
-        self.findings = Findings(notes)
+        self.findings = LineFindings(notes)
         self.records: list[Record] = []
         self.ended = False
 
@@ -115,11 +115,11 @@ class RecordReader(ABC):
         held = len(content) - self.besides
         right = (self.total - sum(content[:-1])) % 256
         if content[0] != held:
-            what = f"states {content[0]} bytes and holds {held}"
-            self.findings.error(line, what, "another length than stated", "The file is damaged.")
+            message = f"states {content[0]} bytes and holds {held}"
+            self.findings.error(line, message, "another length than stated", "The file is damaged.")
         elif content[-1] != right:
-            what = f"has the checksum {content[-1]:02X}, its bytes give {right:02X}"
-            self.findings.error(line, what, "a wrong checksum", "The file is damaged; fetch it once more.")
+            message = f"has the checksum {content[-1]:02X}, its bytes give {right:02X}"
+            self.findings.error(line, message, "a wrong checksum", "The file is damaged; fetch it once more.")
         else:
             return True
         return False
@@ -144,7 +144,7 @@ def octets(digits: bytes) -> bytes | None:
     return found if 2 * len(found) == len(digits) else None
 
 
-def overlaps(records: list[Record], notes: Notes) -> None:
+def overlaps(records: list[Record], notes: Findings) -> None:
     """Tell where records give the same memory twice."""
     found: list[Record] = []
     end = -1
@@ -154,11 +154,11 @@ def overlaps(records: list[Record], notes: Notes) -> None:
         end = max(end, record.end)
     if found:
         first = min(found, key=lambda one: one.line)
-        what = f"{counted(len(found), 'record')} overlap with others, the first at 0x{first.address:X}"
-        notes.remark(first.line, "", f"{what}; of each byte the last record counts")
+        message = f"{count_noun(len(found), 'record')} overlap with others, the first at 0x{first.address:X}"
+        notes.remark(first.line, "", f"{message}; of each byte the last record counts")
 
 
-def read_s_records(raw: bytes, name: str, notes: Notes) -> Image:
+def read_s_records(raw: bytes, name: str, notes: Findings) -> Image:
     """The image in a file of S-records; errors are noted for every line that is wrong."""
     return Image(name, "S-records", raw, SRecordReader(notes).read(raw))
 
@@ -166,7 +166,7 @@ def read_s_records(raw: bytes, name: str, notes: Notes) -> Image:
 class SRecordReader(RecordReader):
     total = 255
 
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: Findings) -> None:
         super().__init__(notes)
         self.lines = 0  # of bytes
 
@@ -190,13 +190,13 @@ class SRecordReader(RecordReader):
             if data:
                 self.records.append(Record(address, data, digits, digits + 2 * len(data), line.number))
         elif kind in "56" and address != self.lines % (1 << (8 * size)):
-            what = f"counts {counted(address, 'record')}, there were {self.lines}"
-            self.findings.error(line, what, "a wrong count", "The file is damaged or cut.")
+            message = f"counts {count_noun(address, 'record')}, there were {self.lines}"
+            self.findings.error(line, message, "a wrong count", "The file is damaged or cut.")
         elif kind in "789":
             self.ended = True
 
 
-def read_intel_hex(raw: bytes, name: str, notes: Notes) -> Image:
+def read_intel_hex(raw: bytes, name: str, notes: Findings) -> Image:
     """The image in an Intel HEX file; errors are noted for every line that is wrong, and for a missing end."""
     return Image(name, "Intel HEX", raw, IntelHexReader(notes).read(raw))
 
@@ -204,7 +204,7 @@ def read_intel_hex(raw: bytes, name: str, notes: Notes) -> Image:
 class IntelHexReader(RecordReader):
     besides = 5  # length, address, type and checksum
 
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: Findings) -> None:
         super().__init__(notes)
         self.base, self.segmented = 0, False
 
@@ -223,8 +223,8 @@ class IntelHexReader(RecordReader):
         if kind == 0:
             self.records += self._data(line, int.from_bytes(content[1:3], "big"), data)
         elif kind not in _SIZES or len(data) != _SIZES[kind]:
-            what = f"is a record of type {kind:02X} with {len(data)} bytes, which Intel HEX does not have"
-            self.findings.error(line, what, "an unknown type")
+            message = f"is a record of type {kind:02X} with {len(data)} bytes, which Intel HEX does not have"
+            self.findings.error(line, message, "an unknown type")
         elif kind == 1:
             self.ended = True
         elif kind in (2, 4):
@@ -247,7 +247,7 @@ def recognises_image(head: bytes) -> bool:
     return _INTEL.match(head) is not None or _MOTOROLA.match(head) is not None
 
 
-def read_image(raw: bytes, name: str, notes: Notes) -> Image:
+def read_image(raw: bytes, name: str, notes: Findings) -> Image:
     """The image in a file; notes an error for each line that is wrong.
 
     Whoever reads on calls `notes.settle()` first.

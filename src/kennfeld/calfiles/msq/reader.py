@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Content, Notes, Source
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
 from kennfeld.calfiles.xml_tree import parsed
-from kennfeld.formatting import counted
+from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
@@ -85,7 +85,7 @@ class Pair:
     title: str = ""
 
 
-def definition_beside(path: Path | None, signature: str, notes: Notes) -> str | None:
+def definition_beside(path: Path | None, signature: str, notes: Findings) -> str | None:
     """The text of the definition file of a tune: the one beside it that names its signature, or mainController.ini."""
     if path is None or not path.parent.is_dir():
         return None
@@ -96,8 +96,10 @@ def definition_beside(path: Path | None, signature: str, notes: Notes) -> str | 
     for file, text in texts.items():
         if file.name.casefold() == "maincontroller.ini":
             said = next(iter(_SIGNATURE.findall(text)), "")
-            what = f"{file.name} is for the firmware {said!r}, the tune for {signature!r}"
-            notes.remark(0, "", what, "Tables may have the wrong axes: put the right definition file beside the tune.")
+            message = f"{file.name} is for the firmware {said!r}, the tune for {signature!r}"
+            notes.remark(
+                0, "", message, "Tables may have the wrong axes: put the right definition file beside the tune."
+            )
             return text
     return None
 
@@ -109,7 +111,7 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
         found = [file for file in files if file.suffix.casefold() == ".ini" and file.is_file()]
         for file in found[:_MOST_FILES]:
             if file.stat().st_size <= _MOST_BYTES:
-                yield file, Source(file.name, file.read_bytes()).text
+                yield file, CalibrationSource(file.name, file.read_bytes()).text
     except OSError:
         return
 
@@ -193,7 +195,7 @@ class Constant:
 class Msq:
     """A tune as it was read: its characters, its constants, and what was made of them."""
 
-    source: Source
+    source: CalibrationSource
     text: str
     constants: Mapping[str, Constant]
     things: Mapping[str, Parameter | Text]
@@ -205,17 +207,17 @@ def recognises_msq(text: str) -> bool:
     return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
 
 
-def read_msq(source: Source) -> Content:
+def read_msq(source: CalibrationSource) -> ReadResult:
     """The settings of a tune: numbers, tables with their axes, words; the page is told as the function.
 
     A table whose axes are unknown, or do not increase, is a value block, its axes too. Raises `InputError` with every
     finding; entities are refused.
     """
-    notes = Notes(source.name)
+    notes = Findings(source.name)
     if parsed(source.raw, notes) is None:
         notes.settle()
     text = "".join(source.lines)
-    reader = _Reader(notes)
+    reader = _MsqReader(notes)
     signature = reader.find(text)
     definition = definition_beside(source.path, signature, notes)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
@@ -225,12 +227,12 @@ def read_msq(source: Source) -> Content:
     texts = [thing for thing in reader.things.values() if isinstance(thing, Text)]
     origin = Msq(source, text, reader.constants, reader.things, reader.axes)
     kind = f"MSQ tune of {signature}" if signature else "MSQ tune"
-    return Content(kind, ParameterSet(members, texts, reader.axes.values(), origin=origin), remarks)
+    return ReadResult(kind, ParameterSet(members, texts, reader.axes.values(), origin=origin), remarks)
 
 
 @dataclass
-class _Reader:
-    notes: Notes
+class _MsqReader:
+    notes: Findings
     constants: dict[str, Constant] = field(default_factory=dict)
     arrays: dict[str, Float] = field(default_factory=dict)  # a row for each y, as in the file
     things: dict[str, Parameter | Text] = field(default_factory=dict)
@@ -262,8 +264,8 @@ class _Reader:
         if not found.name:
             self.notes.error(found.line, "", "a constant has no name", "Take a complete copy of the file.")
         elif found.name in self.constants:
-            what = f"is there a second time, after line {self.constants[found.name].line}; left aside"
-            self.notes.remark(found.line, found.name, what)
+            message = f"is there a second time, after line {self.constants[found.name].line}; left aside"
+            self.notes.remark(found.line, found.name, message)
         else:
             self.constants[found.name] = made
             self._value(made)
@@ -278,8 +280,8 @@ class _Reader:
                 self.arrays[constant.name] = array
         elif constant.sizes is not None:
             word = next((word for word in content.split() if not _NUMBER.fullmatch(word)), "")
-            what = f"{word[:40]!r} is no number" if word else "has no numbers"
-            self.notes.error(constant.line, constant.name, what)
+            message = f"{word[:40]!r} is no number" if word else "has no numbers"
+            self.notes.error(constant.line, constant.name, message)
         else:
             quoted = len(content) > 1 and content[0] == content[-1] == '"'
             text, kind = unescape(content[1:-1] if quoted else content), _WORD_KINDS[quoted]
@@ -298,8 +300,8 @@ class _Reader:
                 return None
         rows, columns = constant.sizes or (1, len(numbers))
         if rows * columns != len(numbers):
-            what = f"has {counted(len(numbers), 'value')}, its rows and columns ask for {rows} x {columns}"
-            self.notes.error(constant.line, constant.name, what)
+            message = f"has {count_noun(len(numbers), 'value')}, its rows and columns ask for {rows} x {columns}"
+            self.notes.error(constant.line, constant.name, message)
             return None
         return np.array(numbers).reshape(rows, columns)
 
@@ -330,8 +332,8 @@ class _Reader:
         if sizes != (values.shape[::-1] if len(sizes) > 1 else (values.size,)):
             if told:
                 found = " x ".join(map(str, values.shape[::-1]))
-                what = f"has {found} values, its axes {' x '.join(map(str, sizes))}; it is read as a value block"
-                self.notes.remark(self.constants[pair.values].line, pair.values, what)
+                message = f"has {found} values, its axes {' x '.join(map(str, sizes))}; it is read as a value block"
+                self.notes.remark(self.constants[pair.values].line, pair.values, message)
             return False
         fallen = [name for name in pair.axes if not self._increases(name, pair.values)]
         return not fallen
@@ -340,8 +342,8 @@ class _Reader:
         points = self.arrays[name].ravel()
         if np.all(points[1:] > points[:-1]):
             return True
-        what = f"is read as a value block: its breakpoints {name} do not increase"
-        self.notes.remark(self.constants[user].line, user, what)
+        message = f"is read as a value block: its breakpoints {name} do not increase"
+        self.notes.remark(self.constants[user].line, user, message)
         return False
 
     def _thing(self, name: str, pair: Pair | None) -> Parameter:

@@ -6,31 +6,31 @@ from html import escape
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Notes, Written
+from kennfeld.calfiles.format import Findings, WriteResult
 from kennfeld.calfiles.msq.reader import Constant, Msq
-from kennfeld.formatting import counted, holds_control_characters, listed
+from kennfeld.formatting import count_noun, holds_control_characters, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["write_msq"]
+__all__ = []
 
 _WORD = re.compile(r"\S+")
 
 
-def write_msq(parameters: ParameterSet, file: str) -> Written:
+def write_msq(parameters: ParameterSet, file: str) -> WriteResult:
     """The tune that a set was read from, with the numbers and words of the set.
 
     Numbers are rounded to the digits of their constant, which is told. Raises `InputError` where the set was not read
     from a tune, and for each parameter that the tune has not, or has in another size.
     """
-    notes = Notes(file)
+    notes = Findings(file)
     tune = parameters.origin
     if not isinstance(tune, Msq) or not tune.source.is_exact:
-        what = "a tune is written into the one it was read from, and this set was read from another format"
-        notes.error(0, "", what, "Merge the set into the tune: kennfeld merge tune.msq new.dcm -o new.msq")
+        message = "a tune is written into the one it was read from, and this set was read from another format"
+        notes.error(0, "", message, "Merge the set into the tune: kennfeld merge tune.msq new.dcm -o new.msq")
         notes.settle()
     assert isinstance(tune, Msq)
-    update = _Update(tune, notes)
+    update = _MsqUpdate(tune, notes)
     for thing in parameters.chosen:
         update.take(thing)
     for axis in parameters.axes:
@@ -39,11 +39,11 @@ def write_msq(parameters: ParameterSet, file: str) -> Written:
         notes.error(0, thing.name, f"has the variant {thing.variant!r}, a tune has none", "Choose one of the variants.")
     update.tell_units()
     remarks = notes.settle()
-    return Written(tune.source.encoded(update.text()), remarks)
+    return WriteResult(tune.source.encoded(update.text()), remarks)
 
 
-class _Update:
-    def __init__(self, tune: Msq, notes: Notes) -> None:
+class _MsqUpdate:
+    def __init__(self, tune: Msq, notes: Findings) -> None:
         self.tune = tune
         self.notes = notes
         self.contents: dict[str, str] = {}
@@ -61,17 +61,17 @@ class _Update:
     def tell_units(self) -> None:
         """Numbers in another unit than that of the tune would be wrong; that is for a person to decide."""
         if self.units:
-            what = f"{listed(self.units)} in another unit than in the tune, written as they are"
-            self.notes.remark(0, "", what, "See whether that is meant.")
+            message = f"{join_limited(self.units)} in another unit than in the tune, written as they are"
+            self.notes.remark(0, "", message, "See whether that is meant.")
 
     def take(self, thing: Parameter | Text) -> None:
         """Put one parameter or text into its constant."""
         before = self.tune.things.get(thing.name)
         if before is None:
-            mend = (
+            remedy = (
                 "Leave it out." if thing.name not in self.tune.constants else "It is the axis of a table in the tune."
             )
-            self.notes.error(0, thing.name, "is no parameter of the tune", mend)
+            self.notes.error(0, thing.name, "is no parameter of the tune", remedy)
         elif isinstance(thing, Text) or isinstance(before, Text):
             self._take_text(thing, before)
         elif thing.kind != before.kind or thing.values.shape != before.values.shape:
@@ -100,25 +100,27 @@ class _Update:
     def _take_axes(self, thing: Parameter, before: Parameter) -> None:
         for now, known in zip(thing.axes, before.axes, strict=True):
             if now.name != known.name and not np.array_equal(now.breakpoints, known.breakpoints):
-                what = f"has an axis of its own with other breakpoints than {known.name}, which the tune gives it"
-                self.notes.error(0, thing.name, what, f"Change the group axis {known.name}.")
+                message = f"has an axis of its own with other breakpoints than {known.name}, which the tune gives it"
+                self.notes.error(0, thing.name, message, f"Change the group axis {known.name}.")
 
     def take_axis(self, axis: Axis) -> None:
         """Put the breakpoints of a group axis into their constant."""
         before = self.tune.axes.get(axis.name)
         if before is None or len(before) != len(axis):
-            what = (
+            message = (
                 "is no axis of the tune"
                 if before is None
                 else f"has {len(axis)} breakpoints, {len(before)} in the tune"
             )
-            self.notes.error(0, axis.name, what, "Sizes are fixed by the firmware.")
+            self.notes.error(0, axis.name, message, "Sizes are fixed by the firmware.")
             return
         made = self._numbers(self.tune.constants[axis.name], before.breakpoints, axis.breakpoints)
         if np.any(np.diff(made) <= 0):
             digits = self.tune.constants[axis.name].digits
-            what = f"does not increase any more when rounded to {counted(digits or 0, 'digit')}, as the tune stores it"
-            self.notes.error(0, axis.name, what, "Move its breakpoints apart.")
+            message = (
+                f"does not increase any more when rounded to {count_noun(digits or 0, 'digit')}, as the tune stores it"
+            )
+            self.notes.error(0, axis.name, message, "Move its breakpoints apart.")
 
     def _numbers(self, constant: Constant, before: Float, now: Float) -> Float:
         """Write what changed into the places of the old numbers; gives the numbers as they are rounded."""
@@ -141,6 +143,6 @@ class _Update:
     def _tell_rounded(self, constant: Constant, rounded: Float, now: Float) -> None:
         difference = float(np.abs(rounded - now).max(initial=0.0))
         if difference > 1e-9 * max(1.0, float(np.abs(now).max(initial=0.0))):
-            digits = counted(constant.digits or 0, "digit")
-            what = f"rounded to {digits}, as the tune stores it, by at most {difference:.3g}"
-            self.notes.remark(0, constant.name, what)
+            digits = count_noun(constant.digits or 0, "digit")
+            message = f"rounded to {digits}, as the tune stores it, by at most {difference:.3g}"
+            self.notes.remark(0, constant.name, message)

@@ -10,9 +10,9 @@ from kennfeld.matlab.functions import (
     structs_and_cells,
     types,
 )
-from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function
+from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction
 
-__all__ = ["REGISTERED", "Arguments", "Function"]
+__all__ = ["NUMERIC_FUNCTIONS", "NumericArguments", "NumericFunction"]
 
 _FAMILIES = (
     bits,

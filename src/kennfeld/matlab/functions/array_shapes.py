@@ -8,24 +8,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.matlab.functions.numeric_registry import MANY, REGISTERED, Arguments, Function, function
-from kennfeld.matlab.operators import as_class, joined_along, span, transposed
+from kennfeld.matlab.functions.numeric_registry import (
+    MANY,
+    NUMERIC_FUNCTIONS,
+    NumericArguments,
+    NumericFunction,
+    function,
+)
+from kennfeld.matlab.operators import cast_to_class, colon_range, joined_along, transposed
 from kennfeld.matlab.values import (
     EMPTY,
     INTEGERS,
     Array,
-    Cell,
-    NoValueError,
+    MatlabCell,
+    MatlabValueError,
     Value,
-    class_of,
-    like,
+    array_value,
+    class_name,
     logical,
     numbers,
     object_array,
-    plain,
     row,
     scalar,
     text,
+    with_class_of,
 )
 
 __all__ = []
@@ -33,94 +39,94 @@ __all__ = []
 _CLASSES = (*INTEGERS, "double", "single", "logical")
 
 
-def shape_from(values: Sequence[Value]) -> tuple[int, ...]:
+def requested_shape(values: Sequence[Value]) -> tuple[int, ...]:
     """The size that arguments ask for: none for 1 x 1, one number for a square, a vector, or a number for each."""
     if not values:
         return (1, 1)
     if any(isinstance(value, np.ndarray) and value.dtype.kind == "U" for value in values):
-        raise NoValueError("a size has to be a number, not a text")
+        raise MatlabValueError("a size has to be a number, not a text")
     given = [numbers(value).ravel(order="F") for value in values]
     if len(given) > 1 and any(one.size != 1 for one in given):
-        raise NoValueError("each size has to be one number")
+        raise MatlabValueError("each size has to be one number")
     sizes = [float(size) for one in given for size in one]
     if len(sizes) == 1 and len(given) == 1:
         sizes *= 2
     if any(math.isnan(size) or (size != math.floor(size) and math.isfinite(size)) for size in sizes):
-        raise NoValueError("a size has to be a whole number")
+        raise MatlabValueError("a size has to be a whole number")
     if not 2 <= len(sizes) <= 32:
-        raise NoValueError("an array has 2 to 32 dimensions")
+        raise MatlabValueError("an array has 2 to 32 dimensions")
     shape = [int(min(max(size, 0), 2**53)) for size in sizes]
     while len(shape) > 2 and shape[-1] == 1:
         shape.pop()
     return tuple(shape)
 
 
-def _filled(fill: float) -> Function:
-    def run(given: Arguments) -> Value:
+def _filled(fill: float) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
         values, name = _with_class(given)
-        shape = shape_from(values)
+        shape = requested_shape(values)
         given.budget.make(math.prod(shape))
         made = np.full(shape, fill)
-        return made != 0 if name == "logical" else as_class(made, name)
+        return made != 0 if name == "logical" else cast_to_class(made, name)
 
-    return Function(run, 0, MANY)
+    return NumericFunction(run, 0, MANY)
 
 
-def _with_class(given: Arguments) -> tuple[list[Value], str]:
+def _with_class(given: NumericArguments) -> tuple[list[Value], str]:
     """The sizes that a call asks for, and the class behind them."""
     values, name = list(given.values), "double"
     for at in range(len(values) - 1, -1, -1):
         if given.is_text(at):
             word = text(values[at])
             if word not in (*_CLASSES, "like"):
-                raise NoValueError(f"{word} is no class of numbers")
-            name = class_of(plain(values[at + 1])) if word == "like" and at + 1 < len(values) else word
+                raise MatlabValueError(f"{word} is no class of numbers")
+            name = class_name(array_value(values[at + 1])) if word == "like" and at + 1 < len(values) else word
             del values[at:]
     return values, "double" if name == "like" else name
 
 
 for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("inf Inf", math.inf)):
     for _name in _names.split():
-        REGISTERED[_name] = _filled(_fill)
+        NUMERIC_FUNCTIONS[_name] = _filled(_fill)
 
 
 @function("pi", 0)
-def _pi(given: Arguments) -> Value:
+def _pi(given: NumericArguments) -> Value:
     return scalar(math.pi)
 
 
-def _constant(value: bool) -> Function:
-    def run(given: Arguments) -> Value:
-        shape = shape_from(_with_class(given)[0])
+def _constant(value: bool) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
+        shape = requested_shape(_with_class(given)[0])
         given.budget.make(math.prod(shape))
         return np.full(shape, value)
 
-    return Function(run, 0, MANY)
+    return NumericFunction(run, 0, MANY)
 
 
-REGISTERED["true"], REGISTERED["false"] = _constant(True), _constant(False)
+NUMERIC_FUNCTIONS["true"], NUMERIC_FUNCTIONS["false"] = _constant(True), _constant(False)
 
 
 @function("cell", 0, MANY)
-def _cell(given: Arguments) -> Value:
-    shape = shape_from(given.values) if len(given) else (0, 0)
+def _cell(given: NumericArguments) -> Value:
+    shape = requested_shape(given.values) if len(given) else (0, 0)
     given.budget.make(10 * math.prod(shape))
-    return Cell(object_array([EMPTY] * math.prod(shape), shape))
+    return MatlabCell(object_array([EMPTY] * math.prod(shape), shape))
 
 
 @function("eye", 0, 4)
-def _eye(given: Arguments) -> Value:
+def _eye(given: NumericArguments) -> Value:
     values, name = _with_class(given)
-    shape = shape_from(values)
+    shape = requested_shape(values)
     if len(shape) > 2:
-        raise NoValueError("a matrix has two sizes")
+        raise MatlabValueError("a matrix has two sizes")
     given.budget.make(math.prod(shape))
     made = np.eye(shape[0], shape[1])
-    return made != 0 if name == "logical" else as_class(made, name)
+    return made != 0 if name == "logical" else cast_to_class(made, name)
 
 
 @function("linspace", 2, 3)
-def _linspace(given: Arguments) -> Value:
+def _linspace(given: NumericArguments) -> Value:
     count = max(given.whole(2, 100), 1)
     given.budget.make(count)
     begin, end = given.number(0), given.number(1)
@@ -128,7 +134,7 @@ def _linspace(given: Arguments) -> Value:
 
 
 @function("logspace", 2, 3)
-def _logspace(given: Arguments) -> Value:
+def _logspace(given: NumericArguments) -> Value:
     count = max(given.whole(2, 50), 1)
     given.budget.make(count)
     begin, end = given.number(0), given.number(1)
@@ -137,21 +143,21 @@ def _logspace(given: Arguments) -> Value:
 
 
 @function("colon", 2, 3)
-def _colon(given: Arguments) -> Value:
-    return span(given[0], given[1] if len(given) == 3 else None, given[len(given) - 1], given.budget)
+def _colon(given: NumericArguments) -> Value:
+    return colon_range(given[0], given[1] if len(given) == 3 else None, given[len(given) - 1], given.budget)
 
 
 @function("repmat", 2, MANY)
-def _repmat(given: Arguments) -> Value:
-    data, times = given.data(0), shape_from(given.values[1:])
+def _repmat(given: NumericArguments) -> Value:
+    data, times = given.data(0), requested_shape(given.values[1:])
     given.budget.make(data.size * math.prod(times))
     most = max(data.ndim, len(times))
     deeper = data.reshape(data.shape + (1,) * (most - data.ndim))
-    return like(given[0], np.tile(deeper, times + (1,) * (most - len(times))))
+    return with_class_of(given[0], np.tile(deeper, times + (1,) * (most - len(times))))
 
 
 @function("meshgrid", 1, 2)
-def _meshgrid(given: Arguments) -> tuple[Value, ...]:
+def _meshgrid(given: NumericArguments) -> tuple[Value, ...]:
     x = given.array(0).ravel(order="F")
     y = given.array(1).ravel(order="F") if len(given) > 1 else x
     given.budget.make(2 * x.size * y.size)
@@ -159,7 +165,7 @@ def _meshgrid(given: Arguments) -> tuple[Value, ...]:
 
 
 @function("ndgrid", 1, 4)
-def _ndgrid(given: Arguments) -> tuple[Value, ...]:
+def _ndgrid(given: NumericArguments) -> tuple[Value, ...]:
     axes = [given.numbers(at).ravel(order="F") for at in range(len(given))]
     axes = axes * max(given.outputs, 2) if len(axes) == 1 else axes
     given.budget.make(len(axes) * math.prod(axis.size for axis in axes))
@@ -167,10 +173,10 @@ def _ndgrid(given: Arguments) -> tuple[Value, ...]:
 
 
 @function("magic", 1)
-def _magic(given: Arguments) -> Value:
+def _magic(given: NumericArguments) -> Value:
     size = given.whole(0)
     if not 3 <= size <= 1000 or size % 2 == 0:
-        raise NoValueError("magic is known for odd sizes from 3 on")
+        raise MatlabValueError("magic is known for odd sizes from 3 on")
     given.budget.make(size * size)
     row_, column = np.meshgrid(np.arange(1, size + 1), np.arange(1, size + 1), indexing="ij")
     first = (row_ + column + (size - 3) // 2) % size
@@ -179,11 +185,11 @@ def _magic(given: Arguments) -> Value:
 
 
 @function("size", 1, 2)
-def _size(given: Arguments) -> "Value | tuple[Value, ...]":
+def _size(given: NumericArguments) -> "Value | tuple[Value, ...]":
     shape = given.data(0).shape
     if len(given) > 1:
         if any(at < 1 or at != math.floor(at) for at in given.numbers(1).ravel(order="F")):
-            raise NoValueError("a dimension has to be a whole number from 1")
+            raise MatlabValueError("a dimension has to be a whole number from 1")
         wanted = [int(at) for at in given.numbers(1).ravel(order="F")]
         return row([shape[at - 1] if at <= len(shape) else 1 for at in wanted])
     if given.outputs < 2:
@@ -194,154 +200,154 @@ def _size(given: Arguments) -> "Value | tuple[Value, ...]":
 
 
 @function("numel", 1)
-def _numel(given: Arguments) -> Value:
+def _numel(given: NumericArguments) -> Value:
     return scalar(given.data(0).size)
 
 
 @function("length", 1)
-def _length(given: Arguments) -> Value:
+def _length(given: NumericArguments) -> Value:
     return scalar(max(given.data(0).shape) if given.data(0).size else 0)
 
 
 @function("ndims", 1)
-def _ndims(given: Arguments) -> Value:
+def _ndims(given: NumericArguments) -> Value:
     return scalar(given.data(0).ndim)
 
 
 @function("height", 1)
-def _height(given: Arguments) -> Value:
+def _height(given: NumericArguments) -> Value:
     return scalar(given.data(0).shape[0])
 
 
 @function("width", 1)
-def _width(given: Arguments) -> Value:
+def _width(given: NumericArguments) -> Value:
     return scalar(given.data(0).shape[1])
 
 
 @function("isempty", 1)
-def _isempty(given: Arguments) -> Value:
+def _isempty(given: NumericArguments) -> Value:
     return logical(not given.data(0).size)
 
 
 @function("isscalar", 1)
-def _isscalar(given: Arguments) -> Value:
+def _isscalar(given: NumericArguments) -> Value:
     return logical(given.data(0).size == 1)
 
 
 @function("isvector", 1)
-def _isvector(given: Arguments) -> Value:
+def _isvector(given: NumericArguments) -> Value:
     data = given.data(0)
     return logical(data.ndim == 2 and 1 in data.shape)
 
 
 @function("isrow", 1)
-def _isrow(given: Arguments) -> Value:
+def _isrow(given: NumericArguments) -> Value:
     return logical(given.data(0).ndim == 2 and given.data(0).shape[0] == 1)
 
 
 @function("iscolumn", 1)
-def _iscolumn(given: Arguments) -> Value:
+def _iscolumn(given: NumericArguments) -> Value:
     return logical(given.data(0).ndim == 2 and given.data(0).shape[1] == 1)
 
 
 @function("ismatrix", 1)
-def _ismatrix(given: Arguments) -> Value:
+def _ismatrix(given: NumericArguments) -> Value:
     return logical(given.data(0).ndim == 2)
 
 
 @function("reshape", 2, MANY)
-def _reshape(given: Arguments) -> Value:
+def _reshape(given: NumericArguments) -> Value:
     data, sizes = given.data(0), list(given.values[1:])
     empty = [at for at, size in enumerate(sizes) if not numbers(size).size]
     if len(empty) == 1 and len(sizes) > 1:
         known = math.prod(float(numbers(size).flat[0]) for size in sizes if numbers(size).size)
         sizes[empty[0]] = scalar(data.size / known if known else 0)
-    shape = shape_from(sizes)
+    shape = requested_shape(sizes)
     if len(sizes) == 1 and numbers(sizes[0]).size == 1:
-        raise NoValueError("a size needs two numbers")
+        raise MatlabValueError("a size needs two numbers")
     if math.prod(shape) != data.size:
-        raise NoValueError(f"{data.size} elements do not fill {' x '.join(map(str, shape))}")
+        raise MatlabValueError(f"{data.size} elements do not fill {' x '.join(map(str, shape))}")
     given.budget.make(data.size)
-    return like(given[0], data.reshape(shape, order="F"))
+    return with_class_of(given[0], data.reshape(shape, order="F"))
 
 
 @function("horzcat", 0, MANY)
-def _horzcat(given: Arguments) -> Value:
+def _horzcat(given: NumericArguments) -> Value:
     return joined_along(given.values, 1, given.budget)
 
 
 @function("vertcat", 0, MANY)
-def _vertcat(given: Arguments) -> Value:
+def _vertcat(given: NumericArguments) -> Value:
     return joined_along(given.values, 0, given.budget)
 
 
 @function("cat", 1, MANY)
-def _cat(given: Arguments) -> Value:
+def _cat(given: NumericArguments) -> Value:
     axis = given.whole(0)
     if not 1 <= axis <= 32:
-        raise NoValueError(f"{axis} is no dimension")
+        raise MatlabValueError(f"{axis} is no dimension")
     return joined_along(given.values[1:], axis - 1, given.budget)
 
 
 @function("fliplr", 1)
-def _fliplr(given: Arguments) -> Value:
-    return like(given[0], np.flip(given.data(0), 1))
+def _fliplr(given: NumericArguments) -> Value:
+    return with_class_of(given[0], np.flip(given.data(0), 1))
 
 
 @function("flipud", 1)
-def _flipud(given: Arguments) -> Value:
-    return like(given[0], np.flip(given.data(0), 0))
+def _flipud(given: NumericArguments) -> Value:
+    return with_class_of(given[0], np.flip(given.data(0), 0))
 
 
 @function("flip", 1, 2)
-def _flip(given: Arguments) -> Value:
+def _flip(given: NumericArguments) -> Value:
     data = given.data(0)
     axis = given.dimension(1, data)
-    return like(given[0], np.flip(data, axis) if axis < data.ndim else data)
+    return with_class_of(given[0], np.flip(data, axis) if axis < data.ndim else data)
 
 
 @function("rot90", 1, 2)
-def _rot90(given: Arguments) -> Value:
-    return like(given[0], np.rot90(given.data(0), given.whole(1, 1) % 4))
+def _rot90(given: NumericArguments) -> Value:
+    return with_class_of(given[0], np.rot90(given.data(0), given.whole(1, 1) % 4))
 
 
 @function("transpose ctranspose", 1)
-def _transpose(given: Arguments) -> Value:
-    return like(given[0], transposed(given.data(0)))
+def _transpose(given: NumericArguments) -> Value:
+    return with_class_of(given[0], transposed(given.data(0)))
 
 
 @function("permute", 2)
-def _permute(given: Arguments) -> Value:
+def _permute(given: NumericArguments) -> Value:
     data, order = given.data(0), [int(at) - 1 for at in given.numbers(1).ravel(order="F")]
     if sorted(order) != list(range(len(order))) or len(order) < data.ndim or len(order) > 32:
-        raise NoValueError("the order has to name each dimension once")
-    return like(given[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
+        raise MatlabValueError("the order has to name each dimension once")
+    return with_class_of(given[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
 
 
 @function("squeeze", 1)
-def _squeeze(given: Arguments) -> Value:
+def _squeeze(given: NumericArguments) -> Value:
     data = given.data(0)
     kept = [size for size in data.shape if size != 1] if data.ndim > 2 else list(data.shape)
-    return like(given[0], data.reshape([*kept, 1, 1][: max(len(kept), 2)], order="F"))
+    return with_class_of(given[0], data.reshape([*kept, 1, 1][: max(len(kept), 2)], order="F"))
 
 
 @function("circshift", 2, 3)
-def _circshift(given: Arguments) -> Value:
+def _circshift(given: NumericArguments) -> Value:
     data, shift = given.data(0), [int(by) for by in given.numbers(1).ravel(order="F")]
     axes = [given.dimension(2, data)] if len(shift) == 1 else list(range(len(shift)))
-    return like(given[0], np.roll(data, shift, axes))
+    return with_class_of(given[0], np.roll(data, shift, axes))
 
 
-def _matrix(given: Arguments, at: int = 0) -> Array:
+def _matrix(given: NumericArguments, at: int = 0) -> Array:
     """An argument of two dimensions."""
     data = given.array(at)
     if data.ndim > 2:
-        raise NoValueError(f"a matrix is needed, not an array of {data.ndim} dimensions")
+        raise MatlabValueError(f"a matrix is needed, not an array of {data.ndim} dimensions")
     return data
 
 
 @function("diag", 1, 2)
-def _diag(given: Arguments) -> Value:
+def _diag(given: NumericArguments) -> Value:
     data, offset = _matrix(given), given.whole(1, 0)
     if data.shape == (0, 0):
         return data
@@ -353,42 +359,42 @@ def _diag(given: Arguments) -> Value:
 
 
 @function("tril", 1, 2)
-def _tril(given: Arguments) -> Value:
+def _tril(given: NumericArguments) -> Value:
     return np.tril(_matrix(given), given.whole(1, 0))
 
 
 @function("triu", 1, 2)
-def _triu(given: Arguments) -> Value:
+def _triu(given: NumericArguments) -> Value:
     return np.triu(_matrix(given), given.whole(1, 0))
 
 
 @function("kron", 2)
-def _kron(given: Arguments) -> Value:
+def _kron(given: NumericArguments) -> Value:
     given.budget.make(given.data(0).size * given.data(1).size)
     return np.kron(numbers(_matrix(given, 0)), numbers(_matrix(given, 1)))
 
 
 @function("sub2ind", 2, MANY)
-def _sub2ind(given: Arguments) -> Value:
+def _sub2ind(given: NumericArguments) -> Value:
     shape = [int(size) for size in given.numbers(0).ravel(order="F")]
     step, found = 1.0, np.ones(given.data(1).shape)
     for at, size in enumerate(shape[: len(given) - 1]):
         place = given.numbers(at + 1)
         if ((place < 1) | (place > size)).any():
-            raise NoValueError(f"an index of dimension {at + 1} is not within 1 to {size}")
+            raise MatlabValueError(f"an index of dimension {at + 1} is not within 1 to {size}")
         found = found + (place - 1) * step
         step *= size
     return found
 
 
 @function("ind2sub", 2)
-def _ind2sub(given: Arguments) -> tuple[Value, ...]:
+def _ind2sub(given: NumericArguments) -> tuple[Value, ...]:
     shape = [int(size) for size in given.numbers(0).ravel(order="F")]
     count = max(given.outputs, 1)
     shape = [*shape[: count - 1], math.prod(shape[count - 1 :])] if count <= len(shape) else shape
     left = given.numbers(1) - 1
     if ((left < 0) | (left >= math.prod(shape))).any():
-        raise NoValueError(f"an index is not within 1 to {math.prod(shape)}")
+        raise MatlabValueError(f"an index is not within 1 to {math.prod(shape)}")
     found = []
     for size in shape:
         found.append(left % size + 1)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kennfeld.matlab.functions.elementary import paired
-from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function, function
-from kennfeld.matlab.values import INTEGERS, Array, NoValueError, Value, class_of, text
+from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
+from kennfeld.matlab.values import INTEGERS, Array, MatlabValueError, Value, class_name, text
 
 __all__: list[str] = []
 
@@ -25,37 +25,37 @@ class _Class:
         return (number - least) % (1 << self.bits) + least
 
 
-def _class_of(given: Arguments, operands: int = 1) -> tuple[_Class, Arguments]:
+def _class_of(given: NumericArguments, operands: int = 1) -> tuple[_Class, NumericArguments]:
     """The class whose bits are meant, of an operand or as named, and the arguments without that name."""
-    names = [class_of(given.array(at)) for at in range(operands)]
+    names = [class_name(given.array(at)) for at in range(operands)]
     whole = dict.fromkeys(one for one in names if one in INTEGERS)
     if len(whole) > 1:
-        raise NoValueError(f"{' and '.join(whole)} cannot be combined")
+        raise MatlabValueError(f"{' and '.join(whole)} cannot be combined")
     name = next(iter(whole), "uint64")
     if len(given) > 1 and given.is_text(len(given) - 1):
         stated = text(given[len(given) - 1])
         if stated not in INTEGERS:
-            raise NoValueError(f"{stated} is no class of integers")
+            raise MatlabValueError(f"{stated} is no class of integers")
         name, given = (name if name in names else stated), replace(given, values=given.values[:-1])
     return _Class(int(name.removeprefix("u").removeprefix("int")), not name.startswith("u")), given
 
 
-def _whole(given: Arguments, at: int, kind: _Class) -> Array:
+def _whole(given: NumericArguments, at: int, kind: _Class) -> Array:
     """An argument as whole numbers of Python."""
     values = given.numbers(at)
     if not (np.isfinite(values) & (values == np.floor(values))).all():
-        raise NoValueError("whole numbers are needed")
+        raise MatlabValueError("whole numbers are needed")
     if not kind.signed and (values < 0).any():
-        raise NoValueError("bits are those of numbers from 0")
+        raise MatlabValueError("bits are those of numbers from 0")
     return np.array([int(one) for one in values.ravel()], dtype=object).reshape(values.shape)
 
 
-def _applied(given: Arguments, operation: Callable[[int, int], int], kind: _Class, operands: int = 1) -> Value:
+def _applied(given: NumericArguments, operation: Callable[[int, int], int], kind: _Class, operands: int = 1) -> Value:
     one = _whole(given, 0, kind)
     other = _whole(given, 1, replace(kind, signed=True))
     each = np.frompyfunc(lambda a, b: float(kind.wrapped(operation(int(a), int(b)))), 2, 1)
     name = next(
-        (class_of(given.array(at)) for at in range(operands) if class_of(given.array(at)) in INTEGERS), "double"
+        (class_name(given.array(at)) for at in range(operands) if class_name(given.array(at)) in INTEGERS), "double"
     )
     return paired(given, lambda *_: np.asarray(each(*_deeper(one, other))).astype(np.float64), name)
 
@@ -66,40 +66,40 @@ def _deeper(*arrays: Array) -> list[Array]:
     return [array.reshape(array.shape + (1,) * (most - array.ndim)) for array in arrays]
 
 
-def _bitwise(operation: Callable[[int, int], int]) -> Function:
-    def run(given: Arguments) -> Value:
+def _bitwise(operation: Callable[[int, int], int]) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
         kind, given = _class_of(given, 2)
         _whole(given, 1, kind)
         return _applied(given, operation, kind, 2)
 
-    return Function(run, 2, 3)
+    return NumericFunction(run, 2, 3)
 
 
-REGISTERED["bitand"] = _bitwise(lambda one, other: one & other)
-REGISTERED["bitor"] = _bitwise(lambda one, other: one | other)
-REGISTERED["bitxor"] = _bitwise(lambda one, other: one ^ other)
+NUMERIC_FUNCTIONS["bitand"] = _bitwise(lambda one, other: one & other)
+NUMERIC_FUNCTIONS["bitor"] = _bitwise(lambda one, other: one | other)
+NUMERIC_FUNCTIONS["bitxor"] = _bitwise(lambda one, other: one ^ other)
 
 
 def _place(at: int, kind: _Class) -> int:
     if not 1 <= at <= kind.bits:
-        raise NoValueError(f"the bit {at} is not within 1 to {kind.bits}")
+        raise MatlabValueError(f"the bit {at} is not within 1 to {kind.bits}")
     return at - 1
 
 
 @function("bitshift", 2, 3)
-def _bitshift(given: Arguments) -> Value:
+def _bitshift(given: NumericArguments) -> Value:
     kind, given = _class_of(given)
     return _applied(given, lambda one, by: one << min(by, 64) if by >= 0 else one >> min(-by, 64), kind)
 
 
 @function("bitget", 2, 3)
-def _bitget(given: Arguments) -> Value:
+def _bitget(given: NumericArguments) -> Value:
     kind, given = _class_of(given)
     return _applied(given, lambda one, at: one >> _place(at, kind) & 1, kind)
 
 
 @function("bitset", 2, 4)
-def _bitset(given: Arguments) -> Value:
+def _bitset(given: NumericArguments) -> Value:
     kind, given = _class_of(given)
     is_set = len(given) < 3 or bool(given.number(2))
     return _applied(given, lambda one, at: _with_bit(one, _place(at, kind), is_set), kind)
@@ -110,7 +110,7 @@ def _with_bit(number: int, at: int, is_set: bool) -> int:
 
 
 @function("bitcmp", 1, 2)
-def _bitcmp(given: Arguments) -> Value:
+def _bitcmp(given: NumericArguments) -> Value:
     kind, given = _class_of(given)
     given = replace(given, values=[given[0], given[0]])
     return _applied(given, lambda one, _: ~one, kind)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.matlab.functions.numeric_registry import REGISTERED, Arguments, Function, function
-from kennfeld.matlab.operators import as_class, binary, result_class, unary
-from kennfeld.matlab.values import Array, NoValueError, Value, class_of, plain
+from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
+from kennfeld.matlab.operators import binary, cast_to_class, result_class, unary
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
 __all__ = ["paired"]
 
@@ -45,7 +45,7 @@ def _gamma_of(value: float) -> float:
 
 def _factorial(values: Float) -> Float:
     if ((values < 0) | (values != np.floor(values))).any():
-        raise NoValueError("factorial is for whole numbers from 0")
+        raise MatlabValueError("factorial is for whole numbers from 0")
     return np.round(_gamma(values + 1))
 
 
@@ -99,33 +99,35 @@ _TESTS: dict[str, Callable[[Float], Bool]] = {"isnan": np.isnan, "isinf": np.isi
 
 def _register_all() -> None:
     for name, operation in _KEEPING.items():
-        REGISTERED[name] = Function(_each(operation), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation), 1, 1)
     for name, operation in _FLOATING.items():
-        REGISTERED[name] = Function(_each(operation, floating=True), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation, floating=True), 1, 1)
     for name, (operation, forbidden, said) in _LIMITED.items():
-        REGISTERED[name] = Function(_each(operation, True, forbidden, said), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation, True, forbidden, said), 1, 1)
     for name, test in _TESTS.items():
-        REGISTERED[name] = Function(_tested(test), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_tested(test), 1, 1)
     for name, operator in _OPERATORS.items():
-        REGISTERED[name] = Function(_operated(operator), 2, 2)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_operated(operator), 2, 2)
 
 
 def _each(
     operation: _Real, floating: bool = False, forbidden: Callable[[Float], Bool] | None = None, said: str = ""
-) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
+) -> Callable[[NumericArguments], Value]:
+    def run(given: NumericArguments) -> Value:
         values = given.numbers(0)
         if forbidden is not None and forbidden(values).any():
-            raise NoValueError(f"{said} is complex")
-        name = class_of(given.array(0))
+            raise MatlabValueError(f"{said} is complex")
+        name = class_name(given.array(0))
         with np.errstate(all="ignore"):
             found = np.asarray(operation(values), dtype=np.float64)
-        return as_class(found, "single" if name == "single" else "double" if floating else result_class(given.array(0)))
+        return cast_to_class(
+            found, "single" if name == "single" else "double" if floating else result_class(given.array(0))
+        )
 
     return run
 
 
-def _tested(test: Callable[[Float], Bool]) -> Callable[[Arguments], Value]:
+def _tested(test: Callable[[Float], Bool]) -> Callable[[NumericArguments], Value]:
     return lambda given: test(given.numbers(0))
 
 
@@ -151,45 +153,47 @@ _OPERATORS = {
 }
 
 
-def _operated(operator: str) -> Callable[[Arguments], Value]:
+def _operated(operator: str) -> Callable[[NumericArguments], Value]:
     return lambda given: binary(operator, given[0], given[1], given.budget)
 
 
 @function("not", 1)
-def _not(given: Arguments) -> Value:
+def _not(given: NumericArguments) -> Value:
     return unary("~", given[0])
 
 
 @function("uminus", 1)
-def _uminus(given: Arguments) -> Value:
+def _uminus(given: NumericArguments) -> Value:
     return unary("-", given[0])
 
 
 @function("xor", 2)
-def _xor(given: Arguments) -> Value:
+def _xor(given: NumericArguments) -> Value:
     return paired(given, lambda one, other: (one != 0) != (other != 0))
 
 
 @function("round", 1, 2)
-def _round(given: Arguments) -> Value:
+def _round(given: NumericArguments) -> Value:
     values, digits = given.numbers(0), given.whole(1, 0)
     factor = 10.0 ** min(max(digits, -300), 300)
     found = _rounded(values * factor) / factor if digits else _rounded(values)
-    return as_class(np.where(np.isfinite(values), found, values), result_class(given.array(0)))
+    return cast_to_class(np.where(np.isfinite(values), found, values), result_class(given.array(0)))
 
 
-def paired(given: Arguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
+def paired(given: NumericArguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
     """An operation on two arguments with implicit expansion, in the class that they make together."""
     shape = binary("+", np.zeros(given.array(0).shape), np.zeros(given.array(1).shape), given.budget).shape
     most = len(shape)
     one, other = (values.reshape(values.shape + (1,) * (most - values.ndim)) for values in map(given.numbers, (0, 1)))
     with np.errstate(all="ignore"):
         found = operation(one, other)
-    return found if found.dtype == np.bool_ else as_class(found, name or result_class(given.array(0), given.array(1)))
+    return (
+        found if found.dtype == np.bool_ else cast_to_class(found, name or result_class(given.array(0), given.array(1)))
+    )
 
 
 @function("mod", 2)
-def _mod(given: Arguments) -> Value:
+def _mod(given: NumericArguments) -> Value:
     return paired(given, _modulus)
 
 
@@ -201,7 +205,7 @@ def _modulus(one: Float, other: Float) -> Float:
 
 
 @function("rem", 2)
-def _rem(given: Arguments) -> Value:
+def _rem(given: NumericArguments) -> Value:
     return paired(given, _remainder)
 
 
@@ -217,27 +221,27 @@ def _is_multiple(one: Float, other: Float) -> Bool:
 
 
 @function("atan2", 2)
-def _atan2(given: Arguments) -> Value:
+def _atan2(given: NumericArguments) -> Value:
     return paired(given, np.arctan2)
 
 
 @function("atan2d", 2)
-def _atan2d(given: Arguments) -> Value:
+def _atan2d(given: NumericArguments) -> Value:
     return paired(given, lambda one, other: np.rad2deg(np.arctan2(one, other)))
 
 
 @function("hypot", 2)
-def _hypot(given: Arguments) -> Value:
+def _hypot(given: NumericArguments) -> Value:
     return paired(given, np.hypot)
 
 
 @function("gcd", 2)
-def _gcd(given: Arguments) -> Value:
+def _gcd(given: NumericArguments) -> Value:
     return paired(given, lambda one, other: np.gcd(_integers(one), _integers(other)).astype(np.float64))
 
 
 @function("lcm", 2)
-def _lcm(given: Arguments) -> Value:
+def _lcm(given: NumericArguments) -> Value:
     return paired(given, lambda one, other: np.lcm(_integers(one), _integers(other)).astype(np.float64))
 
 
@@ -245,21 +249,21 @@ _WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, 
 
 
 @function("idivide", 2, 3)
-def _idivide(given: Arguments) -> Value:
+def _idivide(given: NumericArguments) -> Value:
     way = given.text(2).casefold() if len(given) > 2 else "fix"
     if way not in _WAYS:
-        raise NoValueError(f"{way} is no way of rounding")
+        raise MatlabValueError(f"{way} is no way of rounding")
     return paired(given, lambda one, other: _WAYS[way](one / other))
 
 
 def _integers(values: Float) -> Array:
     if not (np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)).all():
-        raise NoValueError("whole numbers are needed")
+        raise MatlabValueError("whole numbers are needed")
     return values.astype(np.int64)
 
 
 @function("primes", 1)
-def _primes(given: Arguments) -> Value:
+def _primes(given: NumericArguments) -> Value:
     most = given.number(0)
     given.budget.make(max(most, 0))
     sieve = np.ones(max(int(most) + 1, 2), dtype=bool)
@@ -271,11 +275,11 @@ def _primes(given: Arguments) -> Value:
 
 
 @function("nchoosek", 2)
-def _nchoosek(given: Arguments) -> Value:
+def _nchoosek(given: NumericArguments) -> Value:
     total, chosen = given.whole(0), given.whole(1)
     if not 0 <= chosen <= total <= 1000:
-        raise NoValueError("nchoosek is for whole numbers up to 1000, the second no more than the first")
-    return plain(np.array([[float(math.comb(total, chosen))]]))
+        raise MatlabValueError("nchoosek is for whole numbers up to 1000, the second no more than the first")
+    return array_value(np.array([[float(math.comb(total, chosen))]]))
 
 
 _register_all()

@@ -7,15 +7,25 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, NoValueError, Value, data_of, number, numbers, plain, text, whole
+from kennfeld.matlab.values import (
+    Array,
+    MatlabValueError,
+    Value,
+    array_value,
+    elements_of,
+    number,
+    numbers,
+    text,
+    whole,
+)
 
-__all__ = ["MANY", "REGISTERED", "Arguments", "Function", "function"]
+__all__ = ["MANY", "NUMERIC_FUNCTIONS", "NumericArguments", "NumericFunction", "function"]
 
 MANY = 1000
 
 
 @dataclass(frozen=True)
-class Arguments:
+class NumericArguments:
     """What a function is called with; `outputs` is how many values the caller wants.
 
     `apply` calls a function that is an argument; `exists` tells whether a variable is there.
@@ -39,11 +49,11 @@ class Arguments:
 
     def array(self, at: int) -> Array:
         """The argument as an array, of a parameter object its value."""
-        return plain(self.values[at])
+        return array_value(self.values[at])
 
     def data(self, at: int) -> Array:
         """The elements of the argument, whatever they are."""
-        return data_of(self.values[at])
+        return elements_of(self.values[at])
 
     def number(self, at: int, default: float | None = None) -> float:
         """The argument as one number."""
@@ -72,21 +82,21 @@ class Arguments:
             return next((k for k, size in enumerate(array.shape) if size != 1), 0)
         found = whole(self.values[at])
         if not 1 <= found <= 32:
-            raise NoValueError(f"{found} is no dimension")
+            raise MatlabValueError(f"{found} is no dimension")
         return found - 1
 
 
 @dataclass(frozen=True)
-class Function:
+class NumericFunction:
     """A function and how many arguments it takes."""
 
-    run: Callable[[Arguments], "Value | tuple[Value, ...]"]
+    run: Callable[[NumericArguments], "Value | tuple[Value, ...]"]
     least: int
     most: int
 
 
-REGISTERED: dict[str, Function] = {}
-_Run = Callable[[Arguments], "Value | tuple[Value, ...]"]
+NUMERIC_FUNCTIONS: dict[str, NumericFunction] = {}
+_Run = Callable[[NumericArguments], "Value | tuple[Value, ...]"]
 
 
 def function(names: str, least: int, most: int | None = None) -> Callable[[_Run], _Run]:
@@ -94,7 +104,7 @@ def function(names: str, least: int, most: int | None = None) -> Callable[[_Run]
 
     def register(run: _Run) -> _Run:
         for name in names.split():
-            REGISTERED[name] = Function(run, least, least if most is None else most)
+            NUMERIC_FUNCTIONS[name] = NumericFunction(run, least, least if most is None else most)
         return run
 
     return register

@@ -10,20 +10,26 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.functions.numeric_registry import MANY, REGISTERED, Arguments, Function, function
-from kennfeld.matlab.operators import as_class, binary, result_class
+from kennfeld.matlab.functions.numeric_registry import (
+    MANY,
+    NUMERIC_FUNCTIONS,
+    NumericArguments,
+    NumericFunction,
+    function,
+)
+from kennfeld.matlab.operators import binary, cast_to_class, result_class
 from kennfeld.matlab.values import (
     EMPTY,
     Array,
-    Cell,
-    Handle,
-    NoValueError,
-    Opaque,
-    Struct,
+    MatlabCell,
+    MatlabFunctionHandle,
+    MatlabStruct,
+    MatlabValueError,
+    OpaqueValue,
     Value,
     characters,
-    class_of,
-    data_of,
+    class_name,
+    elements_of,
     logical,
     numbers,
     object_array,
@@ -32,7 +38,7 @@ from kennfeld.matlab.values import (
     trimmed,
 )
 
-__all__ = ["matches"]
+__all__ = ["matches_case"]
 
 _Along = Callable[[Float, int], Array]
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing", "omitnan"})
@@ -61,13 +67,13 @@ _WITHOUT_NAN: dict[str, _Along] = {
 
 
 @function("find", 1, 3)
-def _find(given: Arguments) -> "Value | tuple[Value, ...]":
+def _find(given: NumericArguments) -> "Value | tuple[Value, ...]":
     values = given.numbers(0)
     found = np.flatnonzero(values.ravel(order="F"))
     if len(given) > 1:
         count = given.whole(1)
         if count < 1:
-            raise NoValueError(f"{count} is no number of elements")
+            raise MatlabValueError(f"{count} is no number of elements")
         from_end = len(given) > 2 and given.text(2) == "last"
         found = found[max(found.size - count, 0) :] if from_end else found[:count]
     is_row = values.ndim == 2 and values.shape[0] == 1 and values.shape[1] != 1
@@ -82,13 +88,13 @@ def _find(given: Arguments) -> "Value | tuple[Value, ...]":
 
 
 @function("sort", 1, 3)
-def _sort(given: Arguments) -> "Value | tuple[Value, ...]":
+def _sort(given: NumericArguments) -> "Value | tuple[Value, ...]":
     is_down = given.is_text(len(given) - 1) and len(given) > 1 and given.text(len(given) - 1).casefold() == "descend"
-    if isinstance(given[0], Cell):
+    if isinstance(given[0], MatlabCell):
         words = [text(one) for one in given[0].values.ravel(order="F")]
         ranks = sorted(range(len(words)), key=lambda at: words[at], reverse=is_down)
         sorted_ = object_array([characters(words[at]) for at in ranks], given[0].values.shape)
-        return Cell(sorted_), np.array(ranks, dtype=np.float64).reshape(given[0].values.shape, order="F") + 1
+        return MatlabCell(sorted_), np.array(ranks, dtype=np.float64).reshape(given[0].values.shape, order="F") + 1
     array = given.array(0)
     values = array if array.dtype.kind == "U" else numbers(array)
     axis = given.dimension(1, array) if len(given) > 1 and not given.is_text(1) else given.dimension(9, array)
@@ -107,12 +113,12 @@ def _missing_first(values: Array, order: Array, axis: int) -> Array:
 
 
 @function("unique", 1, 3)
-def _unique(given: Arguments) -> "Value | tuple[Value, ...]":
+def _unique(given: NumericArguments) -> "Value | tuple[Value, ...]":
     is_stable = any(word == "stable" for word in given.words(1))
-    if isinstance(given[0], Cell):
+    if isinstance(given[0], MatlabCell):
         words = [text(one) for one in given[0].values.ravel(order="F")]
         kept = list(dict.fromkeys(words)) if is_stable else sorted(set(words))
-        return Cell(object_array([characters(word) for word in kept], (len(kept), 1)))
+        return MatlabCell(object_array([characters(word) for word in kept], (len(kept), 1)))
     array = given.array(0)
     if any(word == "rows" for word in given.words(1)):
         return np.unique(array, axis=0)
@@ -127,16 +133,16 @@ def _unique(given: Arguments) -> "Value | tuple[Value, ...]":
 
 
 def _words(value: Value) -> set[str]:
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         return {text(one) for one in value.values.ravel()}
     return {text(value)}
 
 
 @function("ismember", 2)
-def _ismember(given: Arguments) -> "Value | tuple[Value, ...]":
-    if isinstance(given[1], Cell):
+def _ismember(given: NumericArguments) -> "Value | tuple[Value, ...]":
+    if isinstance(given[1], MatlabCell):
         known = _words(given[1])
-        if isinstance(given[0], Cell):
+        if isinstance(given[0], MatlabCell):
             parts = given[0].values
             return np.array([text(one) in known for one in parts.ravel()], dtype=bool).reshape(parts.shape)
         return logical(text(given[0]) in known)
@@ -150,11 +156,11 @@ def _ismember(given: Arguments) -> "Value | tuple[Value, ...]":
     return inside, np.where(inside, place, 0.0)
 
 
-def _set_operation(given: Arguments, name: str) -> Value:
-    if isinstance(given[0], Cell) or isinstance(given[1], Cell):
+def _set_operation(given: NumericArguments, name: str) -> Value:
+    if isinstance(given[0], MatlabCell) or isinstance(given[1], MatlabCell):
         one, other = _words(given[0]), _words(given[1])
         kept = sorted(one | other if name == "union" else one & other if name == "intersect" else one - other)
-        return Cell(object_array([characters(word) for word in kept], (1, len(kept))))
+        return MatlabCell(object_array([characters(word) for word in kept], (1, len(kept))))
     one_, other_ = given.array(0), given.array(1)
     operations: dict[str, Callable[..., Array]] = {
         "union": np.union1d,
@@ -167,28 +173,28 @@ def _set_operation(given: Arguments, name: str) -> Value:
 
 
 @function("union", 2)
-def _union(given: Arguments) -> Value:
+def _union(given: NumericArguments) -> Value:
     return _set_operation(given, "union")
 
 
 @function("intersect", 2)
-def _intersect(given: Arguments) -> Value:
+def _intersect(given: NumericArguments) -> Value:
     return _set_operation(given, "intersect")
 
 
 @function("setdiff", 2)
-def _setdiff(given: Arguments) -> Value:
+def _setdiff(given: NumericArguments) -> Value:
     return _set_operation(given, "setdiff")
 
 
 @function("issorted", 1)
-def _issorted(given: Arguments) -> Value:
+def _issorted(given: NumericArguments) -> Value:
     values = given.numbers(0).ravel(order="F")
     return logical(bool((np.diff(values) >= 0).all()))
 
 
 @function("isequal", 2, MANY)
-def _isequal(given: Arguments) -> Value:
+def _isequal(given: NumericArguments) -> Value:
     return logical(all(is_equal(given[0], other) for other in given.values[1:]))
 
 
@@ -198,12 +204,12 @@ def is_equal(one: Value, other: Value) -> bool:
         if one.dtype.kind == "O" or other.dtype.kind == "O":
             return _as_texts(one) == _as_texts(other) is not None
         return one.shape == other.shape and bool((numbers(one) == numbers(other)).all())
-    if class_of(one) != class_of(other) or isinstance(one, Handle | Opaque):
+    if class_name(one) != class_name(other) or isinstance(one, MatlabFunctionHandle | OpaqueValue):
         return False
-    if isinstance(one, Cell) and isinstance(other, Cell):
+    if isinstance(one, MatlabCell) and isinstance(other, MatlabCell):
         pairs = zip(one.values.ravel(), other.values.ravel(), strict=False)
         return one.values.shape == other.values.shape and all(is_equal(a, b) for a, b in pairs)
-    if isinstance(one, Struct) and isinstance(other, Struct):
+    if isinstance(one, MatlabStruct) and isinstance(other, MatlabStruct):
         if one.elements.shape != other.elements.shape or set(one.names) != set(other.names):
             return False
         both = zip(one.elements.ravel(), other.elements.ravel(), strict=True)
@@ -218,11 +224,11 @@ def _as_texts(array: Array) -> list[str] | None:
 
 
 @function("histc", 2)
-def _histc(given: Arguments) -> Value:
+def _histc(given: NumericArguments) -> Value:
     values, edges = given.numbers(0).ravel(), given.numbers(1)
     flat = edges.ravel(order="F")
     if flat.size > 1 and (np.diff(flat) < 0).any():
-        raise NoValueError("the edges have to increase")
+        raise MatlabValueError("the edges have to increase")
     counts = np.histogram(values, flat)[0].astype(np.float64) if flat.size > 1 else np.zeros(0)
     last = float((values == flat[-1]).sum()) if flat.size else 0.0
     if counts.size:
@@ -230,10 +236,10 @@ def _histc(given: Arguments) -> Value:
     return np.append(counts, last).reshape(edges.shape)
 
 
-def matches(subject: Value, case: Value) -> bool:
+def matches_case(subject: Value, case: Value) -> bool:
     """Whether a `case` is the one of a `switch`: the same number or text, or one of the cells."""
-    if isinstance(case, Cell):
-        return any(matches(subject, one) for one in case.values.ravel(order="F"))
+    if isinstance(case, MatlabCell):
+        return any(matches_case(subject, one) for one in case.values.ravel(order="F"))
     if not isinstance(subject, np.ndarray) or not isinstance(case, np.ndarray):
         return False
     if subject.dtype.kind in "UO" or case.dtype.kind in "UO":
@@ -241,18 +247,20 @@ def matches(subject: Value, case: Value) -> bool:
     return bool(case.size) and bool(subject.size) and bool((numbers(subject) == numbers(case)).all())
 
 
-def _reduced(operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None) -> Function:
+def _reduced(
+    operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None
+) -> NumericFunction:
     """A function of an array and a dimension; `keeps` the class of integers.
 
     `of_nothing` is what it gives for no elements, `without_nan` computes it with NaN left out.
     """
 
-    def run(given: Arguments) -> Value:
+    def run(given: NumericArguments) -> Value:
         given, words = _options(given)
         values = given.numbers(0)
         chosen = without_nan if "omitnan" in words else operation
         if chosen is None:
-            raise NoValueError("omitnan is not supported here")
+            raise MatlabValueError("omitnan is not supported here")
         if values.shape == (0, 0) and of_nothing is not None and len(given) == 1:
             return logical(of_nothing) if isinstance(of_nothing, bool) else scalar(of_nothing)
         values = values.reshape(-1, 1, order="F") if "all" in words else values
@@ -263,20 +271,20 @@ def _reduced(operation: _Along, of_nothing: float | bool | None, keeps: bool, wi
             found = trimmed(chosen(values, axis))
         if found.dtype == np.bool_:
             return found
-        return as_class(found, result_class(given.array(0)) if keeps else "double")
+        return cast_to_class(found, result_class(given.array(0)) if keeps else "double")
 
-    return Function(run, 1, 4)
+    return NumericFunction(run, 1, 4)
 
 
-def _options(given: Arguments) -> tuple[Arguments, set[str]]:
+def _options(given: NumericArguments) -> tuple[NumericArguments, set[str]]:
     """The arguments without the words among them, and these."""
     words = {given.text(at).casefold() for at in range(1, len(given)) if given.is_text(at)}
     unknown = words - _WORDS
     if unknown:
-        raise NoValueError(f"{min(unknown)} is not supported")
+        raise MatlabValueError(f"{min(unknown)} is not supported")
     kept = [value for at, value in enumerate(given.values) if not at or not given.is_text(at)]
-    if "all" in words and any(data_of(value).size for value in kept[1:]):
-        raise NoValueError("all stands beside a dimension")
+    if "all" in words and any(elements_of(value).size for value in kept[1:]):
+        raise MatlabValueError("all stands beside a dimension")
     return replace(given, values=kept), words
 
 
@@ -290,15 +298,15 @@ def _trapezium(values: Float, axis: int) -> Float:
 
 
 for _name, (_operation, _of_nothing, _keeps) in _SIMPLE.items():
-    REGISTERED[_name] = _reduced(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
+    NUMERIC_FUNCTIONS[_name] = _reduced(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
 
 
-def _deviation(root: bool) -> Function:
-    def run(given: Arguments) -> Value:
+def _deviation(root: bool) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
         values = given.numbers(0)
         weight = given.number(1, 0.0) if len(given) > 1 and given.data(1).size else 0.0
         if weight not in (0.0, 1.0):
-            raise NoValueError(f"the weight {weight:g} is neither 0 nor 1")
+            raise MatlabValueError(f"the weight {weight:g} is neither 0 nor 1")
         values = values.reshape(1, 0) if values.shape == (0, 0) and len(given) < 3 else values
         axis = given.dimension(2, values)
         values = _with_axis(values, axis)
@@ -307,20 +315,20 @@ def _deviation(root: bool) -> Function:
         found = trimmed(np.var(values, axis=axis, ddof=int(weight == 0 and values.shape[axis] > 1), keepdims=True))
         return np.asarray(np.sqrt(found) if root else found)
 
-    return Function(run, 1, 3)
+    return NumericFunction(run, 1, 3)
 
 
-REGISTERED["std"], REGISTERED["var"] = _deviation(True), _deviation(False)
+NUMERIC_FUNCTIONS["std"], NUMERIC_FUNCTIONS["var"] = _deviation(True), _deviation(False)
 
 
-def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> Function:
-    def run(given: Arguments) -> "Value | tuple[Value, ...]":
+def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> NumericFunction:
+    def run(given: NumericArguments) -> "Value | tuple[Value, ...]":
         if len(given) == 2 or (len(given) == 3 and given.data(1).size):
             return _of_two(given, np.fmin if name == "min" else np.fmax)
         values = given.numbers(0)
         given, words = _options(given)
         if words & {"includenan", "includemissing"}:
-            raise NoValueError("NaN is always passed over here")
+            raise MatlabValueError("NaN is always passed over here")
         values = values.reshape(-1, 1, order="F") if "all" in words else values
         axis = given.dimension(2, values)
         if not values.size:
@@ -331,9 +339,9 @@ def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> Fu
         fill = np.inf if name == "min" else -np.inf
         at = arg(np.where(np.isnan(values), fill, values), axis)
         places = np.expand_dims(at, axis).astype(np.float64) + 1
-        return as_class(trimmed(found), result_class(given.array(0))), trimmed(places)
+        return cast_to_class(trimmed(found), result_class(given.array(0))), trimmed(places)
 
-    return Function(run, 1, 3)
+    return NumericFunction(run, 1, 3)
 
 
 def _extreme_of_nothing(values: Float, axis: int) -> Float:
@@ -343,45 +351,45 @@ def _extreme_of_nothing(values: Float, axis: int) -> Float:
     return np.take(values, [0], axis=axis)
 
 
-def _of_two(given: Arguments, operation: Callable[[Float, Float], Float]) -> Value:
+def _of_two(given: NumericArguments, operation: Callable[[Float, Float], Float]) -> Value:
     one, other = given.array(0), given.array(1)
     shape = binary("+", np.zeros(one.shape), np.zeros(other.shape), given.budget).shape
     parts = (numbers(array).reshape(array.shape + (1,) * (len(shape) - array.ndim)) for array in (one, other))
-    return as_class(np.asarray(operation(*parts)), result_class(one, other))
+    return cast_to_class(np.asarray(operation(*parts)), result_class(one, other))
 
 
-REGISTERED["min"] = _extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin)
-REGISTERED["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax)
+NUMERIC_FUNCTIONS["min"] = _extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin)
+NUMERIC_FUNCTIONS["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax)
 
 
 @function("diff", 1, 3)
-def _diff(given: Arguments) -> Value:
+def _diff(given: NumericArguments) -> Value:
     values = given.numbers(0)
     times = given.whole(1, 1) if len(given) > 1 and given.data(1).size else 1
     if not 1 <= times <= 1000:
-        raise NoValueError("diff is taken 1 to 1000 times")
+        raise MatlabValueError("diff is taken 1 to 1000 times")
     for _ in range(times):
         axis = given.dimension(2, values)
         if values.size == 1 and len(given) < 3:
             return EMPTY
         values = trimmed(np.diff(_with_axis(values, axis), axis=axis))
-    return as_class(values, result_class(given.array(0)))
+    return cast_to_class(values, result_class(given.array(0)))
 
 
 @function("nnz", 1)
-def _nnz(given: Arguments) -> Value:
+def _nnz(given: NumericArguments) -> Value:
     return scalar(float(np.count_nonzero(given.numbers(0))))
 
 
 @function("dot", 2)
-def _dot(given: Arguments) -> Value:
+def _dot(given: NumericArguments) -> Value:
     one, other = given.numbers(0), given.numbers(1)
     if one.size != other.size:
-        raise NoValueError("both have to have the same size")
+        raise MatlabValueError("both have to have the same size")
     if _is_vector(one) and _is_vector(other):
         return scalar(float(one.ravel(order="F") @ other.ravel(order="F")))
     if one.shape != other.shape:
-        raise NoValueError("both have to have the same size")
+        raise MatlabValueError("both have to have the same size")
     products = (one * other).reshape(1, 0) if one.shape == (0, 0) else one * other
     return np.asarray(products.sum(axis=given.dimension(9, products), keepdims=True))
 
@@ -391,15 +399,15 @@ def _is_vector(values: Array) -> bool:
 
 
 @function("cross", 2)
-def _cross(given: Arguments) -> Value:
+def _cross(given: NumericArguments) -> Value:
     one, other = given.numbers(0), given.numbers(1)
     if one.size != 3 or other.size != 3:
-        raise NoValueError("cross is for vectors of three numbers")
+        raise MatlabValueError("cross is for vectors of three numbers")
     return np.cross(one.ravel(), other.ravel()).reshape(one.shape)
 
 
 @function("norm", 1, 2)
-def _norm(given: Arguments) -> Value:
+def _norm(given: NumericArguments) -> Value:
     values = given.numbers(0)
     if not values.size:
         return scalar(0.0)
@@ -410,7 +418,7 @@ def _norm(given: Arguments) -> Value:
 
 
 @function("trapz", 1, 2)
-def _trapz(given: Arguments) -> Value:
+def _trapz(given: NumericArguments) -> Value:
     if len(given) == 1:
         values = given.numbers(0)
         values = values.reshape(1, 0) if values.shape == (0, 0) else values
@@ -419,46 +427,46 @@ def _trapz(given: Arguments) -> Value:
 
 
 @function("cumtrapz", 1, 2)
-def _cumtrapz(given: Arguments) -> Value:
+def _cumtrapz(given: NumericArguments) -> Value:
     y = given.numbers(len(given) - 1)
     flat = y.ravel(order="F")
     x = given.numbers(0).ravel(order="F") if len(given) == 2 else np.arange(float(flat.size))
     if 1 not in y.shape or x.size != flat.size:
-        raise NoValueError("cumtrapz is for vectors of one length")
+        raise MatlabValueError("cumtrapz is for vectors of one length")
     return np.concatenate(([0.0], np.cumsum(np.diff(x) * (flat[1:] + flat[:-1]) / 2)))[: flat.size].reshape(y.shape)
 
 
 @function("det", 1)
-def _det(given: Arguments) -> Value:
+def _det(given: NumericArguments) -> Value:
     return scalar(float(np.linalg.det(given.numbers(0))))
 
 
 @function("trace", 1)
-def _trace(given: Arguments) -> Value:
+def _trace(given: NumericArguments) -> Value:
     return scalar(float(np.trace(given.numbers(0))))
 
 
 @function("rank", 1)
-def _rank(given: Arguments) -> Value:
+def _rank(given: NumericArguments) -> Value:
     return scalar(float(np.linalg.matrix_rank(given.numbers(0))))
 
 
 @function("inv", 1)
-def _inv(given: Arguments) -> Value:
+def _inv(given: NumericArguments) -> Value:
     return np.linalg.inv(_matrix(given))
 
 
 @function("pinv", 1)
-def _pinv(given: Arguments) -> Value:
+def _pinv(given: NumericArguments) -> Value:
     values = _matrix(given)
     if not np.isfinite(values).all():
-        raise NoValueError("pinv is for finite numbers")
+        raise MatlabValueError("pinv is for finite numbers")
     return np.linalg.pinv(values)
 
 
-def _matrix(given: Arguments) -> Float:
+def _matrix(given: NumericArguments) -> Float:
     """The argument as a matrix."""
     values = given.numbers(0)
     if values.ndim > 2:
-        raise NoValueError(f"a matrix is needed, not an array of {values.ndim} dimensions")
+        raise MatlabValueError(f"a matrix is needed, not an array of {values.ndim} dimensions")
     return values

@@ -7,13 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.matlab.functions.numeric_registry import MANY, REGISTERED, Arguments, Function, function
+from kennfeld.matlab.functions.numeric_registry import (
+    MANY,
+    NUMERIC_FUNCTIONS,
+    NumericArguments,
+    NumericFunction,
+    function,
+)
 from kennfeld.matlab.values import (
-    Cell,
-    NoValueError,
+    MatlabCell,
+    MatlabValueError,
     Value,
     characters,
-    class_of,
+    class_name,
     logical,
     numbers,
     object_array,
@@ -35,23 +41,25 @@ def _is_text(value: Value) -> bool:
 
 def _over_texts(value: Value, change: Callable[[str], str]) -> Value:
     """Each text of a value changed: of a row of characters, of strings, of a cell array."""
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         parts = [characters(change(text(one))) for one in value.values.ravel(order="F")]
-        return Cell(object_array(parts, value.values.shape))
+        return MatlabCell(object_array(parts, value.values.shape))
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return object_array([change(str(one)) for one in value.ravel(order="F")], value.shape)
     return characters(change(text(value)))
 
 
-def _compared(same: Callable[[str, str, int], bool]) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
+def _compared(same: Callable[[str, str, int], bool]) -> Callable[[NumericArguments], Value]:
+    def run(given: NumericArguments) -> Value:
         count = given.whole(2, 0)
         sides = [_each_text(given[at]) for at in (0, 1)]
-        if all(len(side) == 1 for side in sides) and not any(isinstance(value, Cell) for value in given.values[:2]):
+        if all(len(side) == 1 for side in sides) and not any(
+            isinstance(value, MatlabCell) for value in given.values[:2]
+        ):
             return logical(_both(sides[0][0], sides[1][0], count, same))
         longest = given.data(0 if len(sides[0]) >= len(sides[1]) else 1)
         if len(sides[0]) != len(sides[1]) and 1 not in (len(sides[0]), len(sides[1])):
-            raise NoValueError("cell arrays of different sizes cannot be compared")
+            raise MatlabValueError("cell arrays of different sizes cannot be compared")
         pairs = [(sides[0][k % len(sides[0])], sides[1][k % len(sides[1])]) for k in range(longest.size)]
         shape = longest.shape if len(pairs) == longest.size else (1, len(pairs))
         return np.array([_both(a, b, count, same) for a, b in pairs], dtype=bool).reshape(shape, order="F")
@@ -65,7 +73,7 @@ def _both(one: str | None, other: str | None, count: int, same: Callable[[str, s
 
 def _each_text(value: Value) -> list[str | None]:
     """The texts of a value; None for what is none."""
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         return [text(one) if _is_text(one) else None for one in value.values.ravel(order="F")]
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return [str(one) for one in value.ravel(order="F")]
@@ -79,11 +87,11 @@ for _name, _same in {
     "strncmpi": lambda a, b, n: len(a) >= n and len(b) >= n and a[:n].casefold() == b[:n].casefold(),
 }.items():
     _count = 3 if _name.startswith("strn") else 2
-    REGISTERED[_name] = Function(_compared(_same), _count, _count)
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(_compared(_same), _count, _count)
 
 
-def _asked(test: Callable[[str, str], bool]) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
+def _asked(test: Callable[[str, str], bool]) -> Callable[[NumericArguments], Value]:
+    def run(given: NumericArguments) -> Value:
         wanted = [one for one in _each_text(given[1]) if one is not None]
         found = [any(test(one or "", word) for word in wanted) for one in _each_text(given[0])]
         return np.array(found, dtype=bool).reshape(given.data(0).shape if len(found) > 1 else (1, 1))
@@ -96,31 +104,31 @@ for _name, _test in {
     "startsWith": lambda one, word: one.startswith(word),
     "endsWith": lambda one, word: one.endswith(word),
 }.items():
-    REGISTERED[_name] = Function(_asked(_test), 2, 2)
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(_asked(_test), 2, 2)
 
 
 @function("upper toupper", 1)
-def _upper(given: Arguments) -> Value:
+def _upper(given: NumericArguments) -> Value:
     return _over_texts(given[0], str.upper)
 
 
 @function("lower tolower", 1)
-def _lower(given: Arguments) -> Value:
+def _lower(given: NumericArguments) -> Value:
     return _over_texts(given[0], str.lower)
 
 
 @function("strtrim strip", 1)
-def _strtrim(given: Arguments) -> Value:
+def _strtrim(given: NumericArguments) -> Value:
     return _over_texts(given[0], str.strip)
 
 
 @function("deblank", 1)
-def _deblank(given: Arguments) -> Value:
+def _deblank(given: NumericArguments) -> Value:
     return _over_texts(given[0], str.rstrip)
 
 
 @function("strrep", 3)
-def _strrep(given: Arguments) -> Value:
+def _strrep(given: NumericArguments) -> Value:
     old, new = given.text(1), given.text(2)
 
     def change(word: str) -> str:
@@ -131,47 +139,47 @@ def _strrep(given: Arguments) -> Value:
 
 
 @function("strfind", 2)
-def _strfind(given: Arguments) -> Value:
+def _strfind(given: NumericArguments) -> Value:
     word, wanted = given.text(0), given.text(1)
     found = [at + 1 for at in range(len(word)) if wanted and word.startswith(wanted, at)]
     return row(found) if found else np.zeros((0, 0))
 
 
 @function("strcat", 1, MANY)
-def _strcat(given: Arguments) -> Value:
-    if any(isinstance(value, Cell) for value in given.values):
+def _strcat(given: NumericArguments) -> Value:
+    if any(isinstance(value, MatlabCell) for value in given.values):
         each = [_each_text(value) for value in given.values]
         most = max(map(len, each))
         made = ["".join(one[k % len(one)] or "" for one in each) for k in range(most)]
-        return Cell(object_array([characters(one) for one in made], (1, most)))
-    if any(class_of(value) == "string" for value in given.values):
+        return MatlabCell(object_array([characters(one) for one in made], (1, most)))
+    if any(class_name(value) == "string" for value in given.values):
         return strings(["".join(text(value) for value in given.values)])
     return characters("".join(text(value).rstrip(" \t\n\v\f\r") for value in given.values))
 
 
 @function("strsplit split", 1, 2)
-def _strsplit(given: Arguments) -> Value:
+def _strsplit(given: NumericArguments) -> Value:
     by = given.text(1) if len(given) > 1 else " "
     if not by:
-        raise NoValueError("there is nothing to split by")
+        raise MatlabValueError("there is nothing to split by")
     found = given.text(0).split(_escaped(by))
-    return Cell(object_array([characters(one) for one in found], (1, len(found))))
+    return MatlabCell(object_array([characters(one) for one in found], (1, len(found))))
 
 
 @function("strjoin join", 1, 2)
-def _strjoin(given: Arguments) -> Value:
+def _strjoin(given: NumericArguments) -> Value:
     by = _escaped(given.text(1)) if len(given) > 1 else " "
     return characters(by.join(one or "" for one in _each_text(given[0])))
 
 
 @function("blanks", 1)
-def _blanks(given: Arguments) -> Value:
+def _blanks(given: NumericArguments) -> Value:
     given.budget.make(given.whole(0))
     return characters(" " * given.whole(0))
 
 
 @function("num2str", 1, 2)
-def _num2str(given: Arguments) -> Value:
+def _num2str(given: NumericArguments) -> Value:
     if given.is_text(0):
         return given[0]
     values = given.numbers(0)
@@ -194,19 +202,19 @@ def _short(value: float, digits: int | None) -> str:
 
 
 @function("int2str", 1)
-def _int2str(given: Arguments) -> Value:
+def _int2str(given: NumericArguments) -> Value:
     rounded = np.trunc(given.numbers(0) + np.copysign(0.5, given.numbers(0)))
     return characters("  ".join(f"{one:.0f}" for one in rounded.ravel(order="F")))
 
 
 @function("mat2str", 1, 2)
-def _mat2str(given: Arguments) -> Value:
+def _mat2str(given: NumericArguments) -> Value:
     digits = min(max(given.whole(1, 15), 1), 17)
     array = given.array(0)
     if array.dtype.kind == "U":
         return characters("'" + given.text(0).replace("'", "''") + "'")
     if array.ndim > 2:
-        raise NoValueError("mat2str is for arrays of two dimensions")
+        raise MatlabValueError("mat2str is for arrays of two dimensions")
     is_logical = array.dtype == np.bool_
     words = [
         [("true" if one else "false") if is_logical else _short(float(one), digits) for one in line] for line in array
@@ -216,9 +224,9 @@ def _mat2str(given: Arguments) -> Value:
 
 
 @function("sprintf", 1, MANY)
-def _sprintf(given: Arguments) -> Value:
+def _sprintf(given: NumericArguments) -> Value:
     made = _printed(given.text(0), given.values[1:], given)
-    return strings([made]) if class_of(given[0]) == "string" else characters(made)
+    return strings([made]) if class_name(given[0]) == "string" else characters(made)
 
 
 def _escaped(word: str) -> str:
@@ -229,8 +237,8 @@ def _flat(values: Sequence[Value]) -> list[Any]:
     """Texts and numbers one after the other."""
     found: list[Any] = []
     for value in values:
-        if isinstance(value, Cell):
-            raise NoValueError("a cell array cannot be printed")
+        if isinstance(value, MatlabCell):
+            raise MatlabValueError("a cell array cannot be printed")
         if _is_text(value):
             found.append(text(value))
         else:
@@ -238,7 +246,7 @@ def _flat(values: Sequence[Value]) -> list[Any]:
     return found
 
 
-def _printed(pattern: str, values: Sequence[Value], given: Arguments) -> str:
+def _printed(pattern: str, values: Sequence[Value], given: NumericArguments) -> str:
     """The pattern filled in, over again while values are left."""
     waiting, pattern = _flat(values), _escaped(pattern)
     slots = [found for found in _FORMAT.finditer(pattern) if found[4]]
@@ -260,7 +268,7 @@ def _once(pattern: str, waiting: list[Any], has_values: bool) -> str:
         if not found[4]:
             made += "%"
         elif found[2] == "*" or int(found[2] or 0) > _WIDEST or int(found[3] or 0) > _WIDEST:
-            raise NoValueError(f"the width of {found[0]} is not known")
+            raise MatlabValueError(f"the width of {found[0]} is not known")
         elif not waiting and has_values:
             return made
         else:
@@ -285,52 +293,52 @@ def _conversion(found: re.Match[str], value: Any) -> str:
 
 
 @function("char", 1)
-def _char(given: Arguments) -> Value:
+def _char(given: NumericArguments) -> Value:
     value = given[0]
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         words = [text(one) for one in value.values.ravel(order="F")]
         widest = max(map(len, words), default=0)
         given.budget.make(widest * len(words))
         return np.array([list(word.ljust(widest)) for word in words], dtype="U1").reshape(len(words), widest)
     if _is_text(value):
-        return value if class_of(value) == "char" else characters(text(value))
+        return value if class_name(value) == "char" else characters(text(value))
     codes = numbers(value)
     if not ((codes >= 0) & (codes < 0x110000) & (codes == np.floor(codes))).all():
-        raise NoValueError("a number is the code of no character")
+        raise MatlabValueError("a number is the code of no character")
     made = np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1")
     return made.reshape(codes.shape, order="F")
 
 
 @function("cellstr", 1)
-def _cellstr(given: Arguments) -> Value:
-    if isinstance(given[0], Cell):
+def _cellstr(given: NumericArguments) -> Value:
+    if isinstance(given[0], MatlabCell):
         return given[0]
     lines = ["".join(line).rstrip() for line in given.array(0).tolist()]
-    return Cell(object_array([characters(line) for line in lines], (len(lines), 1)))
+    return MatlabCell(object_array([characters(line) for line in lines], (len(lines), 1)))
 
 
 @function("string", 1)
-def _string(given: Arguments) -> Value:
+def _string(given: NumericArguments) -> Value:
     value = given[0]
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         return object_array([text(one) for one in value.values.ravel(order="F")], value.values.shape)
     if _is_text(value):
-        return strings([text(value)]) if class_of(value) == "char" else value
+        return strings([text(value)]) if class_name(value) == "char" else value
     words = [_short(one, None) for one in numbers(value).ravel(order="F").tolist()]
     return object_array(words, given.array(0).shape)
 
 
 @function("isspace", 1)
-def _isspace(given: Arguments) -> Value:
+def _isspace(given: NumericArguments) -> Value:
     array = given.array(0)
     return np.array([str(one).isspace() for one in array.ravel(order="F")], dtype=bool).reshape(array.shape, order="F")
 
 
 @function("strlength", 1)
-def _strlength(given: Arguments) -> Value:
+def _strlength(given: NumericArguments) -> Value:
     return np.array([[float(len(given.text(0)))]])
 
 
 @function("newline", 0)
-def _newline(given: Arguments) -> Value:
+def _newline(given: NumericArguments) -> Value:
     return characters("\n")

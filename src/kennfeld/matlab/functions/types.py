@@ -6,18 +6,24 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.matlab.functions.numeric_registry import MANY, REGISTERED, Arguments, Function, function
-from kennfeld.matlab.operators import as_class
+from kennfeld.matlab.functions.numeric_registry import (
+    MANY,
+    NUMERIC_FUNCTIONS,
+    NumericArguments,
+    NumericFunction,
+    function,
+)
+from kennfeld.matlab.operators import cast_to_class
 from kennfeld.matlab.values import (
     INTEGERS,
     Array,
-    Cell,
-    Handle,
-    NoValueError,
-    Struct,
+    MatlabCell,
+    MatlabFunctionHandle,
+    MatlabStruct,
+    MatlabValueError,
     Value,
     characters,
-    class_of,
+    class_name,
     logical,
     scalar,
     text,
@@ -26,11 +32,11 @@ from kennfeld.matlab.values import (
 __all__: list[str] = []
 
 
-def _to(name: str) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
+def _to(name: str) -> Callable[[NumericArguments], Value]:
+    def run(given: NumericArguments) -> Value:
         if given.is_text(0) and given.array(0).dtype.kind == "O" and name == "double":
             return scalar(_parsed(given.text(0)))
-        return as_class(given.numbers(0), name)
+        return cast_to_class(given.numbers(0), name)
 
     return run
 
@@ -43,46 +49,46 @@ def _parsed(word: str) -> float:
 
 
 for _name in (*INTEGERS, "double", "single"):
-    REGISTERED[_name] = Function(_to(_name), 1, 1)
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(_to(_name), 1, 1)
 
 
 @function("logical boolean", 1)
-def _logical(given: Arguments) -> Value:
+def _logical(given: NumericArguments) -> Value:
     return _truths(given.numbers(0))
 
 
 def _truths(values: Float) -> Array:
     if np.isnan(values).any():
-        raise NoValueError("NaN is neither true nor false")
+        raise MatlabValueError("NaN is neither true nor false")
     return np.asarray(values != 0)
 
 
 @function("cast", 2)
-def _cast(given: Arguments) -> Value:
+def _cast(given: NumericArguments) -> Value:
     name = given.text(1)
     if name == "logical":
         return _truths(given.numbers(0))
     if name not in (*INTEGERS, "double", "single"):
-        raise NoValueError(f"{name} is no class of numbers")
-    return as_class(given.numbers(0), name)
+        raise MatlabValueError(f"{name} is no class of numbers")
+    return cast_to_class(given.numbers(0), name)
 
 
 @function("class", 1)
-def _class(given: Arguments) -> Value:
-    return characters(class_of(given[0]))
+def _class(given: NumericArguments) -> Value:
+    return characters(class_name(given[0]))
 
 
 _GROUPS = {"numeric": (*INTEGERS, "double", "single"), "float": ("double", "single"), "integer": INTEGERS}
 
 
 @function("isa", 2)
-def _isa(given: Arguments) -> Value:
-    name, wanted = class_of(given[0]), given.text(1)
+def _isa(given: NumericArguments) -> Value:
+    name, wanted = class_name(given[0]), given.text(1)
     return logical(name == wanted or name in _GROUPS.get(wanted, ()))
 
 
-def _is(*names: str) -> Function:
-    return Function(lambda given: logical(class_of(given[0]) in names), 1, 1)
+def _is(*names: str) -> NumericFunction:
+    return NumericFunction(lambda given: logical(class_name(given[0]) in names), 1, 1)
 
 
 for _name, _classes in {
@@ -95,88 +101,90 @@ for _name, _classes in {
     "iscell": ("cell",),
     "isreal": (*_GROUPS["numeric"], "logical", "char"),
 }.items():
-    REGISTERED[_name] = _is(*_classes)
+    NUMERIC_FUNCTIONS[_name] = _is(*_classes)
 
 
 @function("isstruct", 1)
-def _isstruct(given: Arguments) -> Value:
-    return logical(isinstance(given[0], Struct) and not given[0].kind)
+def _isstruct(given: NumericArguments) -> Value:
+    return logical(isinstance(given[0], MatlabStruct) and not given[0].kind)
 
 
 @function("isobject", 1)
-def _isobject(given: Arguments) -> Value:
-    return logical(isinstance(given[0], Struct) and bool(given[0].kind))
+def _isobject(given: NumericArguments) -> Value:
+    return logical(isinstance(given[0], MatlabStruct) and bool(given[0].kind))
 
 
 @function("iscellstr", 1)
-def _iscellstr(given: Arguments) -> Value:
+def _iscellstr(given: NumericArguments) -> Value:
     cell = given[0]
-    return logical(isinstance(cell, Cell) and all(class_of(one) == "char" for one in cell.values.ravel()))
+    return logical(isinstance(cell, MatlabCell) and all(class_name(one) == "char" for one in cell.values.ravel()))
 
 
 @function("eps", 0, 1)
-def _eps(given: Arguments) -> Value:
+def _eps(given: NumericArguments) -> Value:
     if given.is_text(0):
         return scalar(float(np.finfo(np.float32 if given.text(0) == "single" else np.float64).eps))
     return np.asarray(np.spacing(np.abs(given.numbers(0)))) if len(given) else scalar(float(np.finfo(np.float64).eps))
 
 
-def _limit_of(name: str) -> Function:
-    def run(given: Arguments) -> Value:
+def _limit_of(name: str) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
         kind = np.float32 if len(given) and given.text(0) == "single" else np.float64
         return np.array([[getattr(np.finfo(kind), name)]], dtype=kind)
 
-    return Function(run, 0, 1)
+    return NumericFunction(run, 0, 1)
 
 
-def _whole_limit(name: str) -> Function:
-    def run(given: Arguments) -> Value:
-        of = "int32" if not len(given) else given.text(0) if given.is_text(0) else class_of(given[0])
+def _whole_limit(name: str) -> NumericFunction:
+    def run(given: NumericArguments) -> Value:
+        of = "int32" if not len(given) else given.text(0) if given.is_text(0) else class_name(given[0])
         if of not in INTEGERS:
-            raise NoValueError(f"{of} is no class of integers")
+            raise MatlabValueError(f"{of} is no class of integers")
         return np.array([[getattr(np.iinfo(of), name)]], dtype=of)
 
-    return Function(run, 0, 1)
+    return NumericFunction(run, 0, 1)
 
 
-REGISTERED["realmax"], REGISTERED["realmin"] = _limit_of("max"), _limit_of("tiny")
-REGISTERED["intmax"], REGISTERED["intmin"] = _whole_limit("max"), _whole_limit("min")
+NUMERIC_FUNCTIONS["realmax"], NUMERIC_FUNCTIONS["realmin"] = _limit_of("max"), _limit_of("tiny")
+NUMERIC_FUNCTIONS["intmax"], NUMERIC_FUNCTIONS["intmin"] = _whole_limit("max"), _whole_limit("min")
 
 
 @function("flintmax", 0)
-def _flintmax(given: Arguments) -> Value:
+def _flintmax(given: NumericArguments) -> Value:
     return scalar(2.0**53)
 
 
 @function("exist", 1, 2)
-def _exist(given: Arguments) -> Value:
+def _exist(given: NumericArguments) -> Value:
     wanted = given.text(1) if len(given) > 1 else "var"
     return scalar(float(wanted == "var" and given.exists(given.text(0))))
 
 
 @function("isvarname", 1)
-def _isvarname(given: Arguments) -> Value:
+def _isvarname(given: NumericArguments) -> Value:
     word = given.text(0) if given.is_text(0) else ""
     return logical(word.isidentifier() and word.isascii() and not word.startswith("_"))
 
 
 @function("feval", 1, MANY)
-def _feval(given: Arguments) -> tuple[Value, ...]:
+def _feval(given: NumericArguments) -> tuple[Value, ...]:
     return tuple(given.apply(given[0], given.values[1:], max(given.outputs, 1)))
 
 
 @function("func2str", 1)
-def _func2str(given: Arguments) -> Value:
-    from kennfeld.matlab.printer import printed
+def _func2str(given: NumericArguments) -> Value:
+    from kennfeld.matlab.printer import format_expression
 
     handle = given[0]
-    if not isinstance(handle, Handle):
-        raise NoValueError(f"a {class_of(handle)} is no function")
-    return characters(handle.name if handle.body is None else f"@({','.join(handle.parameters)}){printed(handle.body)}")
+    if not isinstance(handle, MatlabFunctionHandle):
+        raise MatlabValueError(f"a {class_name(handle)} is no function")
+    return characters(
+        handle.name if handle.body is None else f"@({','.join(handle.parameters)}){format_expression(handle.body)}"
+    )
 
 
 @function("str2func", 1)
-def _str2func(given: Arguments) -> Value:
+def _str2func(given: NumericArguments) -> Value:
     word = given.text(0)
     if word.startswith("@"):
         from kennfeld.matlab.parser import parse_expression
@@ -184,42 +192,45 @@ def _str2func(given: Arguments) -> Value:
 
         tree = parse_expression(word, "str2func")
         if isinstance(tree, AnonymousFunction):
-            return Handle("", tree.parameters, tree.body)
-    return Handle(word)
+            return MatlabFunctionHandle("", tree.parameters, tree.body)
+    return MatlabFunctionHandle(word)
 
 
 @function("is_function_handle", 1)
-def _is_function_handle(given: Arguments) -> Value:
-    return logical(isinstance(given[0], Handle))
+def _is_function_handle(given: NumericArguments) -> Value:
+    return logical(isinstance(given[0], MatlabFunctionHandle))
 
 
 @function("str2double", 1)
-def _str2double(given: Arguments) -> Value:
-    if isinstance(given[0], Cell):
-        words = [text(one) if class_of(one) in ("char", "string") else "" for one in given[0].values.ravel(order="F")]
+def _str2double(given: NumericArguments) -> Value:
+    if isinstance(given[0], MatlabCell):
+        words = [text(one) if class_name(one) in ("char", "string") else "" for one in given[0].values.ravel(order="F")]
         return np.array([_parsed(word) for word in words]).reshape(given[0].values.shape, order="F")
     return scalar(_parsed(given.text(0)) if given.is_text(0) else math.nan)
 
 
 @function("dec2bin", 1, 2)
-def _dec2bin(given: Arguments) -> Value:
+def _dec2bin(given: NumericArguments) -> Value:
     return characters(f"{given.whole(0):b}".zfill(min(given.whole(1, 0), 64)))
 
 
 @function("dec2hex", 1, 2)
-def _dec2hex(given: Arguments) -> Value:
+def _dec2hex(given: NumericArguments) -> Value:
     return characters(f"{given.whole(0):X}".zfill(min(given.whole(1, 0), 64)))
 
 
-def _in_base(base: int) -> Callable[[Arguments], Value]:
-    def run(given: Arguments) -> Value:
+def _in_base(base: int) -> Callable[[NumericArguments], Value]:
+    def run(given: NumericArguments) -> Value:
         word = given.text(0).replace(" ", "")[:64]
         try:
             return scalar(float(int(word, base)))
         except ValueError:
-            raise NoValueError(f"{word} is no number to the base {base}") from None
+            raise MatlabValueError(f"{word} is no number to the base {base}") from None
 
     return run
 
 
-REGISTERED["bin2dec"], REGISTERED["hex2dec"] = Function(_in_base(2), 1, 1), Function(_in_base(16), 1, 1)
+NUMERIC_FUNCTIONS["bin2dec"], NUMERIC_FUNCTIONS["hex2dec"] = (
+    NumericFunction(_in_base(2), 1, 1),
+    NumericFunction(_in_base(16), 1, 1),
+)

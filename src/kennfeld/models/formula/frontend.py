@@ -15,10 +15,18 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
-from kennfeld.models.formula.name_resolution import Names, Surroundings, walk
+from kennfeld.models.formula.name_resolution import NameScope, NameTable, walk
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
 from kennfeld.models.formula.printer import merged
-from kennfeld.models.formula.syntax import Call, Declaration, Definition, FunctionDefinition, Statement, Step, Token
+from kennfeld.models.formula.syntax import (
+    Call,
+    Declaration,
+    Definition,
+    FunctionDefinition,
+    Statement,
+    StepDeclaration,
+    Token,
+)
 from kennfeld.models.model import Model
 
 if TYPE_CHECKING:
@@ -68,15 +76,15 @@ def text_of(path: Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        what = f"byte {content[error.start]:#04x} is no UTF-8"
-        raise InputError.of(f"{path.name} line {line}", what, "Save the file as UTF-8.") from None
+        message = f"byte {content[error.start]:#04x} is no UTF-8"
+        raise InputError.of(f"{path.name} line {line}", message, "Save the file as UTF-8.") from None
 
 
 def _model(
     source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: "Collection[Surrogate]"
 ) -> Model:
     statements = parse(source)
-    names = Names(statements, Surroundings(parameters=parameters, functions=_called(surrogates)), source)
+    names = NameTable(statements, NameScope(parameters=parameters, functions=_called(surrogates)), source)
     step = _step(statements, source)
     builder = GraphBuilder()
     nodes = build(names, builder, {})
@@ -105,13 +113,13 @@ def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, BuiltinFunction
 
 
 def _step(statements: Collection[Statement], source: Source) -> float | None:
-    found = [statement for statement in statements if isinstance(statement, Step)]
+    found = [statement for statement in statements if isinstance(statement, StepDeclaration)]
     for second in found[1:]:
         source.report(second.at, f"step stands already in {source.place(found[0].at.line)}", "Remove one.")
     return found[0].seconds if found else None
 
 
-def _units(names: Names, graph: Graph) -> Mapping[str, str]:
+def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
     present = {**graph.names, **dict.fromkeys(graph.inputs), **graph.parameters}
     statements: list[tuple[str, Definition | Declaration]] = [
         *names.definitions.items(),
@@ -121,12 +129,12 @@ def _units(names: Names, graph: Graph) -> Mapping[str, str]:
     return MappingProxyType({name: s.unit for name, s in statements if s.unit and name in present})
 
 
-def _declared(names: Names) -> dict[str, int]:
+def _declared(names: NameTable) -> dict[str, int]:
     axes = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
     return {name: names.axes.get(name, axes[found.kind]) for name, found in names.declared.items()}
 
 
-def _places(names: Names, source: Source) -> dict[str, str]:
+def _places(names: NameTable, source: Source) -> dict[str, str]:
     declared = {name: found.at for name, found in (*names.inputs.items(), *names.declared.items())}
     defined = {name: found.at for name, found in names.definitions.items()}
     return {name: source.place(at.line) for name, at in {**declared, **names.uses, **defined}.items()}
@@ -143,7 +151,7 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
     """
     graph = model.graph
     axes = {**model.declared, **graph.parameters}
-    around = Surroundings(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
+    around = NameScope(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
     builder = GraphBuilder.of(graph)
     assert isinstance(builder, GraphBuilder)
     made = _expressions(nodes, place, around, builder, graph.names)
@@ -162,12 +170,12 @@ def expression(text: str, place: str, channels: Collection[str] | None = None) -
     """
     builder = GraphBuilder()
     # no channel has the empty name, so the expression may read one called "value"
-    made = _expressions({"": text}, place, Surroundings(parameters=(), channels=channels), builder, {})
+    made = _expressions({"": text}, place, NameScope(parameters=(), channels=channels), builder, {})
     return merged(builder.finish({"value": made[""]}))
 
 
 def _expressions(
-    texts: Mapping[str, str], place: str, around: Surroundings, builder: GraphBuilder, known: Mapping[str, int]
+    texts: Mapping[str, str], place: str, around: NameScope, builder: GraphBuilder, known: Mapping[str, int]
 ) -> dict[str, int]:
     """The nodes of expressions by name; raises what is wrong with any of them."""
     lines: list[str] = []
@@ -180,7 +188,7 @@ def _expressions(
         places += [label] if len(own) == 1 else [f"{label} line {number + 1}" for number in range(len(own))]
     source = Source(place, lines, places)
     keys: Keys = {}
-    names = Names(
+    names = NameTable(
         [
             Definition(Token("quoted", _quoted(name), span[0], 0), "", parse_expression(source, span, keys))
             for name, span in spans.items()

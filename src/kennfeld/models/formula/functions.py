@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.surrogate import DynamicSurrogate, Surrogate
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "BuiltinFunction", "UnusableError", "functions_of"]
+__all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "BuiltinFunction", "InvalidArgumentError", "functions_of"]
 
 CONSTANTS: Final = {"pi": math.pi, "inf": math.inf, "nan": math.nan}
 
@@ -36,17 +36,17 @@ OPERATORS: Final = {
     "^": "pow",
 }
 
-Later = Callable[[], int]
+Deferred = Callable[[], int]
 
 _UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh floor ceil round sign"
 
 
-class UnusableError(Exception):
+class InvalidArgumentError(Exception):
     """A rule cannot use the argument of this name."""
 
-    def __init__(self, argument: str, what: str) -> None:
-        super().__init__(what)
-        self.argument, self.what = argument, what
+    def __init__(self, argument: str, message: str) -> None:
+        super().__init__(message)
+        self.argument, self.message = argument, message
 
 
 class Argument(NamedTuple):
@@ -112,19 +112,19 @@ def _clip(builder: GraphBuilder, x: int, lower: int, upper: int) -> int:
     return builder.call("min", builder.call("max", x, lower), upper)
 
 
-def _prev(builder: GraphBuilder, x: Later, init: int) -> int:
+def _prev(builder: GraphBuilder, x: Deferred, init: int) -> int:
     return builder.remember(init, lambda read: x())
 
 
-def _delay(builder: GraphBuilder, x: Later, n: int, init: int) -> int:
+def _delay(builder: GraphBuilder, x: Deferred, n: int, init: int) -> int:
     steps = builder.value(n)
     if steps is None or not steps >= 1 or not steps.is_integer():
         given = "an expression that changes" if steps is None else f"{steps:g}"
-        raise UnusableError("n", f"the steps of a delay must be a constant whole number from 1 on, not {given}")
+        raise InvalidArgumentError("n", f"the steps of a delay must be a constant whole number from 1 on, not {given}")
     return builder.remember(init, lambda read: x(), int(steps))
 
 
-def _integrator(builder: GraphBuilder, x: Later, init: int, lower: Later, upper: Later) -> int:
+def _integrator(builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred) -> int:
     def then(read: int) -> int:
         moved = builder.call("add", read, builder.call("mul", builder.input("dt"), x()))
         low, high = lower(), upper()
@@ -249,7 +249,7 @@ def _limited(surrogate: DynamicSurrogate) -> bool:
     return surrogate.limits != (-float("inf"), float("inf"))
 
 
-def _at_lag(builder: GraphBuilder, x: int | Later, lag: int, start: float) -> int:
+def _at_lag(builder: GraphBuilder, x: int | Deferred, lag: int, start: float) -> int:
     if callable(x):
         return builder.remember_input(x, start, lag)
     return builder.prev(x, x, lag) if lag else x

@@ -166,15 +166,15 @@ class Source:
         """The place of a line."""
         return self.places[line - 1]
 
-    def report(self, at: Token, what: str, mend: str = "") -> None:
+    def report(self, at: Token, message: str, remedy: str = "") -> None:
         """Keep a finding about a token; one in column 0 stands for the whole line."""
         place = self.place(at.line) + (f", column {at.column}" if at.column else "")
         excerpt = self._excerpt(at) if at.column else ""
-        self._found.append((at.line, at.column, Finding(place, what, mend, excerpt)))
+        self._found.append((at.line, at.column, Finding(place, message, remedy, excerpt)))
 
-    def report_all(self, what: str, mend: str = "") -> None:
+    def report_all(self, message: str, remedy: str = "") -> None:
         """Keep a finding about the text as a whole."""
-        self._found.append((0, 0, Finding(self.label, what, mend)))
+        self._found.append((0, 0, Finding(self.label, message, remedy)))
 
     @property
     def findings(self) -> list[Finding]:

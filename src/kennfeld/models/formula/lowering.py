@@ -12,9 +12,9 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.formula.functions import CONSTANTS, OPERATORS, Argument, UnusableError
+from kennfeld.models.formula.functions import CONSTANTS, OPERATORS, Argument, InvalidArgumentError
 from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
-from kennfeld.models.formula.name_resolution import Names, children
+from kennfeld.models.formula.name_resolution import NameTable, children
 from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
 
 __all__ = ["build", "ordered"]
@@ -22,12 +22,12 @@ __all__ = ["build", "ordered"]
 _MOST_EXPANSIONS = 100_000
 
 
-class _Use(NamedTuple):
+class _NameUse(NamedTuple):
     name: str
     at_start: bool  # for an initial value
 
 
-def build_order(names: Names) -> list[str]:
+def build_order(names: NameTable) -> list[str]:
     """The nodes, each after those it needs in the same sample; loops are reported and marked as broken."""
     needs = _function_needs(names)
     uses = {
@@ -75,7 +75,7 @@ def ordered(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], list[list[str
 
 
 def _report_loop(
-    names: Names, loop: list[str], statements: Mapping[str, Definition | FunctionDefinition], initial: bool = False
+    names: NameTable, loop: list[str], statements: Mapping[str, Definition | FunctionDefinition], initial: bool = False
 ) -> None:
     members = loop[:-1]
     first = min(range(len(members)), key=lambda i: statements[members[i]].at[2:])
@@ -86,21 +86,21 @@ def _report_loop(
     if isinstance(statements[turned[0]], FunctionDefinition):
         names.source.report(at, f"a function calls itself: {shown}", "Write feedback with prev(x, init).")
     elif initial:
-        mend = "Give an initial value that does not need it."
-        names.source.report(at, f"an initial value needs itself: {shown}", mend)
+        remedy = "Give an initial value that does not need it."
+        names.source.report(at, f"an initial value needs itself: {shown}", remedy)
     else:
-        mend = "Break it with prev(x, init) where the value of the step before is meant."
-        names.source.report(at, f"algebraic loop: {shown}", mend)
+        remedy = "Break it with prev(x, init) where the value of the step before is meant."
+        names.source.report(at, f"algebraic loop: {shown}", remedy)
 
 
 class _Needs(NamedTuple):
     """What a function of the text needs at once: which of its arguments (None where not), and which other names."""
 
-    arguments: tuple[_Use | None, ...]
-    names: tuple[_Use, ...]
+    arguments: tuple[_NameUse | None, ...]
+    names: tuple[_NameUse, ...]
 
 
-def _function_needs(names: Names) -> Mapping[str, _Needs]:
+def _function_needs(names: NameTable) -> Mapping[str, _Needs]:
     bodies = {name: function.value for name, function in names.functions.items() if function.value is not None}
     order, loops = ordered({name: list(_calls(body, names.functions)) for name, body in bodies.items()})
     for loop in loops:
@@ -124,20 +124,22 @@ def _calls(expr: Expr, functions: Collection[str]) -> Iterator[str]:
         stack.extend(children(at))
 
 
-def _uses(expr: Expr, names: Names, needs: Mapping[str, _Needs], arguments: Collection[str] = ()) -> Iterator[_Use]:
+def _uses(
+    expr: Expr, names: NameTable, needs: Mapping[str, _Needs], arguments: Collection[str] = ()
+) -> Iterator[_NameUse]:
     """The nodes and arguments that an expression needs in the same sample; what a memory holds next is not needed."""
     stack = [(expr, False)]
     while stack:
         at, start = stack.pop()
         if isinstance(at, Name):
             if at.name in arguments or names.kind(at.name, at.at.quoted) == "node":
-                yield _Use(at.name, start)
+                yield _NameUse(at.name, start)
         elif isinstance(at, Call) and (function := names.built_in(at)) is not None:
             given = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
             stack.extend((arg, start or spec.name == "init") for spec, arg in given if not spec.later)
         elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
             needed = needs.get(at.name, _Needs((), ()))
-            yield from (_Use(use.name, start or use.at_start) for use in needed.names)
+            yield from (_NameUse(use.name, start or use.at_start) for use in needed.names)
             given_now = zip(at.args, needed.arguments, strict=False)
             stack.extend((arg, start or use.at_start) for arg, use in given_now if use)
         else:
@@ -156,24 +158,24 @@ _TEXT: Final = _Scope(0, {})
 _Steps = Generator[tuple[Expr, _Scope], int, int]
 
 
-def build(names: Names, builder: GraphBuilder, nodes: Mapping[str, int]) -> dict[str, int]:
+def build(names: NameTable, builder: GraphBuilder, nodes: Mapping[str, int]) -> dict[str, int]:
     """The nodes of all definitions, auxiliary ones included; `nodes` are those that exist already.
 
     What is wrong goes to the source; then the nodes are of no use.
     """
     order = build_order(names)
-    weaver = _Weaver(names, builder, dict(nodes))
+    compiler = GraphLowering(names, builder, dict(nodes))
     for name in order:
         if name not in names.broken:
             value = names.definitions[name].value
             assert value is not None
-            weaver.nodes[name] = weaver.value(value, _TEXT)
+            compiler.nodes[name] = compiler.value(value, _TEXT)
     builder.settle()
-    return {name: weaver.nodes[name] for name in names.definitions if name in weaver.nodes}
+    return {name: compiler.nodes[name] for name in names.definitions if name in compiler.nodes}
 
 
-class _Weaver:
-    def __init__(self, names: Names, builder: GraphBuilder, nodes: dict[str, int]) -> None:
+class GraphLowering:
+    def __init__(self, names: NameTable, builder: GraphBuilder, nodes: dict[str, int]) -> None:
         self.names = names
         self.builder = builder
         self.nodes = nodes
@@ -261,8 +263,8 @@ class _Weaver:
             return self.builder.input(expr.name)
         key = (expr.name, *((arg.key, scope.key) for arg in expr.args))
         if len(self._scopes) >= _MOST_EXPANSIONS:
-            what = f"the functions of this text unfold to more than {_MOST_EXPANSIONS} calls"
-            self.names.source.report(function.at, what, "Give values that are used twice names of their own.")
+            message = f"the functions of this text unfold to more than {_MOST_EXPANSIONS} calls"
+            self.names.source.report(function.at, message, "Give values that are used twice names of their own.")
             self.names.broken.add(expr.name)
             return self.builder.input(expr.name)
         if key not in self._scopes:
@@ -297,10 +299,10 @@ class _Weaver:
     def _remembered(self, function: BuiltIn, expr: Call, args: list[Any]) -> int:
         try:
             return function.rule(self.builder, *args)
-        except UnusableError as unusable:
+        except InvalidArgumentError as unusable:
             index = [argument.name for argument in function.arguments].index(unusable.argument)
             if self.builder.value(args[index]) is not None or not self.names.broken:
-                self.names.source.report(expr.args[index].at, unusable.what)
+                self.names.source.report(expr.args[index].at, unusable.message)
             return self.builder.input(expr.name)
 
 

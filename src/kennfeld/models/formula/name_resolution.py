@@ -22,7 +22,7 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 
-__all__ = ["Names", "Surroundings", "children", "walk"]
+__all__ = ["NameScope", "NameTable", "children", "walk"]
 
 _S = TypeVar("_S", Definition, FunctionDefinition, Declaration)
 Kind = Literal["clock", "constant", "node", "parameter", "input"]
@@ -31,7 +31,7 @@ _AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2
 _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
 
 
-class Surroundings(NamedTuple):
+class NameScope(NamedTuple):
     """What a text may refer to besides what it defines itself.
 
     `parameters` None means that they are not known: what is called like a function is a table. `axes` are their
@@ -68,14 +68,14 @@ def walk(expr: Expr) -> Iterator[Expr]:
         stack.extend(reversed(children(at)))
 
 
-class Names:
+class NameTable:
     """The names of a text, resolved; the constructor reports every complaint to the source.
 
     `definitions` and `functions` hold the statements, `uses` where a parameter or an input is used first, `axes` how
     many coordinates each parameter has, `broken` the keys of statements that cannot be built.
     """
 
-    def __init__(self, statements: Sequence[Statement], around: Surroundings, source: Source) -> None:
+    def __init__(self, statements: Sequence[Statement], around: NameScope, source: Source) -> None:
         known, channels = around.parameters, around.channels
         self.around = around._replace(  # dictionaries, because a project may know thousands of names
             parameters=None if known is None else dict.fromkeys(known),
@@ -139,8 +139,8 @@ class Names:
         for name, definition in self.definitions.items():
             for kind, taken in (("a node", self.around.nodes), ("an input", self.around.inputs)):
                 if name in taken:
-                    what = f"{name} is already {kind} of {self.around.owner}"
-                    self._report(name, definition.at, what, "Give it another name.")
+                    message = f"{name} is already {kind} of {self.around.owner}"
+                    self._report(name, definition.at, message, "Give it another name.")
         self._check_functions()
         everything: tuple[tuple[str, Mapping[str, Definition | FunctionDefinition | Declaration]], ...] = (
             ("a node", self.definitions),
@@ -162,16 +162,16 @@ class Names:
     def _check_functions(self) -> None:
         for name, function in self.functions.items():
             if function.at.quoted or name in FUNCTIONS:
-                what = "a name in quotes" if function.at.quoted else f"{name}, which is built in,"
-                self._report(name, function.at, f"{what} cannot be defined as a function", "Use another name.")
+                message = "a name in quotes" if function.at.quoted else f"{name}, which is built in,"
+                self._report(name, function.at, f"{message} cannot be defined as a function", "Use another name.")
             given = [argument.name for argument in function.arguments]
             for index, argument in enumerate(function.arguments):
                 if argument.name in given[:index]:
                     self._report(name, argument, f"argument {argument.name} stands twice", "Rename one of them.")
 
-    def _report(self, name: str, at: Token, what: str, mend: str = "") -> None:
+    def _report(self, name: str, at: Token, message: str, remedy: str = "") -> None:
         self.broken.add(name)
-        self.source.report(at, what, mend)
+        self.source.report(at, message, remedy)
 
     def _check_expressions(self) -> None:
         everything: list[tuple[str, Definition | FunctionDefinition]] = [
@@ -191,8 +191,8 @@ class Names:
                 elif isinstance(part, Call):
                     self._check_call(name, part, arguments)
         for name in self._called.keys() & self._bare.keys() - self.broken:
-            what = f"{name} is a table in {self._where(self._called[name])} and has no coordinates here"
-            self._report(name, self._bare[name], what, f"Write {name}(...) with its coordinates.")
+            message = f"{name} is a table in {self._where(self._called[name])} and has no coordinates here"
+            self._report(name, self._bare[name], message, f"Write {name}(...) with its coordinates.")
 
     def _where(self, token: Token) -> str:
         return f"{self.source.place(token.line)}, column {token.column}"
@@ -220,8 +220,8 @@ class Names:
                 self._report(owner, at, f"{name} is no channel", nearest(name, self.around.channels))
         elif self.inputs and name not in self.inputs:
             candidates = {**self.inputs, **self.definitions, **self.declared}
-            mend = nearest(name, [*candidates, *(self.around.parameters or ())]) or f"Declare it: input {at.text}."
-            self._report(owner, at, f"{name} is no node, no parameter and no declared input", mend)
+            remedy = nearest(name, [*candidates, *(self.around.parameters or ())]) or f"Declare it: input {at.text}."
+            self._report(owner, at, f"{name} is no node, no parameter and no declared input", remedy)
 
     def _check_call(self, owner: str, call: Call, arguments: Collection[str]) -> None:
         name, count = call.name, len(call.args)
@@ -255,8 +255,8 @@ class Names:
         given = self.functions[call.name].arguments
         if len(given) != len(call.args):
             signature = f"{call.name}({', '.join(argument.name for argument in given)})"
-            what = f"{call.name} needs {len(given)} argument{'s' * (len(given) != 1)}, not {len(call.args)}"
-            self._report(owner, call.at, what, f"Write {signature}.")
+            message = f"{call.name} needs {len(given)} argument{'s' * (len(given) != 1)}, not {len(call.args)}"
+            self._report(owner, call.at, message, f"Write {signature}.")
 
     def _is_table(self, owner: str, call: Call) -> bool:
         name, known = call.name, self.around.parameters
@@ -265,36 +265,36 @@ class Names:
             return False
         if known is None or name in known or name in self.declared:
             return True
-        what = f"{name} is no parameter of {self.around.owner}" if known else f"{name} is no function"
-        mend = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
-        self._report(owner, call.at, what, mend)
+        message = f"{name} is no parameter of {self.around.owner}" if known else f"{name} is no function"
+        remedy = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
+        self._report(owner, call.at, message, remedy)
         return False
 
     def _check_axes(self, owner: str, name: str, count: int, at: Token) -> None:
         before = self.uses.setdefault(name, at)
         kind = self.declared[name].kind if name in self.declared else ""
         if count > 4 and kind != "rbf" and name not in self.around.axes:
-            mend = f"Declare it, if it is an expansion in radial basis functions: rbf {at.text}."
-            self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4", mend)
+            remedy = f"Declare it, if it is an expansion in radial basis functions: rbf {at.text}."
+            self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4", remedy)
         elif kind in _AXES and count not in _AXES[kind]:
-            what = f"{name} is declared as a {kind} and has {_coordinates(count)} here"
-            self._report(owner, at, what, f"Write {_example(name, _AXES[kind][0])}.")
+            message = f"{name} is declared as a {kind} and has {_coordinates(count)} here"
+            self._report(owner, at, message, f"Write {_example(name, _AXES[kind][0])}.")
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
             where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
             table = _TABLES.get(first, "an expansion")
-            what = f"{name} is {table} with {_coordinates(first)}{where} and has {count or 'none'} here"
-            self._report(owner, at, what, f"Write {_example(name, first)}.")
+            message = f"{name} is {table} with {_coordinates(first)}{where} and has {count or 'none'} here"
+            self._report(owner, at, message, f"Write {_example(name, first)}.")
 
     def _check_outputs(self) -> None:
         for name, output in self.outputs.items():
             definition = self.definitions.get(name)
             if definition is None:
-                mend = nearest(name, [n for n, d in self.definitions.items() if not d.auxiliary])
-                self.source.report(output.at, f"output {name} is no node", mend)
+                remedy = nearest(name, [n for n, d in self.definitions.items() if not d.auxiliary])
+                self.source.report(output.at, f"output {name} is no node", remedy)
             elif definition.auxiliary:
-                mend = "Give the node a name without the underscore."
-                self.source.report(output.at, f"output {name} is auxiliary", mend)
+                remedy = "Give the node a name without the underscore."
+                self.source.report(output.at, f"output {name} is auxiliary", remedy)
 
 
 def _example(name: str, axes: int) -> str:

@@ -20,11 +20,11 @@ from kennfeld.models.formula.syntax import (
     Number,
     Prefix,
     Statement,
-    Step,
+    StepDeclaration,
     Token,
 )
 
-__all__ = ["DEEPEST", "LEVELS", "parse", "parse_expression"]
+__all__ = ["DEEPEST", "LEVELS", "Keys", "parse", "parse_expression"]
 
 LEVELS: Final = {
     "or": 1,
@@ -41,19 +41,18 @@ _LOOSEST = 1
 # keeps the parser far from Python's own limit of 1000 calls
 DEEPEST = 100
 
-
-class _Wrong(Exception):  # noqa: N818
-    def __init__(self, at: Token, what: str, mend: str = "") -> None:
-        self.finding = (at, what, mend)
-
-
 Keys = dict[tuple[Any, ...], int]
+
+
+class SyntaxFault(Exception):  # noqa: N818
+    def __init__(self, at: Token, message: str, remedy: str = "") -> None:
+        self.finding = (at, message, remedy)
 
 
 def parse(source: Source) -> list[Statement]:
     """The statements of a text; what is wrong goes to `source.report`, one finding a statement."""
     keys: Keys = {}
-    found = (_Parser(line, keys, source).statement() for line in statements(source.lines))
+    found = (_StatementParser(line, keys, source).statement() for line in statements(source.lines))
     return [statement for statement in found if statement is not None]
 
 
@@ -62,10 +61,10 @@ def parse_expression(source: Source, lines: range, keys: Keys) -> Expr | None:
     found = [token for number in lines for token in tokens(source.lines[number - 1], number)]
     last = found[-1] if found else Token("end", "", lines[0], 1)
     end = Token("end", "", last.line, last.column + len(last.text))
-    return _Parser([*found, end], keys, source).whole()
+    return _StatementParser([*found, end], keys, source).whole()
 
 
-class _Parser:
+class _StatementParser:
     """Parses the tokens of one statement."""
 
     def __init__(self, found: Sequence[Token], keys: Keys, source: Source) -> None:
@@ -91,7 +90,7 @@ class _Parser:
         try:
             made = self._expression(_LOOSEST)
             self._finish()
-        except _Wrong as wrong:
+        except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return None
         return made
@@ -105,12 +104,12 @@ class _Parser:
         try:
             name = self._name("a line begins with the name of a node")
             unit = self._unit()
-        except _Wrong as wrong:
+        except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return None
         try:
             self._equals(name)
-        except _Wrong as wrong:
+        except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return Definition(name, unit, None)
         return Definition(name, unit, self.whole())
@@ -122,18 +121,20 @@ class _Parser:
             name = self._name(f"{kind.text} needs a name")
             unit = self._unit()
             if self._peek.text == ",":
-                raise _Wrong(self._peek, "a line declares one name", f"Write a line with {kind.text} for each name.")
+                raise SyntaxFault(
+                    self._peek, "a line declares one name", f"Write a line with {kind.text} for each name."
+                )
             self._finish()
-        except _Wrong as wrong:
+        except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
         return Declaration(kind.text, name, unit) if name else None
 
-    def _step(self, word: Token) -> Step | None:
+    def _step(self, word: Token) -> StepDeclaration | None:
         number = self._next()
         if number.kind != "number" or self._peek.kind != "end" or not 0 < float(number.text) < float("inf"):
             self.source.report(number, "step needs a positive number of seconds", "Write step 0.01, for example.")
             return None
-        return Step(word, float(number.text))
+        return StepDeclaration(word, float(number.text))
 
     def _function(self) -> FunctionDefinition | None:
         name = None
@@ -147,19 +148,19 @@ class _Parser:
                     arguments.append(self._name("an argument needs a name"))
             self._expect(")", "Write def f(a, b) = expression.")
             self._expect("=", "Write def f(a, b) = expression.")
-        except _Wrong as wrong:
+        except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return FunctionDefinition(name, tuple(arguments), None) if name else None
         return FunctionDefinition(name, tuple(arguments), self.whole())
 
-    def _name(self, what: str) -> Token:
+    def _name(self, message: str) -> Token:
         token = self._next()
         if token.kind == "bad":
             raise self._bad(token)
         if token.kind not in ("name", "quoted"):
-            raise _Wrong(token, what)
+            raise SyntaxFault(token, message)
         if token.kind == "name" and token.text in RESERVED:
-            raise _Wrong(token, f"{token.text} is a reserved word", f"Write %{token.text}% to use it as a name.")
+            raise SyntaxFault(token, f"{token.text} is a reserved word", f"Write %{token.text}% to use it as a name.")
         return token
 
     def _unit(self) -> str:
@@ -171,8 +172,8 @@ class _Parser:
             return
         if token.kind == "bad" and token.text != ".":
             raise self._bad(token)
-        mend = "Write name[unit] = expression; names with other characters as %any[3].name%."
-        raise _Wrong(token, f"= is missing behind {name.name}", mend)
+        remedy = "Write name[unit] = expression; names with other characters as %any[3].name%."
+        raise SyntaxFault(token, f"= is missing behind {name.name}", remedy)
 
     def _finish(self) -> None:
         token = self._peek
@@ -181,14 +182,14 @@ class _Parser:
         if token.kind == "bad":
             raise self._bad(token)
         if token.text == ")":
-            raise _Wrong(token, "this bracket closes none", "Remove it, or open one before it.")
+            raise SyntaxFault(token, "this bracket closes none", "Remove it, or open one before it.")
         if token.kind == "unit":
             raise self._misplaced_unit(token)
         if token.text == "=":
-            raise _Wrong(token, "= stands inside an expression", "Write == to compare.")
+            raise SyntaxFault(token, "= stands inside an expression", "Write == to compare.")
         if token.text == ",":
-            raise _Wrong(token, "a comma stands outside brackets", "Write a decimal point, not a comma.")
-        raise _Wrong(token, f"an operator is missing before {token.text}")
+            raise SyntaxFault(token, "a comma stands outside brackets", "Write a decimal point, not a comma.")
+        raise SyntaxFault(token, f"an operator is missing before {token.text}")
 
     def _expression(self, level: int) -> Expr:
         """An expression whose operators bind at least as tightly as `level`."""
@@ -219,15 +220,15 @@ class _Parser:
         self.depth -= 1
         return exponent
 
-    def _chained(self, left: Expr, start: int) -> _Wrong:
+    def _chained(self, left: Expr, start: int) -> SyntaxFault:
         """`start` is the index of the first comparison, the second one was read last."""
         first, second, third = self.tokens[start], self.tokens[self.position - 1], self._peek
         middle = self.source.text(self.tokens[start + 1], self.tokens[self.position - 2])
         follows = self.tokens[min(self.position + 1, len(self.tokens) - 1)]
         short = isinstance(left, Name | Number) and (follows.kind == "end" or follows.text in (")", ","))
         a, b, c = (left.at.text, middle, third.text) if short and middle and third.text else ("a", "b", "c")
-        mend = f"Write {a} {first.text} {b} and {b} {second.text} {c}."
-        return _Wrong(second, "comparisons cannot be chained", mend)
+        remedy = f"Write {a} {first.text} {b} and {b} {second.text} {c}."
+        return SyntaxFault(second, "comparisons cannot be chained", remedy)
 
     def _operand(self, level: int) -> Expr:
         token = self._next()
@@ -245,7 +246,7 @@ class _Parser:
     def _number(self, token: Token) -> Number:
         value = float(token.text)
         if value == float("inf"):
-            raise _Wrong(token, f"{token.text} is too large for a number", "Write inf for infinity.")
+            raise SyntaxFault(token, f"{token.text} is too large for a number", "Write inf for infinity.")
         return Number(value, token, self._key("number", value))
 
     def _bare(self, token: Token) -> Name:
@@ -273,7 +274,7 @@ class _Parser:
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
-            raise _Wrong(token, "not binds looser than what stands before it", "Put brackets around it: (not a).")
+            raise SyntaxFault(token, "not binds looser than what stands before it", "Put brackets around it: (not a).")
         self._deeper()
         operand = self._expression(_NOT if token.text == "not" else _POWER)
         self.depth -= 1
@@ -285,7 +286,7 @@ class _Parser:
         token = self._peek
         if token.text != ")":
             if token.kind == "end":
-                raise _Wrong(opening, "this bracket is not closed")
+                raise SyntaxFault(opening, "this bracket is not closed")
             self._finish()
         self.position += 1
         self.depth -= 1
@@ -294,7 +295,7 @@ class _Parser:
         self.depth += 1
         if self.depth > DEEPEST:
             at = self.tokens[self.position - 1]
-            raise _Wrong(at, f"the expression is nested deeper than {DEEPEST}", "Give its inner parts names.")
+            raise SyntaxFault(at, f"the expression is nested deeper than {DEEPEST}", "Give its inner parts names.")
 
     @property
     def _peek(self) -> Token:
@@ -311,30 +312,30 @@ class _Parser:
         self.position += taken
         return taken
 
-    def _expect(self, text: str, mend: str) -> None:
+    def _expect(self, text: str, remedy: str) -> None:
         if not self._take(text):
-            raise _Wrong(self._peek, f"{text} is missing", mend)
+            raise SyntaxFault(self._peek, f"{text} is missing", remedy)
 
     def _key(self, *parts: Any) -> int:
         return self.keys.setdefault(parts, len(self.keys))
 
-    def _no_operand(self, token: Token) -> _Wrong:
+    def _no_operand(self, token: Token) -> SyntaxFault:
         if token.kind == "bad":
             return self._bad(token)
         if token.kind == "unit":
             return self._misplaced_unit(token)
         if token.kind == "end":
-            return _Wrong(token, "the expression ends too early")
-        return _Wrong(token, f"a number or a name is missing before {token.text}")
+            return SyntaxFault(token, "the expression ends too early")
+        return SyntaxFault(token, f"a number or a name is missing before {token.text}")
 
-    def _bad(self, token: Token) -> _Wrong:
+    def _bad(self, token: Token) -> SyntaxFault:
         if token.text in FOREIGN:
-            return _Wrong(token, f"{token.text} has no meaning here", FOREIGN[token.text])
+            return SyntaxFault(token, f"{token.text} has no meaning here", FOREIGN[token.text])
         if len(token.text) > 1:
-            mend = f"Write * between a number and a name, or %{token.text}% for a name."
-            return _Wrong(token, f"{token.text} is neither a number nor a name", mend)
-        return _Wrong(token, f"{token.text!r} has no meaning here")
+            remedy = f"Write * between a number and a name, or %{token.text}% for a name."
+            return SyntaxFault(token, f"{token.text} is neither a number nor a name", remedy)
+        return SyntaxFault(token, f"{token.text!r} has no meaning here")
 
-    def _misplaced_unit(self, unit: Token, name: Token | None = None) -> _Wrong:
-        mend = f"Write %{name.text if name else 'name'}{unit.text}% for a name that holds brackets."
-        return _Wrong(unit, "a unit stands only behind the name that a line defines", mend)
+    def _misplaced_unit(self, unit: Token, name: Token | None = None) -> SyntaxFault:
+        remedy = f"Write %{name.text if name else 'name'}{unit.text}% for a name that holds brackets."
+        return SyntaxFault(unit, "a unit stands only behind the name that a line defines", remedy)

@@ -17,7 +17,7 @@ __all__ = [
     "Number",
     "Prefix",
     "Statement",
-    "Step",
+    "StepDeclaration",
     "Token",
 ]
 
@@ -122,11 +122,11 @@ class FunctionDefinition(NamedTuple):
     value: Expr | None
 
 
-class Step(NamedTuple):
+class StepDeclaration(NamedTuple):
     """`step 0.01`."""
 
     at: Token
     seconds: float
 
 
-Statement: TypeAlias = Definition | Declaration | FunctionDefinition | Step
+Statement: TypeAlias = Definition | Declaration | FunctionDefinition | StepDeclaration

@@ -15,29 +15,29 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_context import MOST_PASSES
-from kennfeld.models.imperative.evaluation_errors import CodeError, EndedError
-from kennfeld.models.imperative.graph_operators import distance, steps_within
-from kennfeld.models.imperative.node_arrays import Nodes, each
-from kennfeld.models.imperative.path_facts import assumed, both, either, known, most_of, negated
+from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
+from kennfeld.models.imperative.graph_operators import constant_distance, range_length
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
+from kennfeld.models.imperative.path_facts import assume, bound_of, known_truth, logical_and, logical_not, logical_or
 from kennfeld.models.imperative.symbolic_values import (
-    Cells,
-    Handle,
-    Held,
-    Later,
-    Partial,
-    Struct,
-    Truths,
-    Unclear,
+    ConditionalValue,
+    DeferredValue,
+    FunctionHandleValue,
+    InvalidValue,
+    LogicalNodes,
+    SymbolicCell,
+    SymbolicStruct,
+    SymbolicValue,
+    as_logical,
+    force,
     integers,
-    resolved,
-    truths,
     word_of,
 )
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.statement_interpreter import Body
+    from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["Loops", "State", "joined"]
+__all__ = ["LoopUnroller", "PathState", "merge_states"]
 
 Key = TypeVar("Key")
 _SPLIT = "Give it the same form on both sides of the decision."
@@ -50,32 +50,32 @@ _PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or 
 
 
 @dataclass(frozen=True)
-class State:
+class PathState:
     """Everything that code has done along one path: variables, persistent ones by their functions, and jumps.
 
     `jumps` are the conditions under which a break, continue or return was met; `facts` are the conditions that are
     known on this path.
     """
 
-    names: dict[str, Held] = field(default_factory=dict)
-    kept: dict[tuple[str, str], Held] = field(default_factory=dict)
+    names: dict[str, SymbolicValue] = field(default_factory=dict)
+    kept: dict[tuple[str, str], SymbolicValue] = field(default_factory=dict)
     jumps: dict[str, int] = field(default_factory=dict)
     facts: Mapping[int, bool] = field(default_factory=dict)
 
-    def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "State":
+    def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "PathState":
         """The same, ready to be changed, on the side of a decision."""
-        facts = assumed(builder, self.facts, condition, holds)
-        return State(dict(self.names), dict(self.kept), dict(self.jumps), facts)
+        facts = assume(builder, self.facts, condition, holds)
+        return PathState(dict(self.names), dict(self.kept), dict(self.jumps), facts)
 
 
-def joined(builder: GraphBuilder, condition: int, yes: State, no: State, before: State) -> State:
+def merge_states(builder: GraphBuilder, condition: int, yes: PathState, no: PathState, before: PathState) -> PathState:
     """What code has done after a decision."""
-    work = _Joining(builder, condition, yes.facts, no.facts)
+    work = _StateMerge(builder, condition, yes.facts, no.facts)
     jumps = {kind: work.jump(yes.jumps.get(kind), no.jumps.get(kind)) for kind in {**yes.jumps, **no.jumps}}
     return replace(before, names=work.mapping(yes.names, no.names), kept=work.mapping(yes.kept, no.kept), jumps=jumps)
 
 
-class _Joining:
+class _StateMerge:
     def __init__(self, builder: GraphBuilder, condition: int, yes: Mapping[int, bool], no: Mapping[int, bool]) -> None:
         self.builder, self.condition = builder, condition
         self.yes, self.no = yes, no
@@ -83,67 +83,75 @@ class _Joining:
 
     def jump(self, yes: int | None, no: int | None) -> int:
         builder, never = self.builder, self.builder.const(0.0)
-        one = both(builder, self.condition, never if yes is None else yes)
-        other = both(builder, negated(builder, self.condition), never if no is None else no)
-        return either(builder, one, other)
+        one = logical_and(builder, self.condition, never if yes is None else yes)
+        other = logical_and(builder, logical_not(builder, self.condition), never if no is None else no)
+        return logical_or(builder, one, other)
 
-    def mapping(self, yes: Mapping[Key, Held], no: Mapping[Key, Held]) -> dict[Key, Held]:
+    def mapping(self, yes: Mapping[Key, SymbolicValue], no: Mapping[Key, SymbolicValue]) -> dict[Key, SymbolicValue]:
         return {key: self.held(str(key), yes.get(key), no.get(key)) for key in {**no, **yes}}
 
-    def held(self, name: str, yes: Held | None, no: Held | None) -> Held:
+    def held(self, name: str, yes: SymbolicValue | None, no: SymbolicValue | None) -> SymbolicValue:
         if yes is no and yes is not None:
             return yes
         yes, no = self._whole(yes, self.yes), self._whole(no, self.no)
-        if yes is None or no is None or isinstance(yes, Partial) or isinstance(no, Partial):
+        if yes is None or no is None or isinstance(yes, ConditionalValue) or isinstance(no, ConditionalValue):
             return self._partial(name, yes, no)
-        if isinstance(yes, Unclear) or isinstance(no, Unclear):
-            return yes if isinstance(yes, Unclear) else no
+        if isinstance(yes, InvalidValue) or isinstance(no, InvalidValue):
+            return yes if isinstance(yes, InvalidValue) else no
         return self._both(name, yes, no)
 
-    def _whole(self, held: Held | None, facts: Mapping[int, bool]) -> Held | None:
-        if isinstance(held, Later):
-            return resolved(held)
-        if isinstance(held, Partial):
-            found = known(self.builder, facts, held.defined)
+    def _whole(self, held: SymbolicValue | None, facts: Mapping[int, bool]) -> SymbolicValue | None:
+        if isinstance(held, DeferredValue):
+            return force(held)
+        if isinstance(held, ConditionalValue):
+            found = known_truth(self.builder, facts, held.defined)
             return held if found is None else held.value if found else None
         return held
 
-    def _partial(self, name: str, yes: Held | None, no: Held | None) -> Held:
+    def _partial(self, name: str, yes: SymbolicValue | None, no: SymbolicValue | None) -> SymbolicValue:
         """A variable that only one side knows for certain."""
-        values = [one.value if isinstance(one, Partial) else one for one in (yes, no)]
+        values = [one.value if isinstance(one, ConditionalValue) else one for one in (yes, no)]
         if values[0] is None or values[1] is None:
             value = values[0] if values[0] is not None else values[1]
             if value is None:
-                return Unclear(f"{name} has no value")
+                return InvalidValue(f"{name} has no value")
         else:
             value = self.held(name, *values)
-        return value if isinstance(value, Unclear) else Partial(value, self.jump(self._defined(yes), self._defined(no)))
+        return (
+            value
+            if isinstance(value, InvalidValue)
+            else ConditionalValue(value, self.jump(self._defined(yes), self._defined(no)))
+        )
 
-    def _defined(self, held: Held | None) -> int:
-        return held.defined if isinstance(held, Partial) else self.builder.const(float(held is not None))
+    def _defined(self, held: SymbolicValue | None) -> int:
+        return held.defined if isinstance(held, ConditionalValue) else self.builder.const(float(held is not None))
 
-    def _both(self, name: str, yes: Held, no: Held) -> Held:
+    def _both(self, name: str, yes: SymbolicValue, no: SymbolicValue) -> SymbolicValue:
         match yes, no:
             case np.ndarray(), np.ndarray():
                 return self._arrays(name, yes, no)
-            case Struct(), Struct() if set(yes.fields) == set(no.fields):
-                return Struct({key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields})
-            case Cells(), Cells() if yes.shape == no.shape:
+            case SymbolicStruct(), SymbolicStruct() if set(yes.fields) == set(no.fields):
+                return SymbolicStruct(
+                    {key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields}
+                )
+            case SymbolicCell(), SymbolicCell() if yes.shape == no.shape:
                 pairs = zip(yes.cells, no.cells, strict=True)
-                return Cells(tuple(self.held(name, *pair) for pair in pairs), yes.shape)
+                return SymbolicCell(tuple(self.held(name, *pair) for pair in pairs), yes.shape)
             case str(), str() if yes == no:
                 return yes
-            case Handle(), Handle() if yes.function == no.function and not (yes.names or no.names):
+            case FunctionHandleValue(), FunctionHandleValue() if yes.function == no.function and not (
+                yes.names or no.names
+            ):
                 return yes
-        return Unclear(f"{name} is of one kind where a condition holds and of another where it does not", _SPLIT)
+        return InvalidValue(f"{name} is of one kind where a condition holds and of another where it does not", _SPLIT)
 
-    def _arrays(self, name: str, yes: Nodes, no: Nodes) -> Held:
+    def _arrays(self, name: str, yes: Nodes, no: Nodes) -> SymbolicValue:
         if yes.shape != no.shape:
             sizes = " or ".join("x".join(map(str, one.shape)) for one in (yes, no))
-            return Unclear(f"the size of {name} is {sizes}, as a condition decides", _SPLIT)
-        made = yes if np.array_equal(yes, no) else each(self.builder, "select", self.choice, yes, no)
-        if isinstance(yes, Truths) and isinstance(no, Truths):
-            return truths(made)
+            return InvalidValue(f"the size of {name} is {sizes}, as a condition decides", _SPLIT)
+        made = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", self.choice, yes, no)
+        if isinstance(yes, LogicalNodes) and isinstance(no, LogicalNodes):
+            return as_logical(made)
         return integers(made, word_of(yes) if word_of(yes) == word_of(no) else None)
 
 
@@ -154,14 +162,14 @@ class _Loop:
     begin: Begin
     body: Sequence[m.Statement]
     target: m.Expression | None = None
-    outside: list[tuple[int, State]] = field(default_factory=list)
+    outside: list[tuple[int, PathState]] = field(default_factory=list)
 
 
-class Loops:
+class LoopUnroller:
     """The loops of a body."""
 
-    def __init__(self, body: "Body") -> None:
-        self.body, self.desk, self.builder = body, body.desk, body.builder
+    def __init__(self, body: "StatementInterpreter") -> None:
+        self.body, self.context, self.builder = body, body.context, body.builder
 
     def _repeat(self, loop: _Loop) -> None:
         """Passes of a loop, one within the other."""
@@ -170,19 +178,19 @@ class Loops:
             for number in count():
                 if not self._pass(loop, number):
                     break
-        except EndedError:  # the last pass that was entered by a decision is never taken
+        except AbortedPathError:  # the last pass that was entered by a decision is never taken
             if not outside:
                 raise
             condition, before = outside.pop()
             self.body.state = before.under(self.builder, condition, False)
         for condition, before in reversed(outside):
             no = before.under(self.builder, condition, False)
-            self.body.state = joined(self.builder, condition, self.body.state, no, before)
+            self.body.state = merge_states(self.builder, condition, self.body.state, no, before)
         self.body.state.jumps.pop("break", None)
 
     def _pass(self, loop: _Loop, number: int) -> bool:
         """One pass; false where it was the last one."""
-        self.desk.step()
+        self.context.step()
         turn = loop.begin(number)
         if turn is None or not self._enter(turn[0], loop.outside):
             return False
@@ -197,12 +205,12 @@ class Loops:
             self.body.state.jumps.clear()
         return True
 
-    def _enter(self, condition: int, outside: list[tuple[int, State]]) -> bool:
+    def _enter(self, condition: int, outside: list[tuple[int, PathState]]) -> bool:
         """Go on where a condition holds; false where it never does."""
-        fixed = known(self.builder, self.body.state.facts, condition)
+        fixed = known_truth(self.builder, self.body.state.facts, condition)
         if fixed is None:
             if len(outside) > MOST_PASSES:
-                raise CodeError(
+                raise ProgramError(
                     f"a loop whose end depends on signals does not end within {MOST_PASSES} passes", _PASSES
                 )
             outside.append((condition, self.body.state))
@@ -214,9 +222,9 @@ class Loops:
 
         def begin(number: int) -> Turn:
             found = self.body.truth(self.body.value(condition))
-            fixed = self.desk.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
+            fixed = self.context.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
             if fixed is None and number > MOST_PASSES:
-                raise CodeError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
+                raise ProgramError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
             return found if fixed is None else self.builder.const(float(fixed.item() != 0)), None
 
         self._repeat(_Loop(begin, body))
@@ -239,9 +247,9 @@ class Loops:
         """The passes over a range; where its length depends on signals, as many as its limits allow."""
         first, last = self._end(values.first), self._end(values.last)
         step = self._step(values)
-        span = distance(self.body.calls, first, last)
-        passes = steps_within(self.body.calls, self._longest(first, last, step) if span is None else span, step)
-        fixed, builder = self.desk.constant(first), self.builder
+        span = constant_distance(self.body.calls, first, last)
+        passes = range_length(self.body.calls, self._longest(first, last, step) if span is None else span, step)
+        fixed, builder = self.context.constant(first), self.builder
         start = first if fixed is None else builder.const(fixed)
 
         def begin(number: int) -> Turn | None:
@@ -256,24 +264,24 @@ class Loops:
     def _end(self, tree: m.Expression) -> int:
         nodes = self.body.nodes(tree, "the end of a range")
         if nodes.size != 1:
-            raise CodeError("a loop over a range from or to an array")
-        self.desk.numbers(nodes, "the end of a loop")
+            raise ProgramError("a loop over a range from or to an array")
+        self.context.numbers(nodes, "the end of a loop")
         return int(nodes.item())
 
     def _step(self, values: m.Range) -> float:
         if values.step is None:
             return 1.0
-        found = self.desk.numbers(self.body.nodes(values.step), "the step of a loop")
+        found = self.context.numbers(self.body.nodes(values.step), "the step of a loop")
         if found is None or found.size != 1:
-            raise CodeError("a loop over a range whose step depends on signals", _PASSES)
+            raise ProgramError("a loop over a range whose step depends on signals", _PASSES)
         return float(found.item())
 
     def _longest(self, first: int, last: int, step: float) -> float:
         """How far it can be from the first to the last number of a range, by their limits."""
         up = step > 0
-        found = most_of(self.builder, last, up) - most_of(self.builder, first, not up)
+        found = bound_of(self.builder, last, up) - bound_of(self.builder, first, not up)
         if not np.isfinite(found):
-            raise CodeError(
+            raise ProgramError(
                 "a loop to an end that depends on signals, without a limit", f"Write min(..., N). {_PASSES}"
             )
         return found

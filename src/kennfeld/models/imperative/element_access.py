@@ -9,38 +9,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.evaluation_errors import CodeError
-from kennfeld.models.imperative.node_arrays import Nodes, each
-from kennfeld.models.imperative.path_facts import away_from_zero
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
+from kennfeld.models.imperative.path_facts import round_half_away
 from kennfeld.models.imperative.symbolic_values import (
     EMPTY,
-    Cells,
-    Held,
+    LogicalNodes,
     String,
-    Struct,
-    Truths,
-    array_of,
+    SymbolicCell,
+    SymbolicStruct,
+    SymbolicValue,
+    as_array,
+    as_logical,
     constants,
+    describe,
     field_of,
     integers,
     of_class,
-    said,
-    truths,
     word_of,
 )
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import Calls
+    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["assigned", "element", "indexed"]
+__all__ = ["assign_part", "fixed_element", "index_value"]
 
 MASK_MEND = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0
 
-Change = Callable[[Held | None], Held]
+Change = Callable[[SymbolicValue | None], SymbolicValue]
 
 
-def element(array: Nodes, at: Sequence[int]) -> int:
+def fixed_element(array: Nodes, at: Sequence[int]) -> int:
     """One element of an array by places from 0; raises `CodeError` where there is none."""
     try:
         if min(at) < 0:
@@ -48,62 +48,66 @@ def element(array: Nodes, at: Sequence[int]) -> int:
         found = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(one + 1) for one in at)
-        raise CodeError(f"the element ({places}) is outside of an array of {size_said(array)}") from None
+        raise ProgramError(f"the element ({places}) is outside of an array of {size_said(array)}") from None
     return int(found)
 
 
-def indexed(calls: "Calls", held: Held, trees: Sequence[m.Expression], what: str) -> Held:
+def index_value(
+    calls: "ExpressionEvaluator", held: SymbolicValue, trees: Sequence[m.Expression], message: str
+) -> SymbolicValue:
     """`held(trees)`."""
-    if isinstance(held, Cells):
+    if isinstance(held, SymbolicCell):
         whole = np.arange(len(held.cells), dtype=np.int64).reshape(held.shape, order="F")
-        chosen = _elements(calls, whole, calls.arguments(whole, trees), what, fixed=True)
-        return Cells(tuple(held.cells[int(at)] for at in chosen.ravel(order="F")), chosen.shape)
+        chosen = _elements(calls, whole, calls.arguments(whole, trees), message, fixed=True)
+        return SymbolicCell(tuple(held.cells[int(at)] for at in chosen.ravel(order="F")), chosen.shape)
     if isinstance(held, String) and all(is_one(calls, tree) for tree in trees):
         return held
     if isinstance(held, str):
         text = np.array([[ord(one) for one in held]], dtype=np.int64)
-        chosen = _elements(calls, text, calls.arguments(text, trees), what, fixed=True)
+        chosen = _elements(calls, text, calls.arguments(text, trees), message, fixed=True)
         return "".join(chr(int(one)) for one in chosen.ravel(order="F"))
-    if isinstance(held, Struct) and all(is_one(calls, tree) for tree in trees):
+    if isinstance(held, SymbolicStruct) and all(is_one(calls, tree) for tree in trees):
         return held
-    array = array_of(held, what)
+    array = as_array(held, message)
     if not trees:
         return array
     places = calls.arguments(array, trees)
     if _is_mask(calls, array, places):
         return array
-    made = _elements(calls, array, places, what)
+    made = _elements(calls, array, places, message)
     return of_class(array, made)
 
 
-def _is_mask(calls: "Calls", array: Nodes, places: list[Held]) -> bool:
+def _is_mask(calls: "ExpressionEvaluator", array: Nodes, places: list[SymbolicValue]) -> bool:
     """Whether elements are chosen by the mask of the statement, so that all of them may stand for those."""
     mask = calls.mask
     if mask is None or len(places) != 1 or array.shape != mask.shape:
         return False
-    return isinstance(places[0], Truths) and np.array_equal(places[0], mask)
+    return isinstance(places[0], LogicalNodes) and np.array_equal(places[0], mask)
 
 
-def is_one(calls: "Calls", tree: m.Expression) -> bool:
+def is_one(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
     """Whether an index of one thing means that thing."""
     return isinstance(tree, m.Colon | m.End) or calls.number(tree) == 1
 
 
-def _elements(calls: "Calls", array: Nodes, places: list[Held], what: str, fixed: bool = False) -> Nodes:
+def _elements(
+    calls: "ExpressionEvaluator", array: Nodes, places: list[SymbolicValue], message: str, fixed: bool = False
+) -> Nodes:
     whole = np.asarray(array)
     if len(places) == 1:
-        return _linear(calls, whole, places[0], what, fixed)
+        return _linear(calls, whole, places[0], message, fixed)
     whole = folded(whole, len(places))
     for axis, held in enumerate(places):
-        chosen, at = place_of(calls, held, whole.shape[axis], what)
-        check_within(at, whole.shape[axis], whole, what)
+        chosen, at = place_of(calls, held, whole.shape[axis], message)
+        check_within(at, whole.shape[axis], whole, message)
         if chosen is None:
             whole = np.take(whole, at, axis=axis)
         elif fixed:
-            raise CodeError(f"the place in {what} depends on signals")
+            raise ProgramError(f"the place in {message} depends on signals")
         else:
             parts = np.moveaxis(whole, axis, 0)
-            calls.desk.room(float(parts.size) * chosen.size)
+            calls.context.room(float(parts.size) * chosen.size)
             picked = [_picked(calls, parts, int(node)) for node in chosen.ravel(order="F")]
             whole = np.moveaxis(np.stack(picked), 0, axis)
     while whole.ndim > 2 and whole.shape[-1] == 1:
@@ -117,72 +121,76 @@ def folded(array: Nodes, count: int) -> Nodes:
     return array.reshape((*shape[: count - 1], int(np.prod(shape[count - 1 :]))), order="F")
 
 
-def _linear(calls: "Calls", array: Nodes, held: Held, what: str, fixed: bool) -> Nodes:
+def _linear(calls: "ExpressionEvaluator", array: Nodes, held: SymbolicValue, message: str, fixed: bool) -> Nodes:
     """Elements by one place each, counted along the columns."""
     flat = array.ravel(order="F")
     if isinstance(held, str):
         return flat.reshape(-1, 1)
-    chosen, at = place_of(calls, held, flat.size, what)
-    check_within(at, flat.size, array, what)
-    shape = _shape(array, array_of(held), len(at))
+    chosen, at = place_of(calls, held, flat.size, message)
+    check_within(at, flat.size, array, message)
+    shape = _shape(array, as_array(held), len(at))
     if chosen is None:
         return flat[at].reshape(shape, order="F")
     if fixed:
-        raise CodeError(f"the place in {what} depends on signals")
-    calls.desk.room(float(flat.size) * chosen.size)
+        raise ProgramError(f"the place in {message} depends on signals")
+    calls.context.room(float(flat.size) * chosen.size)
     made = np.array([_picked(calls, flat, int(node)) for node in chosen.ravel(order="F")], dtype=np.int64)
     return made.reshape(shape, order="F")
 
 
 def _shape(array: Nodes, place: Nodes, count: int) -> tuple[int, ...]:
     """The shape of elements by one place each: that of the places, of vectors along the array's own direction."""
-    if isinstance(place, Truths) and place.shape != array.shape and 1 not in place.shape:
+    if isinstance(place, LogicalNodes) and place.shape != array.shape and 1 not in place.shape:
         return (count, 1)
-    if isinstance(place, Truths) or (1 in place.shape and 1 in array.shape and array.ndim == 2):
+    if isinstance(place, LogicalNodes) or (1 in place.shape and 1 in array.shape and array.ndim == 2):
         if array.shape[0] == 1 and array.size != 1:
             return (1, count)
         if array.shape[1] == 1 and array.size != 1:
             return (count, 1)
-    if isinstance(place, Truths):
+    if isinstance(place, LogicalNodes):
         return (1, count) if place.shape[0] == 1 else (count, 1)
     return place.shape
 
 
-def place_of(calls: "Calls", held: Held, size: int, what: str) -> Place:
+def place_of(calls: "ExpressionEvaluator", held: SymbolicValue, size: int, message: str) -> Place:
     """Places from 0, or their nodes where they depend on signals."""
     if isinstance(held, str):
         if held == ":":
             return None, list(range(size))
-        raise CodeError(f"the place in {what} is a text")
-    nodes = array_of(held, f"the place in {what}")
-    numbers = calls.desk.numbers(nodes, f"a place in {what}")
-    if isinstance(nodes, Truths):
+        raise ProgramError(f"the place in {message} is a text")
+    nodes = as_array(held, f"the place in {message}")
+    numbers = calls.context.numbers(nodes, f"a place in {message}")
+    if isinstance(nodes, LogicalNodes):
         if numbers is None:
-            raise CodeError(f"a mask on {what} that depends on signals", MASK_MEND)
+            raise ProgramError(f"a mask on {message} that depends on signals", MASK_MEND)
         return None, [int(at) for at in np.flatnonzero(numbers.ravel(order="F"))]
     if numbers is None:
         return nodes, [0] * nodes.size
     flat = numbers.ravel(order="F")
     if not np.all(np.isfinite(flat)):
-        raise CodeError(f"the place {flat[~np.isfinite(flat)][0]:g} in {what} is no whole number")
-    return None, [int(away_from_zero(at)) - 1 for at in flat]
+        raise ProgramError(f"the place {flat[~np.isfinite(flat)][0]:g} in {message} is no whole number")
+    return None, [int(round_half_away(at)) - 1 for at in flat]
 
 
-def check_within(at: list[int], size: int, array: Nodes, what: str) -> None:
+def check_within(at: list[int], size: int, array: Nodes, message: str) -> None:
     """Refuse places, from 0, that are not within a size."""
     wrong = next((one for one in at if not 0 <= one < size), None)
     if wrong is not None and size + len(at) > 0:
-        raise CodeError(f"the element {wrong + 1} of {what} is outside of its size {size_said(array)}")
+        raise ProgramError(f"the element {wrong + 1} of {message} is outside of its size {size_said(array)}")
 
 
-def _picked(calls: "Calls", parts: Nodes, node: int) -> Nodes:
+def _picked(calls: "ExpressionEvaluator", parts: Nodes, node: int) -> Nodes:
     """The part at a place that depends on signals; not a number beyond the ends, where MATLAB stops."""
     builder = calls.builder
     at = np.full(parts.shape[1:], builder.call("round", node), dtype=np.int64)
     made = np.full(parts.shape[1:], builder.const(float("nan")), dtype=np.int64)
     for number in range(parts.shape[0], 0, -1):
-        made = each(
-            builder, "select", each(builder, "eq", at, constants(builder, number).reshape(())), parts[number - 1], made
+        made = elementwise(
+            builder,
+            "select",
+            elementwise(builder, "eq", at, constants(builder, number).reshape(())),
+            parts[number - 1],
+            made,
         )
     return made
 
@@ -192,7 +200,9 @@ def size_said(array: Nodes) -> str:
     return "x".join(map(str, array.shape))
 
 
-def assigned(calls: "Calls", old: Held | None, target: m.Expression, value: Held) -> Held:
+def assign_part(
+    calls: "ExpressionEvaluator", old: SymbolicValue | None, target: m.Expression, value: SymbolicValue
+) -> SymbolicValue:
     """A variable, None where it is new, after an assignment to a part of it."""
     match target:
         case m.Name():
@@ -202,82 +212,86 @@ def assigned(calls: "Calls", old: Held | None, target: m.Expression, value: Held
         case m.DynamicField(of, tree):
             key = calls.value(tree)
             if not isinstance(key, str):
-                raise CodeError("the name of a field is no text")
+                raise ProgramError("the name of a field is no text")
             return _inside(calls, old, of, lambda held: _with_field(held, key, value))
         case m.Call(of, arguments):
             return _inside(calls, old, of, lambda held: _with_elements(calls, held, arguments, value))
         case m.CellIndex(of, arguments):
             return _inside(calls, old, of, lambda held: _with_cell(calls, held, arguments, value))
-    raise CodeError("it assigns to what is no variable")
+    raise ProgramError("it assigns to what is no variable")
 
 
-def _inside(calls: "Calls", old: Held | None, of: m.Expression, change: Change) -> Held:
+def _inside(calls: "ExpressionEvaluator", old: SymbolicValue | None, of: m.Expression, change: Change) -> SymbolicValue:
     """Change a part of a variable, and the parts around it with it."""
     if isinstance(of, m.Name):
         return change(old)
-    return assigned(calls, old, of, change(_part(calls, old, of)))
+    return assign_part(calls, old, of, change(_part(calls, old, of)))
 
 
-def _part(calls: "Calls", old: Held | None, tree: m.Expression) -> Held | None:
+def _part(calls: "ExpressionEvaluator", old: SymbolicValue | None, tree: m.Expression) -> SymbolicValue | None:
     """The part of a variable that an assignment changes; None where it is new."""
     match tree:
         case m.Name():
             return old
         case m.Field(of, name):
             around = _part(calls, old, of)
-            return field_of(around, name) if isinstance(around, Struct) and name in around.fields else None
+            return field_of(around, name) if isinstance(around, SymbolicStruct) and name in around.fields else None
         case m.Call(of, arguments):
             around = _part(calls, old, of)
-            return None if around is None else indexed(calls, around, arguments, "it")
-    raise CodeError("it assigns to a part of a cell")
+            return None if around is None else index_value(calls, around, arguments, "it")
+    raise ProgramError("it assigns to a part of a cell")
 
 
-def _with_field(held: Held | None, name: str, value: Held) -> Struct:
+def _with_field(held: SymbolicValue | None, name: str, value: SymbolicValue) -> SymbolicStruct:
     if held is None or (isinstance(held, np.ndarray) and held.size == 0):
-        return Struct({name: value})
-    if not isinstance(held, Struct):
-        raise CodeError(f"it assigns the field {name} of {said(held)}")
-    return Struct({**held.fields, name: value})
+        return SymbolicStruct({name: value})
+    if not isinstance(held, SymbolicStruct):
+        raise ProgramError(f"it assigns the field {name} of {describe(held)}")
+    return SymbolicStruct({**held.fields, name: value})
 
 
-def _with_cell(calls: "Calls", held: Held | None, trees: Sequence[m.Expression], value: Held) -> Cells:
-    cells = held if isinstance(held, Cells) else Cells((), (0, 0))
+def _with_cell(
+    calls: "ExpressionEvaluator", held: SymbolicValue | None, trees: Sequence[m.Expression], value: SymbolicValue
+) -> SymbolicCell:
+    cells = held if isinstance(held, SymbolicCell) else SymbolicCell((), (0, 0))
     whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    places = [calls.desk.numbers(array_of(one), "the place of a cell") for one in calls.arguments(whole, trees)]
+    places = [calls.context.numbers(as_array(one), "the place of a cell") for one in calls.arguments(whole, trees)]
     at = [int(one.item()) - 1 for one in places if one is not None and one.size == 1]
     if len(at) != len(trees):
-        raise CodeError("the place of a cell is not one fixed number")
+        raise ProgramError("the place of a cell is not one fixed number")
     is_row = len(cells.shape) == 2 and min(cells.shape) < 2
     if at == [len(cells.cells)] and is_row:  # one more, behind the last
         rows, columns = cells.shape
         shape = (rows + 1, 1) if columns == 1 and rows > 1 else (1, len(cells.cells) + 1)
-        return Cells((*cells.cells, value), shape)
+        return SymbolicCell((*cells.cells, value), shape)
     made = list(cells.cells)
-    made[element(whole, at)] = value
-    return Cells(tuple(made), cells.shape)
+    made[fixed_element(whole, at)] = value
+    return SymbolicCell(tuple(made), cells.shape)
 
 
-def _with_elements(calls: "Calls", held: Held | None, trees: Sequence[m.Expression], value: Held) -> Held:
-    if isinstance(held, Struct) or isinstance(value, Struct):
+def _with_elements(
+    calls: "ExpressionEvaluator", held: SymbolicValue | None, trees: Sequence[m.Expression], value: SymbolicValue
+) -> SymbolicValue:
+    if isinstance(held, SymbolicStruct) or isinstance(value, SymbolicStruct):
         if all(is_one(calls, tree) for tree in trees):
             return value
-        raise CodeError("arrays of structs are not supported")
-    old = EMPTY if held is None else array_of(held, "what it assigns to")
-    new = array_of(value, "what it assigns")
-    if isinstance(held, Truths) and not isinstance(new, Truths):
-        new = truths(each(calls.builder, "ne", new, constants(calls.builder, 0.0)))
+        raise ProgramError("arrays of structs are not supported")
+    old = EMPTY if held is None else as_array(held, "what it assigns to")
+    new = as_array(value, "what it assigns")
+    if isinstance(held, LogicalNodes) and not isinstance(new, LogicalNodes):
+        new = as_logical(elementwise(calls.builder, "ne", new, constants(calls.builder, 0.0)))
     places = calls.arguments(old, trees)
     if new.size == 0:
-        raise CodeError("elements are deleted, which is not supported")
+        raise ProgramError("elements are deleted, which is not supported")
     made = _written(calls, np.asarray(old), places, np.asarray(new))
-    logical = isinstance(new, Truths) and (held is None or (isinstance(held, Truths) and held.size > 0))
-    return truths(made) if logical else integers(made, word_of(new if old.size == 0 else old))
+    logical = isinstance(new, LogicalNodes) and (held is None or (isinstance(held, LogicalNodes) and held.size > 0))
+    return as_logical(made) if logical else integers(made, word_of(new if old.size == 0 else old))
 
 
-def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Nodes:
-    if len(places) == 1 and isinstance(places[0], Truths) and places[0].shape == old.shape:
+def _written(calls: "ExpressionEvaluator", old: Nodes, places: list[SymbolicValue], new: Nodes) -> Nodes:
+    if len(places) == 1 and isinstance(places[0], LogicalNodes) and places[0].shape == old.shape:
         mask = places[0]
-        if calls.desk.numbers(mask, "a mask") is None:
+        if calls.context.numbers(mask, "a mask") is None:
             return _masked(calls, old, mask, new)
     sizes = [old.size] if len(places) == 1 else list(folded(old, len(places)).shape)
     made = [place_of(calls, one, size, "it") for one, size in zip(places, sizes, strict=True)]
@@ -290,11 +304,11 @@ def _written(calls: "Calls", old: Nodes, places: list[Held], new: Nodes) -> Node
     return _one_by_one(calls, old, made, new)
 
 
-def _one_by_one(calls: "Calls", old: Nodes, places: list[Place], new: Nodes) -> Nodes:
+def _one_by_one(calls: "ExpressionEvaluator", old: Nodes, places: list[Place], new: Nodes) -> Nodes:
     """Elements at places of which some depend on signals, each after the one before it."""
     sizes = [chosen.size if chosen is not None else len(at) for chosen, at in places]
     _check_count(new, int(np.prod(sizes)))
-    calls.desk.room(float(old.size) * float(np.prod(sizes)))
+    calls.context.room(float(old.size) * float(np.prod(sizes)))
     values = np.broadcast_to(new.reshape(()), sizes) if new.size == 1 else new.reshape(sizes, order="F")
     for which in np.ndindex(*sizes):
         places_of_one = [_single(place, at) for place, at in zip(places, which, strict=True)]
@@ -304,7 +318,7 @@ def _one_by_one(calls: "Calls", old: Nodes, places: list[Place], new: Nodes) -> 
 
 def _check_count(new: Nodes, count: int) -> None:
     if new.size not in (1, count):
-        raise CodeError(f"{new.size} elements are assigned to {count} places")
+        raise ProgramError(f"{new.size} elements are assigned to {count} places")
 
 
 def _single(place: Place, at: int) -> Place:
@@ -312,23 +326,23 @@ def _single(place: Place, at: int) -> Place:
     return (None, [fixed[at]]) if chosen is None else (chosen.ravel(order="F")[at : at + 1], [0])
 
 
-def _whole(place: Held, found: Place, new: Nodes, axis: int) -> Place:
+def _whole(place: SymbolicValue, found: Place, new: Nodes, axis: int) -> Place:
     """Where `:` stands in an assignment to a variable that is new, the value says how long it is."""
     if not isinstance(place, str):
         return found
     return None, list(range(new.shape[axis] if new.ndim > axis and new.size > 1 else 1))
 
 
-def _masked(calls: "Calls", old: Nodes, mask: Nodes, new: Nodes) -> Nodes:
+def _masked(calls: "ExpressionEvaluator", old: Nodes, mask: Nodes, new: Nodes) -> Nodes:
     if new.size != 1:
-        raise CodeError("a mask that depends on signals chooses where several elements are assigned", MASK_MEND)
-    return each(calls.builder, "select", np.asarray(mask), np.broadcast_to(new.reshape(()), old.shape), old)
+        raise ProgramError("a mask that depends on signals chooses where several elements are assigned", MASK_MEND)
+    return elementwise(calls.builder, "select", np.asarray(mask), np.broadcast_to(new.reshape(()), old.shape), old)
 
 
-def _fixed(calls: "Calls", old: Nodes, places: list[list[int]], new: Nodes) -> Nodes:
+def _fixed(calls: "ExpressionEvaluator", old: Nodes, places: list[list[int]], new: Nodes) -> Nodes:
     """Elements at fixed places; the array grows to hold them."""
     if any(one < 0 for at in places for one in at):
-        raise CodeError("it assigns to an element before the first one")
+        raise ProgramError("it assigns to an element before the first one")
     made = _grown(calls, old, places)
     _check_count(new, int(np.prod([len(at) for at in places])))
     if len(places) == 1:
@@ -337,20 +351,20 @@ def _fixed(calls: "Calls", old: Nodes, places: list[list[int]], new: Nodes) -> N
         return flat.reshape(made.shape, order="F")
     if new.size > 1 and [n for n in new.shape if n > 1] != [len(at) for at in places if len(at) > 1]:
         wanted = "x".join(str(len(at)) for at in places)
-        raise CodeError(f"an array of {size_said(new)} is assigned to places of {wanted}")
+        raise ProgramError(f"an array of {size_said(new)} is assigned to places of {wanted}")
     sides = folded(made, len(places)).copy()
     block = new.reshape(()) if new.size == 1 else new.reshape([len(at) for at in places], order="F")
     sides[np.ix_(*places)] = block
     return sides.reshape(made.shape, order="F")
 
 
-def _grown(calls: "Calls", old: Nodes, places: list[list[int]]) -> Nodes:
+def _grown(calls: "ExpressionEvaluator", old: Nodes, places: list[list[int]]) -> Nodes:
     """A copy that is large enough, new elements 0."""
     ends = [max(at, default=-1) + 1 for at in places]
     shape = _longer(old, ends[0]) if len(places) == 1 else _larger(old, ends)
     if shape is None:
         return old.copy()
-    calls.desk.room(float(np.prod(shape)))
+    calls.context.room(float(np.prod(shape)))
     made = np.full(shape, calls.builder.const(0.0), dtype=np.int64)
     if old.size:
         kept = old.reshape((*old.shape, *(1,) * (len(shape) - old.ndim)))
@@ -363,7 +377,7 @@ def _longer(old: Nodes, end: int) -> tuple[int, ...] | None:
     if end <= old.size:
         return None
     if old.size > 1 and 1 not in old.shape:
-        raise CodeError(f"the element {end} is outside of an array of {size_said(old)}")
+        raise ProgramError(f"the element {end} is outside of an array of {size_said(old)}")
     return (end, 1) if old.ndim == 2 and old.shape[1] == 1 and old.size > 1 else (1, end)
 
 
@@ -375,14 +389,14 @@ def _larger(old: Nodes, ends: list[int]) -> tuple[int, ...] | None:
     return tuple(max(pair) for pair in zip(ends, base, strict=True))
 
 
-def _chosen(calls: "Calls", old: Nodes, places: list[Place], new: int) -> Nodes:
+def _chosen(calls: "ExpressionEvaluator", old: Nodes, places: list[Place], new: int) -> Nodes:
     """One element at a place that depends on signals: each is the new one where the place is its own.
 
     Where the place is none of the array, as MATLAB stops there, nothing changes.
     """
     builder = calls.builder
     shape, whole = old.shape, old.ravel(order="F") if len(places) == 1 else folded(old, len(places))
-    calls.desk.room(whole.size)
+    calls.context.room(whole.size)
     made = whole.copy()
     for at in np.ndindex(*whole.shape):
         here = builder.const(1.0)

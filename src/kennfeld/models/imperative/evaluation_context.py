@@ -14,31 +14,31 @@ from kennfeld.graph.operations import OPERATIONS
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
-from kennfeld.models.imperative.evaluation_errors import CodeError
+from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
-from kennfeld.models.imperative.symbolic_values import Held, constants
+from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.statement_interpreter import Body
+    from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["MOST_PASSES", "Desk", "fixed_result"]
+__all__ = ["MOST_PASSES", "EvaluationContext", "evaluate_constant_call"]
 
 MOST_STATEMENTS: Final = 20_000
 MOST_NODES: Final = 400_000
 MOST_PASSES: Final = 1_000
 
-Hook = Callable[["Body", str, tuple[m.Expression, ...], int], "tuple[Held, ...] | None"]
+Hook = Callable[["StatementInterpreter", str, tuple[m.Expression, ...], int], "tuple[SymbolicValue, ...] | None"]
 Tables = Callable[[str, list[tuple[Numbers, str]], list[Nodes], str], "Nodes | None"]
 
 _SHORTER = "Shorten its loops or arrays, draw it as blocks, or bind its outputs."
 
 
-def _nothing(body: "Body", name: str, arguments: tuple[m.Expression, ...], count: int) -> None:
+def _nothing(body: "StatementInterpreter", name: str, arguments: tuple[m.Expression, ...], count: int) -> None:
     return None
 
 
 @dataclass(eq=False)
-class Desk:
+class EvaluationContext:
     """What all code of a block shares.
 
     `workspace(name)` is the value of a parameter, None where there is none. `number(parameter, place)` is the number
@@ -50,7 +50,7 @@ class Desk:
     """
 
     builder: GraphBuilder
-    workspace: "Callable[[str], Held | None]" = lambda name: None
+    workspace: "Callable[[str], SymbolicValue | None]" = lambda name: None
     number: Callable[[str, tuple[int, ...]], float | None] = lambda name, place: None
     functions: dict[str, m.FunctionDefinition] = field(default_factory=dict)
     find: Callable[[str], Mapping[str, m.FunctionDefinition]] = lambda name: {}
@@ -71,14 +71,14 @@ class Desk:
             self.begun = len(self.builder.nodes)
         self.statements += 1
         if self.statements > MOST_STATEMENTS:
-            raise CodeError(f"it unfolds to more than {MOST_STATEMENTS} statements", _SHORTER)
+            raise ProgramError(f"it unfolds to more than {MOST_STATEMENTS} statements", _SHORTER)
         if len(self.builder.nodes) - self.begun > MOST_NODES:
-            raise CodeError(f"it unfolds to more than {MOST_NODES} operations", _SHORTER)
+            raise ProgramError(f"it unfolds to more than {MOST_NODES} operations", _SHORTER)
 
     def room(self, count: float) -> None:
         """Refuse arrays that no model has room for."""
         if not count <= MOST_NODES:
-            raise CodeError(f"it asks for an array of {count:g} elements", _SHORTER)
+            raise ProgramError(f"it asks for an array of {count:g} elements", _SHORTER)
 
     def function(self, name: str, beside: Mapping[str, m.FunctionDefinition]) -> m.FunctionDefinition | None:
         """A function that stands beside the one that calls it, or one of a file of its own."""
@@ -127,21 +127,23 @@ class Desk:
             return None
         return float(OPERATIONS[op].evaluate(*parts))
 
-    def numbers(self, nodes: Nodes, what: str) -> Numbers | None:
+    def numbers(self, nodes: Nodes, message: str) -> Numbers | None:
         """The numbers of nodes that depend on no signal; None where one does. The parameters in them are then fixed."""
         found = [self.constant(int(node)) for node in nodes.ravel()]
         if any(one is None for one in found):
             return None
         if any(self.builder.value(int(node)) is None for node in nodes.ravel()):
-            self.frozen(what)
+            self.frozen(message)
         return np.array(found, dtype=np.float64).reshape(nodes.shape)
 
 
-def fixed_result(desk: Desk, name: str, arguments: Sequence[Held]) -> Held | None:
+def evaluate_constant_call(
+    context: EvaluationContext, name: str, arguments: Sequence[SymbolicValue]
+) -> SymbolicValue | None:
     """What a function gives for numbers and texts; None where an argument is none or the function is not known."""
     given: dict[str, Any] = {}
     for at, held in enumerate(arguments):
-        value = held if isinstance(held, str) else desk.numbers(held, name) if isinstance(held, np.ndarray) else None
+        value = held if isinstance(held, str) else context.numbers(held, name) if isinstance(held, np.ndarray) else None
         if value is None:
             return None
         given[f"argument{at}"] = value
@@ -151,4 +153,4 @@ def fixed_result(desk: Desk, name: str, arguments: Sequence[Held]) -> Held | Non
         return None
     if not isinstance(found, np.ndarray) or found.dtype.kind not in "fiub":
         return None
-    return constants(desk.builder, found)
+    return constants(context.builder, found)

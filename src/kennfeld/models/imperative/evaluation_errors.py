@@ -3,12 +3,12 @@
 What is raised where code goes further than a graph can follow.
 """
 
-__all__ = ["MEND", "BeyondGraphError", "CodeError", "EndedError", "NoValueError"]
+__all__ = ["DEFAULT_REMEDY", "AbortedPathError", "EvaluationError", "NotLowerableError", "ProgramError"]
 
-MEND = "Draw it as blocks, or bind its outputs."
+DEFAULT_REMEDY = "Draw it as blocks, or bind its outputs."
 
 
-class NoValueError(Exception):
+class EvaluationError(Exception):
     """An expression has no value here; the text says why. `undefined` is the variable that nothing gives a value."""
 
     def __init__(self, why: str, undefined: str = "") -> None:
@@ -16,7 +16,7 @@ class NoValueError(Exception):
         self.undefined = undefined
 
 
-class BeyondGraphError(Exception):
+class NotLowerableError(Exception):
     """An expression that only numbers can tell; `function` is the one in it, if that is why."""
 
     def __init__(self, why: str, function: str = "") -> None:
@@ -24,16 +24,16 @@ class BeyondGraphError(Exception):
         self.function = function
 
 
-class CodeError(Exception):
+class ProgramError(Exception):
     """Code that cannot become a graph; `line` is where it stands in its text, 0 where that is not known yet."""
 
-    def __init__(self, what: str, mend: str = MEND, line: int = 0) -> None:
-        super().__init__(what)
-        self.what, self.mend, self.line = what, mend, line
+    def __init__(self, message: str, remedy: str = DEFAULT_REMEDY, line: int = 0) -> None:
+        super().__init__(message)
+        self.message, self.remedy, self.line = message, remedy, line
 
     def __str__(self) -> str:
-        return f"its code in line {self.line}: {self.what}" if self.line else f"its code: {self.what}"
+        return f"its code in line {self.line}: {self.message}" if self.line else f"its code: {self.message}"
 
 
-class EndedError(Exception):
+class AbortedPathError(Exception):
     """A path on which the code calls `error`: no step of a model takes it."""

@@ -11,12 +11,12 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.evaluation_errors import CodeError
-from kennfeld.models.imperative.node_arrays import Nodes, each, fold, towards_zero
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, reduce_nodes, truncate
 from kennfeld.models.imperative.symbolic_values import constants
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import Calls
+    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
 __all__ = [
     "BINARY",
@@ -27,9 +27,9 @@ __all__ = [
     "TWO",
     "Rule",
     "applied",
-    "distance",
-    "spaced",
-    "steps_within",
+    "constant_distance",
+    "range_between",
+    "range_length",
     "without_rest",
 ]
 
@@ -51,13 +51,13 @@ _CASTS: Final = (
 def applied(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None:
     """A function of node arrays; None for one that is not known."""
     if len(args) == 1 and (name in PLAIN or name == "not"):
-        return each(builder, name, *args)
+        return elementwise(builder, name, *args)
     rule = _RULES.get(len(args), {}).get(name)
     if rule is not None:
         return rule(builder, *args)
     if name in ("min", "max", "sum", "prod") and len(args) == 1 and args[0].ndim == 2 and 1 in args[0].shape:
         op = {"sum": "add", "prod": "mul"}.get(name, name)
-        return np.array([[fold(builder, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
+        return np.array([[reduce_nodes(builder, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
     return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
 
 
@@ -68,12 +68,14 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
     """
     if all(_is_whole(builder.value(int(node))) for node in b.ravel()):
         return rest
-    ratio = each(builder, "abs", each(builder, "div", a, b))
-    nearest = each(builder, "floor", each(builder, "add", ratio, _constant(builder, 0.5)))
-    off = each(builder, "abs", each(builder, "sub", ratio, nearest))
-    is_near = each(builder, "le", off, each(builder, "mul", _constant(builder, math.ulp(1.0)), ratio))
-    is_broken = each(builder, "ne", b, each(builder, "floor", b))
-    return each(builder, "select", each(builder, "and", is_near, is_broken), _constant(builder, 0.0), rest)
+    ratio = elementwise(builder, "abs", elementwise(builder, "div", a, b))
+    nearest = elementwise(builder, "floor", elementwise(builder, "add", ratio, _constant(builder, 0.5)))
+    off = elementwise(builder, "abs", elementwise(builder, "sub", ratio, nearest))
+    is_near = elementwise(builder, "le", off, elementwise(builder, "mul", _constant(builder, math.ulp(1.0)), ratio))
+    is_broken = elementwise(builder, "ne", b, elementwise(builder, "floor", b))
+    return elementwise(
+        builder, "select", elementwise(builder, "and", is_near, is_broken), _constant(builder, 0.0), rest
+    )
 
 
 def _is_whole(value: float | None) -> bool:
@@ -91,24 +93,29 @@ def _remainder_in_c(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    whole = towards_zero(builder, each(builder, "div", a, b))
-    return each(builder, "sub", a, each(builder, "mul", whole, b))
+    whole = truncate(builder, elementwise(builder, "div", a, b))
+    return elementwise(builder, "sub", a, elementwise(builder, "mul", whole, b))
 
 
 def _with_infinite(builder: GraphBuilder, made: Nodes, a: Nodes, b: Nodes) -> Nodes:
     """A remainder that is a where b is infinite."""
-    return made if _is_finite(builder, b) else each(builder, "select", _within_infinity(builder, a, b), a, made)
+    return made if _is_finite(builder, b) else elementwise(builder, "select", _within_infinity(builder, a, b), a, made)
 
 
 def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """What is left of a after whole steps of b downwards; a where b is 0, or infinite and of the sign of a."""
-    made = without_rest(builder, each(builder, "mod", a, b), a, b)
+    made = without_rest(builder, elementwise(builder, "mod", a, b), a, b)
     if _is_finite(builder, b):
         return made
     zero = _constant(builder, 0.0)
-    other_side = each(builder, "lt", each(builder, "mul", each(builder, "sign", a), each(builder, "sign", b)), zero)
-    beyond = each(builder, "select", other_side, b, a)
-    return each(builder, "select", _within_infinity(builder, a, b), beyond, made)
+    other_side = elementwise(
+        builder,
+        "lt",
+        elementwise(builder, "mul", elementwise(builder, "sign", a), elementwise(builder, "sign", b)),
+        zero,
+    )
+    beyond = elementwise(builder, "select", other_side, b, a)
+    return elementwise(builder, "select", _within_infinity(builder, a, b), beyond, made)
 
 
 def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
@@ -120,12 +127,16 @@ def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
 def _within_infinity(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Whether a is finite and b is not."""
     infinity = _constant(builder, math.inf)
-    is_beyond = each(builder, "eq", each(builder, "abs", b), infinity)
-    return each(builder, "and", is_beyond, each(builder, "lt", each(builder, "abs", a), infinity))
+    is_beyond = elementwise(builder, "eq", elementwise(builder, "abs", b), infinity)
+    return elementwise(builder, "and", is_beyond, elementwise(builder, "lt", elementwise(builder, "abs", a), infinity))
 
 
 def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    return each(builder, "sqrt", each(builder, "add", each(builder, "mul", a, a), each(builder, "mul", b, b)))
+    return elementwise(
+        builder,
+        "sqrt",
+        elementwise(builder, "add", elementwise(builder, "mul", a, a), elementwise(builder, "mul", b, b)),
+    )
 
 
 def _constant(builder: GraphBuilder, value: float) -> Nodes:
@@ -135,33 +146,37 @@ def _constant(builder: GraphBuilder, value: float) -> Nodes:
 
 def _asinh(builder: GraphBuilder, x: Nodes) -> Nodes:
     """Odd, so that large negative numbers do not cancel out; the slope at 0 is 1."""
-    negative = each(builder, "lt", x, _constant(builder, 0.0))
-    size = each(builder, "select", negative, each(builder, "neg", x), x)
-    root = each(builder, "sqrt", each(builder, "add", each(builder, "mul", x, x), _constant(builder, 1.0)))
-    made = each(builder, "log", each(builder, "add", size, root))
-    return each(builder, "select", negative, each(builder, "neg", made), made)
+    negative = elementwise(builder, "lt", x, _constant(builder, 0.0))
+    size = elementwise(builder, "select", negative, elementwise(builder, "neg", x), x)
+    root = elementwise(
+        builder, "sqrt", elementwise(builder, "add", elementwise(builder, "mul", x, x), _constant(builder, 1.0))
+    )
+    made = elementwise(builder, "log", elementwise(builder, "add", size, root))
+    return elementwise(builder, "select", negative, elementwise(builder, "neg", made), made)
 
 
 def _acosh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    root = each(builder, "sqrt", each(builder, "sub", each(builder, "mul", x, x), _constant(builder, 1.0)))
-    return each(builder, "log", each(builder, "add", x, root))
+    root = elementwise(
+        builder, "sqrt", elementwise(builder, "sub", elementwise(builder, "mul", x, x), _constant(builder, 1.0))
+    )
+    return elementwise(builder, "log", elementwise(builder, "add", x, root))
 
 
 def _atanh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    ratio = each(
+    ratio = elementwise(
         builder,
         "div",
-        each(builder, "add", _constant(builder, 1.0), x),
-        each(builder, "sub", _constant(builder, 1.0), x),
+        elementwise(builder, "add", _constant(builder, 1.0), x),
+        elementwise(builder, "sub", _constant(builder, 1.0), x),
     )
-    return each(builder, "mul", _constant(builder, 0.5), each(builder, "log", ratio))
+    return elementwise(builder, "mul", _constant(builder, 0.5), elementwise(builder, "log", ratio))
 
 
 def _operation(op: str) -> Rule:
-    return lambda builder, *args: each(builder, op, *args)
+    return lambda builder, *args: elementwise(builder, op, *args)
 
 
-ONE: Final[Mapping[str, Rule]] = {"fix": towards_zero, "uminus": _operation("neg")}
+ONE: Final[Mapping[str, Rule]] = {"fix": truncate, "uminus": _operation("neg")}
 TWO: Final[Mapping[str, Rule]] = {
     "atan2": _operation("atan2"),
     "mod": _modulus,
@@ -178,8 +193,8 @@ _ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
     "ln": _operation("log"),
     "sgn": _operation("sign"),
     "fabs": _operation("abs"),
-    "square": lambda builder, x: each(builder, "mul", x, x),
-    "reciprocal": lambda builder, x: each(builder, "div", _constant(builder, 1.0), x),
+    "square": lambda builder, x: elementwise(builder, "mul", x, x),
+    "reciprocal": lambda builder, x: elementwise(builder, "div", _constant(builder, 1.0), x),
 }
 _TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
     "pow": _operation("pow"),
@@ -192,7 +207,7 @@ _RULES: Final[Mapping[int, Mapping[str, Rule]]] = {1: {**ONE, **_ONE_ELSEWHERE},
 KNOWN: Final = frozenset({*PLAIN, "not", *_RULES[1], *_RULES[2], *_CASTS, "sum", "prod"})
 
 
-def spaced(calls: "Calls", tree: m.Range) -> Nodes:
+def range_between(calls: "ExpressionEvaluator", tree: m.Range) -> Nodes:
     """`first:step:last`; rounding does not take the last number away.
 
     The beginning may depend on signals where the distance to the end does not, as in `k:k+2`.
@@ -200,40 +215,40 @@ def spaced(calls: "Calls", tree: m.Range) -> Nodes:
     first, last = calls.nodes(tree.first), calls.nodes(tree.last)
     step = 1.0 if tree.step is None else calls.number(tree.step, "the step of a range")
     if first.size != 1 or last.size != 1:
-        raise CodeError("a range from or to an array")
-    calls.desk.numbers(np.concatenate([first, last]), "the ends of a range")
-    span = distance(calls, int(first.item()), int(last.item()))
+        raise ProgramError("a range from or to an array")
+    calls.context.numbers(np.concatenate([first, last]), "the ends of a range")
+    span = constant_distance(calls, int(first.item()), int(last.item()))
     if span is None:
-        raise CodeError("the length of a range depends on signals", "Loop over fixed numbers, with if within.")
-    begin, count = calls.desk.constant(int(first.item())), steps_within(calls, span, step)
+        raise ProgramError("the length of a range depends on signals", "Loop over fixed numbers, with if within.")
+    begin, count = calls.context.constant(int(first.item())), range_length(calls, span, step)
     if begin is not None:
         return constants(calls.builder, begin + step * np.arange(count).reshape(1, -1))
-    return each(calls.builder, "add", first, constants(calls.builder, step * np.arange(count).reshape(1, -1)))
+    return elementwise(calls.builder, "add", first, constants(calls.builder, step * np.arange(count).reshape(1, -1)))
 
 
-def steps_within(calls: "Calls", span: float, step: float) -> int:
+def range_length(calls: "ExpressionEvaluator", span: float, step: float) -> int:
     """How many numbers a range has that goes so far; refused where no model has room for them."""
     steps = span / step if step else -1.0
     if math.isnan(steps):
-        raise CodeError("the ends of a range are no numbers")
-    calls.desk.room(steps)
+        raise ProgramError("the ends of a range are no numbers")
+    calls.context.room(steps)
     return math.floor(steps * (1 + 1e-12) + 1e-10) + 1 if steps > -1 else 0
 
 
-def distance(calls: "Calls", first: int, last: int) -> float | None:
+def constant_distance(calls: "ExpressionEvaluator", first: int, last: int) -> float | None:
     """How far it is from one node to another, where that is fixed: both are, or the same signal plus fixed numbers."""
-    begin, end = calls.desk.constant(first), calls.desk.constant(last)
+    begin, end = calls.context.constant(first), calls.context.constant(last)
     if begin is not None and end is not None:
         return end - begin
     (base, offset), (other, more) = _offset(calls, first), _offset(calls, last)
     return more - offset if base == other else None
 
 
-def _offset(calls: "Calls", node: int) -> tuple[int, float]:
+def _offset(calls: "ExpressionEvaluator", node: int) -> tuple[int, float]:
     total = 0.0
     for _ in range(100):
         op, args, _ = calls.builder.nodes[node]
-        fixed = [calls.desk.constant(arg) for arg in args] if op in ("add", "sub") else []
+        fixed = [calls.context.constant(arg) for arg in args] if op in ("add", "sub") else []
         if fixed and fixed[1] is not None:
             node, total = args[0], total + (fixed[1] if op == "add" else -fixed[1])
         elif fixed and fixed[0] is not None and op == "add":

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
-__all__ = ["Nodes", "Numbers", "aligned", "check_size", "each", "fold", "matrix_product", "towards_zero"]
+__all__ = ["Nodes", "Numbers", "aligned", "check_size", "elementwise", "matrix_product", "reduce_nodes", "truncate"]
 
 Nodes: TypeAlias = npt.NDArray[np.int64]
 
@@ -33,7 +33,7 @@ Numbers: TypeAlias = npt.NDArray[np.float64]
 def check_size(size: int) -> None:
     """Raise `NoValueError` where an array would have more elements than any model needs."""
     if size > _LARGEST:
-        raise NoValueError(f"it makes an array of {size} elements, and {_LARGEST} is the most")
+        raise EvaluationError(f"it makes an array of {size} elements, and {_LARGEST} is the most")
 
 
 def aligned(*arrays: Nodes) -> list[Nodes]:
@@ -46,7 +46,7 @@ def aligned(*arrays: Nodes) -> list[Nodes]:
     return [one.reshape(one.shape + (1,) * (most - one.ndim)) if one.ndim > 1 else one for one in arrays]
 
 
-def each(builder: GraphBuilder, op: str, *args: Nodes) -> Nodes:
+def elementwise(builder: GraphBuilder, op: str, *args: Nodes) -> Nodes:
     """An operation element by element, arrays expanded against each other."""
     spread = np.broadcast_arrays(*aligned(*args))
     check_size(spread[0].size)
@@ -54,7 +54,7 @@ def each(builder: GraphBuilder, op: str, *args: Nodes) -> Nodes:
     return np.array(made, dtype=np.int64).reshape(spread[0].shape)
 
 
-def fold(builder: GraphBuilder, op: str, nodes: list[int]) -> int:
+def reduce_nodes(builder: GraphBuilder, op: str, nodes: list[int]) -> int:
     """An operation from the first to the last; 0 of no nodes."""
     return reduce(lambda a, b: builder.call(op, a, b), nodes) if nodes else builder.const(0.0)
 
@@ -63,15 +63,19 @@ def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
     """The product of two matrices of nodes; raises `NoValueError` where it is too large."""
     products = left.size * right.shape[1]
     if products > _MOST_PRODUCTS:
-        raise NoValueError(f"a product of matrices takes {products} products of numbers; {_MOST_PRODUCTS} is the most")
+        raise EvaluationError(
+            f"a product of matrices takes {products} products of numbers; {_MOST_PRODUCTS} is the most"
+        )
     made = np.zeros((left.shape[0], right.shape[1]), dtype=np.int64)
     for row in range(left.shape[0]):
         for column in range(right.shape[1]):
-            terms = each(builder, "mul", left[row, :], right[:, column])
-            made[row, column] = fold(builder, "add", [int(term) for term in terms])
+            terms = elementwise(builder, "mul", left[row, :], right[:, column])
+            made[row, column] = reduce_nodes(builder, "add", [int(term) for term in terms])
     return made
 
 
-def towards_zero(builder: GraphBuilder, x: Nodes) -> Nodes:
+def truncate(builder: GraphBuilder, x: Nodes) -> Nodes:
     """The whole part, towards 0."""
-    return each(builder, "mul", each(builder, "sign", x), each(builder, "floor", each(builder, "abs", x)))
+    return elementwise(
+        builder, "mul", elementwise(builder, "sign", x), elementwise(builder, "floor", elementwise(builder, "abs", x))
+    )

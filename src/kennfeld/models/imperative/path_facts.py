@@ -9,7 +9,16 @@ from typing import Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
 
-__all__ = ["assumed", "away_from_zero", "both", "either", "known", "most_of", "negated", "truth_of"]
+__all__ = [
+    "assume",
+    "bound_of",
+    "known_truth",
+    "logical_and",
+    "logical_not",
+    "logical_or",
+    "round_half_away",
+    "truth_of",
+]
 
 TRUTHS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})  # operations that give 1 or 0
 _DEEPEST = 40
@@ -26,12 +35,12 @@ def truth_of(builder: GraphBuilder, node: int) -> int:
     return node if builder.nodes[node].op in TRUTHS else builder.call("ne", node, builder.const(0.0))
 
 
-def negated(builder: GraphBuilder, node: int) -> int:
+def logical_not(builder: GraphBuilder, node: int) -> int:
     """Whether a condition does not hold."""
     return builder.nodes[node].args[0] if builder.nodes[node].op == "not" else builder.call("not", node)
 
 
-def both(builder: GraphBuilder, one: int, other: int) -> int:
+def logical_and(builder: GraphBuilder, one: int, other: int) -> int:
     """Whether two conditions hold."""
     for first, second in ((one, other), (other, one)):
         value = builder.value(first)
@@ -40,18 +49,18 @@ def both(builder: GraphBuilder, one: int, other: int) -> int:
     return one if one == other else builder.call("and", one, other)
 
 
-def either(builder: GraphBuilder, one: int, other: int) -> int:
+def logical_or(builder: GraphBuilder, one: int, other: int) -> int:
     """Whether one of two conditions holds."""
     for first, second in ((one, other), (other, one)):
         value = builder.value(first)
         if value is not None:
             return builder.const(1.0) if value else second
-    if one == other or negated(builder, one) == other:
+    if one == other or logical_not(builder, one) == other:
         return one if one == other else builder.const(1.0)
     return builder.call("or", one, other)
 
 
-def assumed(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: bool) -> dict[int, bool]:
+def assume(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: bool) -> dict[int, bool]:
     """What is known once a condition is known too, with what follows from it."""
     made, waiting = dict(facts), [(node, holds)]
     while waiting:
@@ -65,7 +74,7 @@ def assumed(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: 
     return made
 
 
-def known(builder: GraphBuilder, facts: Mapping[int, bool], node: int) -> bool | None:
+def known_truth(builder: GraphBuilder, facts: Mapping[int, bool], node: int) -> bool | None:
     """Whether a condition holds by what is known; None where that does not tell."""
     value = builder.value(node)
     if value is not None or not facts:
@@ -92,14 +101,14 @@ def _known(
     return seen[node]
 
 
-class Limits(NamedTuple):
+class Interval(NamedTuple):
     """The values between which a node stays."""
 
     low: float = -math.inf
     high: float = math.inf
 
 
-def away_from_zero(x: float) -> float:
+def round_half_away(x: float) -> float:
     """The nearest whole number, of two equally near the one farther from 0."""
     return math.copysign(math.floor(abs(x) + 0.5), x)
 
@@ -107,46 +116,46 @@ def away_from_zero(x: float) -> float:
 _RISING: dict[str, Callable[[float], float]] = {
     "floor": math.floor,
     "ceil": math.ceil,
-    "round": away_from_zero,
+    "round": round_half_away,
 }
 
 
-def most_of(builder: GraphBuilder, node: int, up: bool) -> float:
+def bound_of(builder: GraphBuilder, node: int, up: bool) -> float:
     """The largest value that a node can have, or the smallest."""
-    found = limits_of(builder, node)
+    found = interval_of(builder, node)
     return found.high if up else found.low
 
 
-def limits_of(builder: GraphBuilder, node: int) -> Limits:
+def interval_of(builder: GraphBuilder, node: int) -> Interval:
     """The values between which a node stays, as far as its operations tell."""
-    return _Search(builder).limits(node, 0)
+    return _IntervalAnalysis(builder).limits(node, 0)
 
 
-class _Search:
+class _IntervalAnalysis:
     def __init__(self, builder: GraphBuilder) -> None:
         self.builder = builder
-        self.seen: dict[int, Limits] = {}
+        self.seen: dict[int, Interval] = {}
 
-    def limits(self, node: int, depth: int) -> Limits:
+    def limits(self, node: int, depth: int) -> Interval:
         if node not in self.seen:
             self.seen[node] = self._limits(node, depth)
         return self.seen[node]
 
-    def _limits(self, node: int, depth: int) -> Limits:
+    def _limits(self, node: int, depth: int) -> Interval:
         op, args, payload = self.builder.nodes[node]
         if op == "const":
-            return Limits(payload, payload)
+            return Interval(payload, payload)
         if op in TRUTHS or op == "sign":
-            return Limits(-1.0 if op == "sign" else 0.0, 1.0)
+            return Interval(-1.0 if op == "sign" else 0.0, 1.0)
         if depth > _DEEPEST_BOUNDS:
-            return Limits()
+            return Interval()
         if op == "select":
             return self._select(args, depth + 1)
         if op not in _RULES:
-            return Limits()
-        return Limits(*_RULES[op](*(self.limits(arg, depth + 1) for arg in args)))
+            return Interval()
+        return Interval(*_RULES[op](*(self.limits(arg, depth + 1) for arg in args)))
 
-    def _select(self, args: tuple[int, ...], depth: int) -> Limits:
+    def _select(self, args: tuple[int, ...], depth: int) -> Interval:
         """Of both sides; a side that its own condition bounds is bounded by it."""
         choice, yes, no = args
         a, b = self.limits(yes, depth), self.limits(no, depth)
@@ -154,33 +163,33 @@ class _Search:
         if op in ("gt", "ge", "lt", "le"):
             x, limit = sides if op in ("gt", "ge") else sides[::-1]  # the condition is x > limit
             a, b = self._bounded(a, yes, x, limit, depth), self._bounded(b, no, limit, x, depth)
-        return Limits(min(a.low, b.low), max(a.high, b.high))
+        return Interval(min(a.low, b.low), max(a.high, b.high))
 
-    def _bounded(self, found: Limits, node: int, greater: int, less: int, depth: int) -> Limits:
+    def _bounded(self, found: Interval, node: int, greater: int, less: int, depth: int) -> Interval:
         """The limits of a side where one node is known to be greater than another."""
         if node == greater:
-            return Limits(max(found.low, self.limits(less, depth).low), found.high)
+            return Interval(max(found.low, self.limits(less, depth).low), found.high)
         if node == less:
-            return Limits(found.low, min(found.high, self.limits(greater, depth).high))
+            return Interval(found.low, min(found.high, self.limits(greater, depth).high))
         return found
 
 
-def _whole(op: str, x: Limits) -> Limits:
-    return Limits(*(_RISING[op](one) if math.isfinite(one) else one for one in x))
+def _whole(op: str, x: Interval) -> Interval:
+    return Interval(*(_RISING[op](one) if math.isfinite(one) else one for one in x))
 
 
-def _mod(a: Limits, b: Limits) -> Limits:
-    return Limits(0.0, b.high) if b.low > 0 else Limits()
+def _mod(a: Interval, b: Interval) -> Interval:
+    return Interval(0.0, b.high) if b.low > 0 else Interval()
 
 
-def _abs(x: Limits) -> Limits:
+def _abs(x: Interval) -> Interval:
     low = 0.0 if x.low <= 0 <= x.high else min(abs(x.low), abs(x.high))
-    return Limits(low, max(abs(x.low), abs(x.high)))
+    return Interval(low, max(abs(x.low), abs(x.high)))
 
 
-def _mul(a: Limits, b: Limits) -> Limits:
+def _mul(a: Interval, b: Interval) -> Interval:
     ends = [p * q for p in a for q in b]
-    return Limits() if any(math.isnan(end) for end in ends) else Limits(min(ends), max(ends))
+    return Interval() if any(math.isnan(end) for end in ends) else Interval(min(ends), max(ends))
 
 
 _RULES: dict[str, Callable[..., tuple[float, float]]] = {

@@ -11,17 +11,26 @@ from functools import partial
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import way_of
-from kennfeld.models.imperative.control_flow import Loops, State, joined
-from kennfeld.models.imperative.element_access import assigned
-from kennfeld.models.imperative.evaluation_context import Desk
-from kennfeld.models.imperative.evaluation_errors import CodeError, EndedError
-from kennfeld.models.imperative.expression_evaluator import Calls, chooses, chosen_elements
-from kennfeld.models.imperative.node_arrays import Nodes, fold
-from kennfeld.models.imperative.path_facts import either, known, negated
-from kennfeld.models.imperative.symbolic_values import EMPTY, Cells, Held, Later, Partial, Unclear, array_of, resolved
+from kennfeld.matlab.traversal import field_path
+from kennfeld.models.imperative.control_flow import LoopUnroller, PathState, merge_states
+from kennfeld.models.imperative.element_access import assign_part
+from kennfeld.models.imperative.evaluation_context import EvaluationContext
+from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
+from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator, assign_masked, is_masked_assignment
+from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.imperative.path_facts import known_truth, logical_not, logical_or
+from kennfeld.models.imperative.symbolic_values import (
+    EMPTY,
+    ConditionalValue,
+    DeferredValue,
+    InvalidValue,
+    SymbolicCell,
+    SymbolicValue,
+    as_array,
+    force,
+)
 
-__all__ = ["GLOBAL", "Body"]
+__all__ = ["GLOBAL", "StatementInterpreter"]
 
 GLOBAL = "global"  # the function that shared variables are kept under
 _SILENT = frozenset(
@@ -31,7 +40,7 @@ _SILENT = frozenset(
 
 
 @dataclass(eq=False)
-class Frame:
+class CallFrame:
     """A function that is being followed: how it was called, and which of its variables are persistent."""
 
     name: str = ""
@@ -42,25 +51,30 @@ class Frame:
     shared: list[str] = field(default_factory=list)
 
 
-class Body:
+class StatementInterpreter:
     """Code along one path, and its variables so far.
 
     `names` are the variables; `run` follows statements, `value` evaluates an expression, `decide` builds both sides of
     a decision, `call` runs a function. All raise `CodeError`.
     """
 
-    def __init__(self, desk: Desk, names: Mapping[str, Held] | None = None, frame: Frame | None = None) -> None:
-        self.desk, self.builder = desk, desk.builder
-        self.state = State(dict(names or {}))
-        self.frame = frame or Frame(functions=desk.functions)
-        self.calls = Calls(self)
-        self.loops = Loops(self)
+    def __init__(
+        self,
+        context: EvaluationContext,
+        names: Mapping[str, SymbolicValue] | None = None,
+        frame: CallFrame | None = None,
+    ) -> None:
+        self.context, self.builder = context, context.builder
+        self.state = PathState(dict(names or {}))
+        self.frame = frame or CallFrame(functions=context.functions)
+        self.calls = ExpressionEvaluator(self)
+        self.loops = LoopUnroller(self)
         # told of each `if`, what was before it, and how often it asked isempty
-        self.watch: Callable[[m.If, State, int], None] | None = None
+        self.watch: Callable[[m.If, PathState, int], None] | None = None
         self.questions = 0  # how often a persistent variable was asked for a value that it did not have yet
 
     @property
-    def names(self) -> dict[str, Held]:
+    def names(self) -> dict[str, SymbolicValue]:
         """The variables."""
         return self.state.names
 
@@ -69,11 +83,11 @@ class Body:
     def run(self, statements: Sequence[m.Statement]) -> None:
         """Follow statements, up to where a jump is certain."""
         for at, statement in enumerate(statements, 1):
-            self.desk.step()
+            self.context.step()
             try:
                 self._statement(statement)
-            except CodeError as error:
-                raise error if error.line else CodeError(error.what, error.mend, statement.place.line) from None
+            except ProgramError as error:
+                raise error if error.line else ProgramError(error.message, error.remedy, statement.place.line) from None
             going = self.going()
             if going is not None:
                 self.decide(going, partial(self._go_on, statements[at:]))
@@ -83,8 +97,8 @@ class Body:
         """The condition under which no jump was met; None where there was none for certain."""
         met = self.builder.const(0.0)
         for node in self.state.jumps.values():
-            met = either(self.builder, met, node)
-        return None if known(self.builder, self.state.facts, met) is False else negated(self.builder, met)
+            met = logical_or(self.builder, met, node)
+        return None if known_truth(self.builder, self.state.facts, met) is False else logical_not(self.builder, met)
 
     def _go_on(self, rest: Sequence[m.Statement]) -> None:
         self.state.jumps.clear()
@@ -103,7 +117,7 @@ class Body:
             case m.While(condition, body):
                 self.loops.as_long_as(condition, body)
             case m.Switch(subject, cases, otherwise):
-                self._switch(resolved(self.value(subject)), cases, otherwise)
+                self._switch(force(self.value(subject)), cases, otherwise)
             case m.Jump(kind):
                 self.state.jumps[kind] = self.builder.const(1.0)
             case m.Declaration(kind, names):
@@ -111,17 +125,17 @@ class Body:
             case m.Evaluate(expression):
                 self._evaluate(expression)
             case m.Command("error", _):
-                raise EndedError
+                raise AbortedPathError
             case m.Command(name, _) if name in _SILENT or name.startswith("coder."):
                 return
             case _:
-                raise CodeError(f"a statement that is not supported ({type(statement).__name__.lower()})")
+                raise ProgramError(f"a statement that is not supported ({type(statement).__name__.lower()})")
 
     def _evaluate(self, expression: m.Expression) -> None:
         """An expression alone: a call for what it does; what is only told is passed over."""
         name = _called(expression)
         if name == "error":
-            raise EndedError
+            raise AbortedPathError
         if name in _SILENT or (name or "").startswith("coder."):
             return
         if isinstance(expression, m.Call) and isinstance(expression.of, m.Name):
@@ -137,41 +151,41 @@ class Body:
             return
         for name in names:
             self.frame.persistent.append(name)
-            unset = Partial(EMPTY, self.builder.const(0.0))
+            unset = ConditionalValue(EMPTY, self.builder.const(0.0))
             self.names[name] = self.state.kept.get((self.frame.name, name), unset)
 
     def _share(self, names: Sequence[str]) -> None:
         """Variables that all functions share, which the host has given."""
         for name in names:
             if (GLOBAL, name) not in self.state.kept:
-                raise CodeError(f"global {name}: the block has no data store of this name", "Make it an input.")
+                raise ProgramError(f"global {name}: the block has no data store of this name", "Make it an input.")
             self.frame.shared.append(name)
             self.names[name] = self.state.kept[GLOBAL, name]
 
     # values
 
-    def value(self, tree: m.Expression) -> Held:
+    def value(self, tree: m.Expression) -> SymbolicValue:
         """The value of an expression."""
         return self.calls.value(tree)
 
-    def nodes(self, tree: m.Expression, what: str = "it") -> Nodes:
+    def nodes(self, tree: m.Expression, message: str = "it") -> Nodes:
         """The value of an expression as an array of nodes."""
-        return array_of(self.value(tree), what)
+        return as_array(self.value(tree), message)
 
-    def read(self, name: str) -> Held:
+    def read(self, name: str) -> SymbolicValue:
         """A variable that has a value here."""
         held = self.names[name]
-        if isinstance(held, Later):
-            held = self.names[name] = resolved(held)
-        if isinstance(held, Partial):
-            if not known(self.builder, self.state.facts, held.defined):
-                raise CodeError(f"{name} has no value in every case", f"Give {name} a value before the decision.")
+        if isinstance(held, DeferredValue):
+            held = self.names[name] = force(held)
+        if isinstance(held, ConditionalValue):
+            if not known_truth(self.builder, self.state.facts, held.defined):
+                raise ProgramError(f"{name} has no value in every case", f"Give {name} a value before the decision.")
             return held.value
-        if isinstance(held, Unclear):
-            raise CodeError(held.why, held.mend)
+        if isinstance(held, InvalidValue):
+            raise ProgramError(held.why, held.remedy)
         return self._simpler(held) if isinstance(held, np.ndarray) else held
 
-    def _simpler(self, nodes: Nodes) -> Held:
+    def _simpler(self, nodes: Nodes) -> SymbolicValue:
         """Nodes without the decisions that are known on this path."""
         if not self.state.facts or nodes.size > 100:
             return nodes
@@ -180,32 +194,34 @@ class Body:
             node = int(first)
             while self.builder.nodes[node].op == "select":
                 choice, yes, no = self.builder.nodes[node].args
-                found = known(self.builder, self.state.facts, choice)
+                found = known_truth(self.builder, self.state.facts, choice)
                 if found is None:
                     break
                 node = yes if found else no
             made[place] = node
         return made
 
-    def truth(self, held: Held) -> int:
+    def truth(self, held: SymbolicValue) -> int:
         """The condition that a value is as one: whether all of its elements hold, and there are any."""
-        nodes = array_of(resolved(held), "a condition")
+        nodes = as_array(force(held), "a condition")
         if nodes.size == 0:
             return self.builder.const(0.0)
-        return int(nodes.item()) if nodes.size == 1 else fold(self.builder, "and", [int(n) for n in nodes.ravel()])
+        return (
+            int(nodes.item()) if nodes.size == 1 else reduce_nodes(self.builder, "and", [int(n) for n in nodes.ravel()])
+        )
 
-    def within(self, names: Mapping[str, Held], make: Callable[[], Held]) -> Held:
+    def within(self, names: Mapping[str, SymbolicValue], make: Callable[[], SymbolicValue]) -> SymbolicValue:
         """What is made while the variables are others."""
         self._keep_shared()
         outer, around = self.state, self.frame
-        self.state, self.frame = State(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
+        self.state, self.frame = PathState(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
         made = make()
         self.state, self.frame = replace(outer, kept=self.state.kept), around
         return made
 
     # assignments
 
-    def assign(self, target: m.Expression | None, value: Held) -> None:
+    def assign(self, target: m.Expression | None, value: SymbolicValue) -> None:
         """Give a variable, or a part of one, a value."""
         if isinstance(target, m.Name):
             self.names[target.name] = value
@@ -213,26 +229,26 @@ class Body:
             name = _base(target)
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
-            self.names[name] = assigned(self.calls, whole, target, resolved(value))
+            self.names[name] = assign_part(self.calls, whole, target, force(value))
 
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
-        if target is not None and chooses(self.calls, target, tree):
+        if target is not None and is_masked_assignment(self.calls, target, tree):
             assert isinstance(target, m.Call)
-            self.names[_base(target)] = chosen_elements(self.calls, target, tree)
+            self.names[_base(target)] = assign_masked(self.calls, target, tree)
         else:
             self.assign(target, self.value(tree))
 
-    def _undefined(self, held: Held) -> bool:
-        return isinstance(held, Partial) and not known(self.builder, self.state.facts, held.defined)
+    def _undefined(self, held: SymbolicValue) -> bool:
+        return isinstance(held, ConditionalValue) and not known_truth(self.builder, self.state.facts, held.defined)
 
     def _assign_several(self, targets: Sequence[m.Expression | None], value: m.Expression) -> None:
         name = _called(value)
         arguments = value.arguments if isinstance(value, m.Call) else ()
         if name is None or name in self.names:
-            raise CodeError("several results are taken of what is no function")
+            raise ProgramError("several results are taken of what is no function")
         results = self.calls.several(name, arguments, len(targets))
         if len(results) < len(targets):
-            raise CodeError(f"{name} gives {len(results)} results where {len(targets)} are taken")
+            raise ProgramError(f"{name} gives {len(results)} results where {len(targets)} are taken")
         for target, result in zip(targets, results, strict=False):
             self.assign(target, result)
 
@@ -240,29 +256,29 @@ class Body:
 
     def decide(self, condition: int, yes: Callable[[], None], no: Callable[[], None] = lambda: None) -> None:
         """Build both sides of a decision, or the one that is known to be taken."""
-        fixed = known(self.builder, self.state.facts, condition)
+        fixed = known_truth(self.builder, self.state.facts, condition)
         if fixed is not None:
             (yes if fixed else no)()
             return
         before = self.state
         one, other = (self._side(condition, holds, side) for holds, side in ((True, yes), (False, no)))
         if one is None and other is None:
-            raise EndedError
+            raise AbortedPathError
         if one is None or other is None:
             self.state = one or other or before
         else:
-            self.state = joined(self.builder, condition, one, other, before)
+            self.state = merge_states(self.builder, condition, one, other, before)
 
-    def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> State | None:
+    def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> PathState | None:
         """What one side of a decision leaves; None where it ends in an error."""
-        before, frame, depth, ends = self.state, self.frame, len(self.desk.calling), len(self.calls.ends)
+        before, frame, depth, ends = self.state, self.frame, len(self.context.calling), len(self.calls.ends)
         self.state = before.under(self.builder, condition, holds)
         try:
             make()
             made = self.state
-        except EndedError:
+        except AbortedPathError:
             made = None
-            del self.desk.calling[depth:], self.calls.ends[ends:]
+            del self.context.calling[depth:], self.calls.ends[ends:]
             self.frame = frame
         self.state = before
         return made
@@ -279,7 +295,7 @@ class Body:
         if self.watch is not None:
             self.watch(whole, before, asked)
 
-    def _switch(self, subject: Held, cases: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
+    def _switch(self, subject: SymbolicValue, cases: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
         if not cases:
             self.run(otherwise)
             return
@@ -287,46 +303,46 @@ class Body:
         rest = cases[1:]
         self.decide(condition, lambda: self.run(cases[0].body), lambda: self._switch(subject, rest, otherwise))
 
-    def _matches(self, subject: Held, case: Held) -> int:
+    def _matches(self, subject: SymbolicValue, case: SymbolicValue) -> int:
         """Whether a case is that of a switch."""
-        if isinstance(case, Cells):
+        if isinstance(case, SymbolicCell):
             found = self.builder.const(0.0)
             for one in case.cells:
-                found = either(self.builder, found, self._matches(subject, one))
+                found = logical_or(self.builder, found, self._matches(subject, one))
             return found
         if isinstance(subject, str) or isinstance(case, str):
             return self.builder.const(float(subject == case if isinstance(subject, type(case)) else 0.0))
-        left, right = array_of(subject, "what switch decides on"), array_of(case, "a case")
+        left, right = as_array(subject, "what switch decides on"), as_array(case, "a case")
         if left.size != 1 or right.size > 1:
-            raise CodeError("switch decides on several elements")
+            raise ProgramError("switch decides on several elements")
         return self.builder.call("eq", int(left.item()), int(right.item())) if right.size else self.builder.const(0.0)
 
     # functions
 
     def call(
-        self, function: m.FunctionDefinition, arguments: Sequence[Held], wanted: int = 1, frame: str = ""
-    ) -> tuple[Held, ...]:
+        self, function: m.FunctionDefinition, arguments: Sequence[SymbolicValue], wanted: int = 1, frame: str = ""
+    ) -> tuple[SymbolicValue, ...]:
         """Run a function with its own variables and give its results; those without a value are left out."""
         name = frame or f"{function.name} {id(function)}"
-        if any(function is one for one in self.desk.calling):
-            raise CodeError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
+        if any(function is one for one in self.context.calling):
+            raise ProgramError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
         if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
-            raise CodeError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
+            raise ProgramError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
         self._keep_shared()
         outer, around = self.state, self.frame
-        self.frame = Frame(name, len(arguments), wanted, [], self.desk.beside(function))
-        self.state = State(_given(function, arguments), outer.kept, {}, outer.facts)
+        self.frame = CallFrame(name, len(arguments), wanted, [], self.context.beside(function))
+        self.state = PathState(_given(function, arguments), outer.kept, {}, outer.facts)
         results = self._followed(function, wanted)
         self.state, self.frame = replace(outer, kept=self.state.kept), around
         for name in self.frame.shared:
             self.names[name] = self.state.kept[GLOBAL, name]
         return results
 
-    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[Held, ...]:
+    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[SymbolicValue, ...]:
         """The results of a function whose frame and variables are those of the body by now."""
-        self.desk.calling.append(function)
+        self.context.calling.append(function)
         self.run(function.body)
-        self.desk.calling.pop()
+        self.context.calling.pop()
         self._keep()
         return tuple(self._results(function, wanted))
 
@@ -340,31 +356,31 @@ class Body:
         for name in self.frame.shared:
             self.state.kept[GLOBAL, name] = self.names[name]
 
-    def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[Held]:
+    def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[SymbolicValue]:
         for name in function.results[: max(wanted, 1)]:
             if name not in self.names:
-                yield Unclear(f"{function.name} gives {name} no value", f"Give {name} a value in every case.")
+                yield InvalidValue(f"{function.name} gives {name} no value", f"Give {name} a value in every case.")
             elif self._undefined(self.names[name]):
-                yield Unclear(
+                yield InvalidValue(
                     f"{function.name} gives {name} no value, or not in every case", f"Give {name} a value first."
                 )
             else:
                 held = self.names[name]
-                yield held if isinstance(held, Unclear) else self.read(name)
+                yield held if isinstance(held, InvalidValue) else self.read(name)
 
 
-def _given(function: m.FunctionDefinition, arguments: Sequence[Held]) -> dict[str, Held]:
+def _given(function: m.FunctionDefinition, arguments: Sequence[SymbolicValue]) -> dict[str, SymbolicValue]:
     names = list(function.parameters)
     if names[-1:] == ["varargin"]:
         fixed = len(names) - 1
         rest = tuple(arguments[fixed:])
-        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": Cells(rest, (1, len(rest)))}
+        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": SymbolicCell(rest, (1, len(rest)))}
     return dict(zip(names, arguments, strict=False))
 
 
 def _called(tree: m.Expression) -> str | None:
     """The name of the function that an expression calls, with its dots."""
-    way = way_of(tree.of if isinstance(tree, m.Call) else tree)
+    way = field_path(tree.of if isinstance(tree, m.Call) else tree)
     return ".".join(way) if way is not None else None
 
 
@@ -373,5 +389,5 @@ def _base(tree: m.Expression) -> str:
     while isinstance(tree, (m.Field, m.DynamicField, m.Call, m.CellIndex)):
         tree = tree.of
     if not isinstance(tree, m.Name):
-        raise CodeError("it assigns to what is no variable")
+        raise ProgramError("it assigns to what is no variable")
     return tree.name

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
-from kennfeld.models.simulink.variables.mask_scope import Variable, part_of
+from kennfeld.models.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
 
-__all__ = ["Declared"]
+__all__ = ["DeclaredParameters"]
 
 
-class Declared:
+class DeclaredParameters:
     """Parameters by name. `promoted` are fields of blocks, "Torque/Gain1:Gain", whose literals are parameters too.
 
     Variables of one name may hold other values in referenced models: each is a parameter of its own, the name itself
@@ -97,8 +97,8 @@ class Declared:
         if way[0] not in self.whole:
             return None
         try:
-            value = part_of(self.whole[way[0]].value, way)
-        except NoValueError:
+            value = nested_field(self.whole[way[0]].value, way)
+        except EvaluationError:
             return None
         return value if isinstance(value, np.ndarray) else None
 

@@ -11,7 +11,7 @@ from kennfeld.graph import CLOCK, Graph
 from kennfeld.models.formula import to_text
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import import_simulink
-from kennfeld.models.simulink.reader.model_tree import joined, split
+from kennfeld.models.simulink.reader.model_tree import join_path, split_path
 
 __all__ = ["write_formula"]
 
@@ -58,11 +58,11 @@ def write_formula(
 def _arranged(model: Model) -> tuple[Graph, dict[str, str]]:
     """The graph with its nodes in the order of their subsystems, under short names, and what stands above each."""
     graph = model.graph
-    ways = {name: split(model.places.get(name, "")) for name in graph.names}
+    ways = {name: split_path(model.places.get(name, "")) for name in graph.names}
     short = {name: _short(name, model.places.get(name, ""), ways[name]) for name in graph.names}
     uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
     new = {name: short[name] if uses[short[name]] == 1 else name for name in graph.names}
-    above = {name: "" if name in graph.outputs else joined(*ways[name][:-1]) for name in graph.names}
+    above = {name: "" if name in graph.outputs else join_path(*ways[name][:-1]) for name in graph.names}
     order = {heading: at for at, heading in enumerate(dict.fromkeys(["", *above.values()]))}
     names = sorted(graph.names, key=lambda name: order[above[name]])
     arranged = Graph(

@@ -4,9 +4,16 @@ from dataclasses import dataclass, field
 
 from kennfeld.errors import Finding
 
-__all__ = ["TYPES_LEFT", "Calibratable", "ImportReport", "Importable", "Quantity", "Unsupported"]
+__all__ = [
+    "TYPES_IGNORED",
+    "CalibratableParameter",
+    "ImportReport",
+    "ImportableSubsystem",
+    "Quantity",
+    "UnsupportedBlock",
+]
 
-TYPES_LEFT = "number types are left aside: all values are physical, in double precision"
+TYPES_IGNORED = "number types are left aside: all values are physical, in double precision"
 
 _LOOP = "Put a unit delay into the loop, or bind one of its blocks."
 
@@ -20,7 +27,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Calibratable:
+class CalibratableParameter:
     """A parameter: its kind, its size, the range of its values, its limits where it has some, where it comes from.
 
     `locked` says that its values stay unless they are asked for by name.
@@ -39,7 +46,7 @@ class Calibratable:
 
 
 @dataclass(frozen=True)
-class Unsupported:
+class UnsupportedBlock:
     """A block that could not be built. `stops` says whether an output of the model depends on it.
 
     `undefined` is the variable that nothing gives a value, where that is the reason.
@@ -48,19 +55,19 @@ class Unsupported:
     path: str
     type: str
     why: str
-    mend: str
+    remedy: str
     stops: bool
     undefined: str = ""
 
     @property
     def finding(self) -> Finding:
         """The same as a problem of the file."""
-        mend = self.mend or f'Bind it: bind = {{ "{self.path}" = "a channel or formula" }}.'
-        return Finding(self.path, self.why, mend)
+        remedy = self.remedy or f'Bind it: bind = {{ "{self.path}" = "a channel or formula" }}.'
+        return Finding(self.path, self.why, remedy)
 
 
 @dataclass(frozen=True)
-class Importable:
+class ImportableSubsystem:
     """A subsystem that can be imported by itself, with all of its blocks: how many, its inputs and its outputs."""
 
     path: str
@@ -83,7 +90,7 @@ class ImportReport:
 
     total: int
     supported: int
-    unsupported: tuple[Unsupported, ...]
+    unsupported: tuple[UnsupportedBlock, ...]
     loops: tuple[tuple[str, ...], ...]
     substitutions: tuple[str, ...]
     remarks: tuple[str, ...]
@@ -91,10 +98,10 @@ class ImportReport:
     frozen: dict[str, str]
     solver: str
     step: float | None
-    parameters: tuple[Calibratable, ...] = ()
+    parameters: tuple[CalibratableParameter, ...] = ()
     inputs: tuple[Quantity, ...] = ()
     outputs: tuple[Quantity, ...] = ()
-    subsystems: tuple[Importable, ...] = ()
+    subsystems: tuple[ImportableSubsystem, ...] = ()
     reasons: dict[str, str] = field(default_factory=dict)
     stopped: tuple[Finding, ...] = ()
 
@@ -112,7 +119,7 @@ class ImportReport:
     @property
     def told(self) -> tuple[str, ...]:
         """What somebody should know who calibrates the model."""
-        substitutions = (one for one in self.substitutions if one != TYPES_LEFT)
+        substitutions = (one for one in self.substitutions if one != TYPES_IGNORED)
         remarks = (one for one in self.remarks if not one.endswith("is passed over"))  # drawings of a script, and such
         return (*substitutions, *self.fixed, *remarks)
 
@@ -127,12 +134,12 @@ class ImportReport:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
 
     @property
-    def groups(self) -> tuple[tuple[Unsupported, ...], ...]:
+    def groups(self) -> tuple[tuple[UnsupportedBlock, ...], ...]:
         """The blocks that could not be built though their variables have values, by what stops them."""
-        found: dict[tuple[str, str, bool], list[Unsupported]] = {}
+        found: dict[tuple[str, str, bool], list[UnsupportedBlock]] = {}
         for one in self.unsupported:
             if not one.undefined:
-                found.setdefault((one.why, one.mend, one.stops), []).append(one)
+                found.setdefault((one.why, one.remedy, one.stops), []).append(one)
         return tuple(tuple(several) for several in found.values())
 
     @property
@@ -142,16 +149,20 @@ class ImportReport:
         return {name: tuple(one.path for one in self.unsupported if one.undefined == name) for name in names}
 
 
-def _together(several: tuple[Unsupported, ...]) -> Finding:
+def _together(several: tuple[UnsupportedBlock, ...]) -> Finding:
     """One problem of all blocks that the same thing stops."""
     first = several[0].finding
-    return first if len(several) == 1 else Finding(f"{first.place} and {len(several) - 1} more", first.what, first.mend)
+    return (
+        first
+        if len(several) == 1
+        else Finding(f"{first.place} and {len(several) - 1} more", first.message, first.remedy)
+    )
 
 
 def _valueless(name: str, paths: tuple[str, ...], why: str) -> Finding:
     who = f"{paths[0]} needs it" if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more need it"
-    mend = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
-    return Finding(f"variable {name}", f"has no value{f' ({why})' if why else ''}; {who}", mend)
+    remedy = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
+    return Finding(f"variable {name}", f"has no value{f' ({why})' if why else ''}; {who}", remedy)
 
 
 def _loop(loop: tuple[str, ...]) -> str:

@@ -9,15 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.errors import InputError
-from kennfeld.models.imperative.evaluation_errors import NoValueError
-from kennfeld.models.simulink.flattening.active_blocks import content
-from kennfeld.models.simulink.import_report import Importable, ImportReport
-from kennfeld.models.simulink.loaded_model import Opened
-from kennfeld.models.simulink.lowering.registry import KINDS
-from kennfeld.models.simulink.model_import import Work
-from kennfeld.models.simulink.reader.model_tree import Block, System, split
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.simulink.flattening.active_blocks import active_content
+from kennfeld.models.simulink.import_report import ImportableSubsystem, ImportReport
+from kennfeld.models.simulink.loaded_model import LoadedModel
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from kennfeld.models.simulink.model_import import ModelImport
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, System, split_path
 from kennfeld.models.simulink.variables.mask_scope import Scope
-from kennfeld.models.simulink.variables.model_variables import Given
+from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
 __all__ = ["inspect_simulink"]
 
@@ -32,7 +32,7 @@ _ENDED = "the search for subsystems that can be imported by themselves ended ear
 def inspect_simulink(
     path: str | Path,
     subsystem: str | None = None,
-    parameters: Iterable[Given] = (),
+    parameters: Iterable[ParameterSource] = (),
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
 ) -> ImportReport:
@@ -41,28 +41,28 @@ def inspect_simulink(
     The arguments are those of `simulink`. Raises `InputError` where the file cannot be read, or has more blocks than
     any model.
     """
-    opened = Opened.of(path, parameters, folders)
+    opened = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = opened.system(subsystem)
-    report = Work(opened, system, scope, opened.cuts(bind or {}, prefix)).inspected()
+    report = ModelImport(opened, system, scope, opened.cuts(bind or {}, prefix)).inspected()
     if report.whole:
         return report
-    search = _Search(opened, report, len(split(prefix)) if prefix else 0)
+    search = _SubsystemSearch(opened, report, len(split_path(prefix)) if prefix else 0)
     search.below(system, scope)
     found = sorted(search.found, key=lambda one: (-one.blocks, one.path))
     remarks = (*report.remarks, _ENDED) if search.ended else report.remarks
     return replace(report, subsystems=tuple(found[:_MOST]), remarks=remarks)
 
 
-class _Search:
+class _SubsystemSearch:
     """`left` are blocks and `asked` operations that the search may still build."""
 
-    def __init__(self, opened: Opened, report: ImportReport, depth: int) -> None:
+    def __init__(self, opened: LoadedModel, report: ImportReport, depth: int) -> None:
         self.opened, self.depth = opened, depth
         self.bad = {names for one in report.unsupported for names in _around(one.path)}
         self.bad |= {names for loop in report.loops for path in loop for names in _around(path)}
         self.left = _AGAIN * report.total + 1000
         self.asked = _MOST_ASKED
-        self.found: list[Importable] = []
+        self.found: list[ImportableSubsystem] = []
 
     def below(self, root: System, scope: Scope) -> None:
         """Look through the blocks of a system and all below them."""
@@ -72,7 +72,7 @@ class _Search:
             if block.system is None or not _is_plain(block):
                 continue
             inside = scope.inside(block, self.opened.models)
-            one = None if split(block.path)[self.depth :] in self.bad else self._tried(block, inside)
+            one = None if split_path(block.path)[self.depth :] in self.bad else self._tried(block, inside)
             if one is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
             elif one.blocks - len(one.inputs) - len(one.outputs) >= _SMALLEST:
@@ -83,19 +83,19 @@ class _Search:
         """Whether as much has been built as the search may."""
         return self.left <= 0 or self.asked <= _LEAST_ASKED
 
-    def _tried(self, block: Block, scope: Scope) -> Importable | None:
+    def _tried(self, block: ModelBlock, scope: Scope) -> ImportableSubsystem | None:
         """The subsystem as it is imported; None where it is not whole."""
         if block.system is None or not any(block.system.of("Outport")):
             return None
         try:
-            work = Work(self.opened, content(block, scope)[0], scope)
-        except (InputError, NoValueError):
+            work = ModelImport(self.opened, active_content(block, scope)[0], scope)
+        except (InputError, EvaluationError):
             return None
         self.left -= len(work.flat.atoms)
         work.most_asked = self.asked // 2  # what is too large leaves as much for what is within
         try:
-            weaver = work.woven()
-            report = work.report(weaver)
+            compiler = work.woven()
+            report = work.report(compiler)
         except InputError:
             return None
         finally:
@@ -103,16 +103,16 @@ class _Search:
         if not report.whole or report.unsupported:
             return None
         outputs = tuple(port.block.name for port in work.flat.outports)
-        return Importable(block.path, report.total, tuple(weaver.inputs), outputs)
+        return ImportableSubsystem(block.path, report.total, tuple(compiler.inputs), outputs)
 
 
 def _around(path: str) -> Iterator[tuple[str, ...]]:
     """The names along the ways to the systems around a block."""
-    names = split(path)
+    names = split_path(path)
     return (names[:count] for count in range(1, len(names) + 1))
 
 
-def _is_plain(block: Block) -> bool:
+def _is_plain(block: ModelBlock) -> bool:
     """Whether a block is a subsystem by what is drawn in it."""
     drawn = (block.value("SFBlockType") or "NONE") == "NONE" and block.chart is None
-    return drawn and (block.mask is None or block.mask.type not in KINDS)
+    return drawn and (block.mask is None or block.mask.type not in BLOCK_TYPES)

@@ -7,55 +7,57 @@ from types import MappingProxyType
 
 from kennfeld.errors import InputError
 from kennfeld.formatting import nearest
-from kennfeld.models.imperative.evaluation_errors import NoValueError
-from kennfeld.models.simulink.flattening.active_blocks import content
-from kennfeld.models.simulink.flattening.flat_model import Flat
-from kennfeld.models.simulink.flattening.flatten import flatten, single
-from kennfeld.models.simulink.lowering.registry import named_by_masks, opaque
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.simulink.flattening.active_blocks import active_content
+from kennfeld.models.simulink.flattening.flat_model import FlatModel
+from kennfeld.models.simulink.flattening.flatten import flatten, standalone_system
+from kennfeld.models.simulink.lowering.registry import maskable_types, opaque_mask_types
 from kennfeld.models.simulink.reader.document import read_document
-from kennfeld.models.simulink.reader.library_links import Libraries
-from kennfeld.models.simulink.reader.model_tree import Block, Document, System, joined, split
+from kennfeld.models.simulink.reader.library_links import LibraryResolver
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, ModelDocument, System, join_path, split_path
 from kennfeld.models.simulink.variables.m_files import FunctionFiles
-from kennfeld.models.simulink.variables.mask_scope import Scope, Variable, Variables
-from kennfeld.models.simulink.variables.model_variables import Given, asked, variables_of
+from kennfeld.models.simulink.variables.mask_scope import Scope, Variable, VariableTable
+from kennfeld.models.simulink.variables.model_variables import ParameterSource, collect_variables, model_properties
 
-__all__ = ["Opened"]
+__all__ = ["LoadedModel"]
 
 
 @dataclass(frozen=True)
-class Opened:
+class LoadedModel:
     """A file that has been read, its links followed.
 
     `models` are the names that referenced models see, `files` the functions beside it that code may call.
     """
 
     path: Path
-    document: Document
-    variables: Variables
+    document: ModelDocument
+    variables: VariableTable
     models: Mapping[str, Scope]
     remarks: tuple[str, ...]
     files: FunctionFiles
 
     @staticmethod
-    def of(path: str | Path, parameters: Iterable[Given] = (), folders: Iterable[str | Path] = ()) -> "Opened":
+    def of(
+        path: str | Path, parameters: Iterable[ParameterSource] = (), folders: Iterable[str | Path] = ()
+    ) -> "LoadedModel":
         """The file, with values for its variables; raises `InputError` where it cannot be read."""
         parameters, folders = tuple(parameters), tuple(folders)
-        resolved = Libraries(folders).resolve(read_document(path))
+        resolved = LibraryResolver(folders).resolve(read_document(path))
         document = resolved.document
-        variables = variables_of(document, parameters)
+        variables = collect_variables(document, parameters)
         models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
-        variables.update(asked(document, variables))
+        variables.update(model_properties(document, variables))
         named = [Path(one) for one in parameters if isinstance(one, str | Path)]
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
-        return Opened(Path(path), document, variables, models, remarks, files)
+        return LoadedModel(Path(path), document, variables, models, remarks, files)
 
     def cuts(self, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
         """The formulas of cut blocks by their paths within the imported system, which `prefix` leads to."""
         for key, text in bind.items():
             if not key.strip() or not text.strip():
-                what = f'"{key}" = "{text}" is empty'
-                raise InputError.of(f"{self.path.name} bind", what, 'Write "path" = "channel or formula".')
+                message = f'"{key}" = "{text}" is empty'
+                raise InputError.of(f"{self.path.name} bind", message, 'Write "path" = "channel or formula".')
         return {_within(key, prefix): text for key, text in bind.items()}
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
@@ -63,22 +65,22 @@ class Opened:
         document, scope = self.document, Scope(self.variables)
         if not subsystem:
             return document.root, scope, ""
-        system, names = document.root, split(subsystem)
+        system, names = document.root, split_path(subsystem)
         names = names[1:] if names and names[0] == document.name and names[0] not in system.by_name else names
-        block: Block | None = None
+        block: ModelBlock | None = None
         for name in names:
             block = system.by_name.get(name)
             if block is None or block.system is None:
                 known = [b.path for b in document.root.every() if b.system is not None]
-                mend = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
-                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", mend)
+                remedy = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
+                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", remedy)
             if block.chart is not None:
-                return single(block, block.system), scope, joined(*names[:-1])
+                return standalone_system(block, block.system), scope, join_path(*names[:-1])
             scope, system = scope.inside(block, self.models), block.system
         assert block is not None
         try:
-            return content(block, scope)[0], scope, block.path
-        except NoValueError as error:
+            return active_content(block, scope)[0], scope, block.path
+        except EvaluationError as error:
             raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
 
     def flat(
@@ -87,10 +89,10 @@ class Opened:
         scope: Scope,
         cuts: Mapping[str, str] = MappingProxyType({}),
         counts: Mapping[str, int] = MappingProxyType({}),
-    ) -> Flat:
+    ) -> FlatModel:
         """The blocks of one of its systems; raises `InputError` where there are too many."""
         try:
-            return flatten(system, scope, cuts, opaque(), self.models, named_by_masks(), counts)
+            return flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
         except OverflowError as error:
             raise InputError.of(self.path.name, str(error)) from None
 
@@ -99,10 +101,10 @@ def _within(key: str, prefix: str) -> str:
     return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
-def _seen(document: Document, around: Variables) -> dict[str, Variable]:
+def _seen(document: ModelDocument, around: VariableTable) -> dict[str, Variable]:
     """The names that a referenced model sees: its own, then those of the model around it.
 
     Values of calibration files go over its own where the model around it has no variable of that name.
     """
-    own = variables_of(document, (around.strangers,))
-    return {**around, **own, **asked(document, own)}
+    own = collect_variables(document, (around.strangers,))
+    return {**around, **own, **model_properties(document, own)}

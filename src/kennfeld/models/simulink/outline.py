@@ -9,12 +9,12 @@ from typing import Any
 from kennfeld.errors import Finding, InputError
 from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.document import read_document
-from kennfeld.models.simulink.reader.library_links import Libraries, Resolved, is_of_simulink
-from kennfeld.models.simulink.reader.model_tree import Block, Document, Solver, System
+from kennfeld.models.simulink.reader.library_links import LibraryResolver, ResolvedModel, is_of_simulink
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, ModelDocument, StoredSolver, System
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.models.simulink.variables.stored_variables import workspace_variables
 
-__all__ = ["Connection", "DataSource", "Outline", "Subsystem", "outline"]
+__all__ = ["ModelOutline", "summarize_model"]
 
 _CONTROLS = {
     "EnablePort": "enabled",
@@ -48,7 +48,7 @@ class Subsystem:
 
 
 @dataclass(frozen=True)
-class Connection:
+class ExternalReference:
     """A library block or model that is referred to: how often, and the file it comes from."""
 
     source: str
@@ -67,7 +67,7 @@ class DataSource:
 
 
 @dataclass(frozen=True)
-class Outline:
+class ModelOutline:
     """A Simulink file at a glance; `problems` are what `Libraries.resolve` and the dictionaries had to say.
 
     `blocks` counts by type, in falling order, with the content of libraries and referenced models that were found.
@@ -81,10 +81,10 @@ class Outline:
     outputs: tuple[Port, ...]
     blocks: Mapping[str, int]
     subsystems: tuple[Subsystem, ...]
-    solver: Solver
+    solver: StoredSolver
     charts: tuple[tuple[str, str, int, int], ...]
     functions: tuple[tuple[str, int], ...]
-    connections: tuple[Connection, ...]
+    connections: tuple[ExternalReference, ...]
     sources: tuple[DataSource, ...]
     problems: tuple[Finding, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -97,17 +97,17 @@ class Outline:
         return asdict(self) | {"charts": charts, "functions": functions, "problems": problems}
 
 
-def outline(path: str | Path, folders: Iterable[str | Path] = ()) -> Outline:
+def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> ModelOutline:
     """The outline of a `.slx` or `.mdl` file; libraries, models and dictionaries are looked for beside it.
 
     `folders` are further places to look for libraries. Raises `InputError` where the file itself cannot be read; what
     is wrong with files it refers to is among the problems.
     """
     document = read_document(path)
-    resolved = Libraries(folders).resolve(document)
+    resolved = LibraryResolver(folders).resolve(document)
     sources, further = _sources(document)
     root, every = resolved.document.root, list(resolved.document.root.every())
-    return Outline(
+    return ModelOutline(
         file=document.path.name,
         name=document.name,
         kind=document.kind,
@@ -132,12 +132,12 @@ def _ports(system: System, kind: str) -> tuple[Port, ...]:
     return tuple(Port(block.name, _unit(block)) for block in found)
 
 
-def _unit(block: Block) -> str:
+def _unit(block: ModelBlock) -> str:
     unit = block.value("Unit") or ""
     return "" if unit == "inherit" else unit
 
 
-def _subsystem(block: Block, system: System) -> Subsystem:
+def _subsystem(block: ModelBlock, system: System) -> Subsystem:
     words = [block.value("SFBlockType") or "", "masked" if block.mask is not None else ""]
     words += ["model" if block.model else "", "atomic" if block.value("TreatAsAtomicUnit") == "on" else ""]
     words += [_CONTROLS[inner.type] for inner in system.blocks if inner.type in _CONTROLS]
@@ -149,13 +149,13 @@ def _names(system: System, kind: str) -> tuple[str, ...]:
     return tuple(port.name for port in _ports(system, kind))
 
 
-def _charts(blocks: Iterable[Block]) -> Iterator[tuple[str, str, int, int]]:
+def _charts(blocks: Iterable[ModelBlock]) -> Iterator[tuple[str, str, int, int]]:
     for block in blocks:
         if block.chart is not None and not block.script:
             yield block.path, block.chart.kind, len(block.chart.states), len(block.chart.transitions)
 
 
-def _connections(resolved: Resolved) -> Iterator[Connection]:
+def _connections(resolved: ResolvedModel) -> Iterator[ExternalReference]:
     """The links by what they lead to."""
     counts: Counter[tuple[str, str]] = Counter()
     for block in resolved.document.root.every():
@@ -166,10 +166,10 @@ def _connections(resolved: Resolved) -> Iterator[Connection]:
         if block.elsewhere:
             counts[block.elsewhere, "subsystem"] += 1
     for (source, kind), count in counts.most_common():
-        yield Connection(source, kind, count, _found(source, kind, resolved))
+        yield ExternalReference(source, kind, count, _found(source, kind, resolved))
 
 
-def _found(source: str, kind: str, resolved: Resolved) -> str:
+def _found(source: str, kind: str, resolved: ResolvedModel) -> str:
     alone = kind in ("model", "subsystem")
     if not alone and is_of_simulink(source):
         return _OF_SIMULINK
@@ -177,7 +177,7 @@ def _found(source: str, kind: str, resolved: Resolved) -> str:
     return resolved.files[name].name if name in resolved.files and source not in resolved.missing else _MISSING
 
 
-def _sources(document: Document) -> tuple[list[DataSource], list[Finding]]:
+def _sources(document: ModelDocument) -> tuple[list[DataSource], list[Finding]]:
     problems: list[Finding] = []
     dictionaries = [_dictionary(document, name, problems) for name in document.dictionaries]
     found = [*_workspace(document), *_callbacks(document), *dictionaries]
@@ -187,7 +187,7 @@ def _sources(document: Document) -> tuple[list[DataSource], list[Finding]]:
     return found, problems
 
 
-def _workspace(document: Document) -> Iterator[DataSource]:
+def _workspace(document: ModelDocument) -> Iterator[DataSource]:
     workspace = document.workspace
     if workspace.kind == "m-code":
         yield DataSource("model workspace", "MATLAB code", _first_line(workspace.text))
@@ -200,12 +200,12 @@ def _workspace(document: Document) -> Iterator[DataSource]:
         yield DataSource("model workspace", "in the file", f"{len(data.entries)} variables{unread}")
 
 
-def _callbacks(document: Document) -> Iterator[DataSource]:
+def _callbacks(document: ModelDocument) -> Iterator[DataSource]:
     for name, code in document.callbacks.items():
         yield DataSource("callback", name, _first_line(code))
 
 
-def _dictionary(document: Document, name: str, problems: list[Finding]) -> DataSource:
+def _dictionary(document: ModelDocument, name: str, problems: list[Finding]) -> DataSource:
     path = document.path.parent / name
     if Path(name).name != name or not path.is_file():
         return DataSource("data dictionary", name, _MISSING)

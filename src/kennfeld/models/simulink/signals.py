@@ -10,21 +10,21 @@ from typing import TypeAlias
 
 import numpy as np
 
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes
 
 __all__ = [
     "CONSTANT",
     "CONTINUOUS",
     "Bus",
-    "OpenBus",
+    "ExternalBus",
     "Signal",
-    "Wired",
+    "SignalOrBus",
     "as_vector",
     "common_shape",
-    "fastest",
-    "leaves",
-    "resized",
+    "fastest_sample_time",
+    "fit_to_shape",
+    "leaf_signals",
     "scalar",
 ]
 
@@ -74,7 +74,7 @@ def scalar(node: int, period: float = CONTINUOUS) -> Signal:
 class Bus:
     """Named signals, in the order of the bus."""
 
-    members: Mapping[str, "Wired"] = field(default_factory=dict)
+    members: Mapping[str, "SignalOrBus"] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
@@ -84,19 +84,19 @@ class Bus:
     @property
     def period(self) -> float:
         """The shortest sample time of its signals."""
-        return fastest(member.period for member in self.members.values())
+        return fastest_sample_time(member.period for member in self.members.values())
 
-    def member(self, name: str) -> "Wired | None":
+    def member(self, name: str) -> "SignalOrBus | None":
         """The signal or bus of a name; None where there is none."""
         return self.members.get(name)
 
-    def assigned(self, name: str, new: "Wired") -> "Bus":
+    def assigned(self, name: str, new: "SignalOrBus") -> "Bus":
         """The bus with one of its signals replaced."""
         return replace(self, members={**self.members, name: new})
 
 
 @dataclass(frozen=True, eq=False)
-class OpenBus(Bus):
+class ExternalBus(Bus):
     """A bus from outside, of which only those signals are known that something picks: each is an input of its own.
 
     `name` is the way to it, "engine.speed"; `node` gives the node of an input. `members` are those that were replaced.
@@ -116,29 +116,29 @@ class OpenBus(Bus):
         """The scalar signal that it is where nothing is picked of it."""
         return Signal(np.array([self.node(self.name)], dtype=np.int64))
 
-    def member(self, name: str) -> "Wired":
+    def member(self, name: str) -> "SignalOrBus":
         """The signal of a name, which may be a bus again."""
-        return self.members.get(name) or OpenBus(name=f"{self.name}.{name}", node=self.node)
+        return self.members.get(name) or ExternalBus(name=f"{self.name}.{name}", node=self.node)
 
 
-Wired: TypeAlias = Signal | Bus
+SignalOrBus: TypeAlias = Signal | Bus
 
 
-def leaves(wired: Wired, name: str = "") -> Iterator[tuple[str, Signal]]:
+def leaf_signals(wired: SignalOrBus, name: str = "") -> Iterator[tuple[str, Signal]]:
     """The signals of a bus with their names along the way, `a.b`; a signal alone has the given name."""
-    if isinstance(wired, OpenBus):
+    if isinstance(wired, ExternalBus):
         wired = wired.signal
     if isinstance(wired, Signal):
         yield name, wired
         return
     for key, member in wired.members.items():
-        yield from leaves(member, f"{name}.{key}" if name else key)
+        yield from leaf_signals(member, f"{name}.{key}" if name else key)
 
 
-def fastest(periods: "Iterator[float] | list[float]") -> float:
+def fastest_sample_time(periods: "Iterator[float] | list[float]") -> float:
     """The sample time of what is computed from signals of these sample times.
 
-    >>> fastest([0.1, float("inf"), 0.5]), fastest([])
+    >>> fastest_sample_time([0.1, float("inf"), 0.5]), fastest_sample_time([])
     (0.1, inf)
     """
     return min(periods, default=CONSTANT)
@@ -163,7 +163,7 @@ def as_vector(nodes: Nodes) -> Nodes:
     return nodes.ravel() if nodes.ndim == 2 and 1 in nodes.shape else nodes
 
 
-def resized(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
+def fit_to_shape(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
     """Nodes in a shape that they fit: a scalar everywhere, a vector as a row or column.
 
     Raises `NoValueError` where they do not fit it.
@@ -172,5 +172,5 @@ def resized(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
         return nodes
     if nodes.size not in (1, math.prod(shape)):
         wanted = "x".join(map(str, shape))
-        raise NoValueError(f"{nodes.size} values stand where its signal has the size {wanted}")
+        raise EvaluationError(f"{nodes.size} values stand where its signal has the size {wanted}")
     return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)

@@ -3,18 +3,23 @@
 import math
 from collections.abc import Sequence
 
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
-from kennfeld.models.simulink.flattening.flat_model import Atom
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering.continuous_states import SOLVERS
-from kennfeld.models.simulink.lowering.registry import KINDS
-from kennfeld.models.simulink.lowering.scheduling import IN_TIME, Clock, common_step, stated_rate
-from kennfeld.models.simulink.reader.model_tree import Solver
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from kennfeld.models.simulink.lowering.scheduling import (
+    CONTINUOUS_BLOCK_TYPES,
+    ModelClock,
+    common_step,
+    explicit_sample_time,
+)
+from kennfeld.models.simulink.reader.model_tree import StoredSolver
 from kennfeld.models.simulink.signals import CONSTANT
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["Stepping"]
+__all__ = ["SolverSelection"]
 
 _FIXED = {*SOLVERS, "ode8", "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
@@ -23,7 +28,7 @@ _LEAST_SHARE = 1e-4  # of the shortest sample time, for a step that hits all of 
 _CONTROLLERS = ("PID 1dof", "PID Controller", "PID Controller (with Approximate Derivative)", "PID 2dof")
 
 
-class Stepping:
+class SolverSelection:
     """The `solver` and the `clock` of blocks whose model has these settings; `scope` is what the settings see.
 
     `replaced` says whether another solver takes the place of the model's. `substitutions` say what takes the place of
@@ -31,7 +36,9 @@ class Stepping:
     step, which a step of the user's own makes void.
     """
 
-    def __init__(self, settings: Solver, atoms: Sequence[Atom], expressions: Expressions, scope: Scope) -> None:
+    def __init__(
+        self, settings: StoredSolver, atoms: Sequence[FlatBlock], expressions: Expressions, scope: Scope
+    ) -> None:
         self.settings = settings
         self.expressions = expressions
         self.scope = scope
@@ -50,7 +57,7 @@ class Stepping:
         step = self._fixed_step(periods, continuous) if fixed else self._common(periods)
         if step is not None and not fixed:
             self._instead(f"a variable step -> {step:g} s, the longest that hits all sample times")
-        self.clock = Clock(step, continuous, _TASKS.get(settings.tasks) if fixed else False)
+        self.clock = ModelClock(step, continuous, _TASKS.get(settings.tasks) if fixed else False)
 
     def _replace_solver(self, fixed: bool) -> None:
         """Say that another solver takes the place of the model's."""
@@ -87,26 +94,26 @@ class Stepping:
     def _number(self, text: str) -> float | None:
         try:
             found = self.expressions.numbers(text, self.scope)
-        except NoValueError:
+        except EvaluationError:
             self.remarks.append(f"the solver's setting {text[:60]} has no value")
             return None
         return float(found.item()) if found.size == 1 else None
 
 
-def _is_continuous(atom: Atom) -> bool:
+def _is_continuous(atom: FlatBlock) -> bool:
     """Whether a block has continuous states; a controller says so itself."""
-    known = atom.kind in IN_TIME or atom.kind in _CONTROLLERS
+    known = atom.kind in CONTINUOUS_BLOCK_TYPES or atom.kind in _CONTROLLERS
     return known and atom.block.value("TimeDomain") != "Discrete-time"
 
 
-def _periods(atoms: Sequence[Atom], expressions: Expressions) -> list[float]:
+def _periods(atoms: Sequence[FlatBlock], expressions: Expressions) -> list[float]:
     """All sample times that blocks state, and the times between which pulses change."""
     found: list[float] = []
     for atom in atoms:
         try:
-            rate = stated_rate(atom, expressions, KINDS.get(atom.kind))
+            rate = explicit_sample_time(atom, expressions, BLOCK_TYPES.get(atom.kind))
             found += [rate.period, rate.offset] if rate is not None else []
             found += blocks.sources.pulse_times(atom, expressions)
-        except NoValueError:
+        except EvaluationError:
             continue
     return [period for period in found if 0 < period < CONSTANT]

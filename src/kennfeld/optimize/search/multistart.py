@@ -9,18 +9,25 @@ import numpy as np
 
 from kennfeld.arrays import Float, silent
 from kennfeld.errors import Finding, InputError
-from kennfeld.free_axes import labelled
+from kennfeld.free_axes import breakpoints_by_name
 from kennfeld.optimize import fit
-from kennfeld.optimize.fit import Run
+from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem, bounded
+from kennfeld.optimize.problem import Problem, bound_time_constants
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.result import Keep, Progress, Result, Saved, Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.start_runner import STOPPED, Begin, Climb, Climber, holding, not_begun
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.search.start_runner import (
+    STOPPED,
+    StartOutcome,
+    StartPoint,
+    StartRunner,
+    skipped_start,
+    with_values,
+)
 from kennfeld.optimize.search.starts import distance, drawn_start
-from kennfeld.optimize.search.step_problem import unusable, whole
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Status
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, Status
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.threads import blas_threads
 
 __all__ = ["run"]
@@ -34,8 +41,8 @@ def run(
     progress: Progress | None = None,
     seconds: Seconds | None = None,
     *,
-    keep: Keep | None = None,
-    resumed: Mapping[int, Saved] | None = None,
+    keep: CheckpointSink | None = None,
+    resumed: Mapping[int, Checkpoint] | None = None,
 ) -> Result:
     """Calibrate. `progress` hears of every accepted step and may raise `Stop`.
 
@@ -52,14 +59,16 @@ def _run(
     options: Options,
     progress: Progress | None,
     seconds: Seconds,
-    keep: Keep | None,
-    resumed: Mapping[int, Saved] | None,
+    keep: CheckpointSink | None,
+    resumed: Mapping[int, Checkpoint] | None,
 ) -> Result:
-    problem = bounded(problem)
+    problem = bound_time_constants(problem)
     if problem.unknown_shifts or problem.automatic_names:
-        from kennfeld.optimize.tuning.automatic_settings import decided  # only here: many runs have nothing to decide
+        from kennfeld.optimize.tuning.automatic_settings import (
+            resolve_automatic,  # only here: many runs have nothing to decide
+        )
 
-        return decided(
+        return resolve_automatic(
             problem,
             options,
             progress,
@@ -69,7 +78,7 @@ def _run(
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
         result = fit.run(problem, options, progress, seconds)
         return replace(result, starts=(_row(result),))
-    findings = unusable(problem, options.steps)
+    findings = check_steps(problem, options.steps)
     if findings:
         raise InputError(findings)
     return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
@@ -89,15 +98,15 @@ class _Multistart:
         problem: Problem,
         options: Options,
         progress: Progress | None,
-        keep: Keep | None,
-        resumed: Mapping[int, Saved],
+        keep: CheckpointSink | None,
+        resumed: Mapping[int, Checkpoint],
     ) -> None:
         self.problem, self.options, self.progress, self.keep = problem, options, progress, keep
         self.resumed = resumed
-        self.whole = whole(problem, options.steps)
+        self.whole = sequence_problem(problem, options.steps)
         self.workers = min(options.workers or _cores(), options.starts)
         self.trace: list[TraceLine] = []
-        self.climbs: dict[int, Climb] = {}
+        self.climbs: dict[int, StartOutcome] = {}
         self.went_on: list[str] = []
         self.alone = False  # although several processes were wanted
         self.began = time.perf_counter()
@@ -105,7 +114,7 @@ class _Multistart:
     def result(self, seconds: Seconds) -> Result:
         elsewhere = self.workers > 1 or bool(self.options.steps)
         options = replace(self.options, continuation="off") if elsewhere else self.options
-        ready = Run(self.whole, options, None, seconds)
+        ready = FitRun(self.whole, options, None, seconds)
         with blas_threads(ready.exact.values.free):
             result = ready.result(lambda start, limits: self._search(ready, start, limits))
         if not self.climbs:  # the limits contradict each other
@@ -121,9 +130,9 @@ class _Multistart:
             smoothness={name: dict(factors) for name, factors in best.smoothness.items()},
         )
 
-    def _search(self, ready: Run, start: Float, limits: Limits) -> Descent:
+    def _search(self, ready: FitRun, start: Float, limits: LinearLimits) -> SolverResult:
         """The best end of all starts, as values of the whole problem."""
-        climber = Climber(self.problem, self.options, ready)
+        climber = StartRunner(self.problem, self.options, ready)
         begins = list(self._begins(climber, self._off_saddle(ready, start, limits)))
         if self.workers > 1 and len(begins) > 1:
             from kennfeld.optimize.search.worker_pool import climb_in_parallel
@@ -136,12 +145,12 @@ class _Multistart:
         if not self.trace and all(climb.row.status == "stopped" for climb in self.climbs.values()):
             raise KeyboardInterrupt  # there is nothing to keep yet
         best = self._best()
-        packed = ready.exact.values.pack(holding(self.whole.parameters, best.values))[: start.size]
+        packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
         held, _ = project(packed, limits)
         values = packed if held is None else held
-        return Descent(values, ready.objective.cost(values), *self._words(best), *self._effort())
+        return SolverResult(values, ready.objective.cost(values), *self._words(best), *self._effort())
 
-    def _off_saddle(self, ready: Run, start: Float, limits: Limits) -> Mapping[str, Float]:
+    def _off_saddle(self, ready: FitRun, start: Float, limits: LinearLimits) -> Mapping[str, Float]:
         """The values of the first start where the given ones could not move; empty where they can.
 
         A step that fits a part of the values would not see what the others could do to them.
@@ -152,24 +161,24 @@ class _Multistart:
         parameters = ready.parameters(start)
         return {name: np.asarray(parameters[name].values) for name in ready.problem.free_names}
 
-    def _begins(self, climber: Climber, first: Mapping[str, Float]) -> Iterator[Begin]:
+    def _begins(self, climber: StartRunner, first: Mapping[str, Float]) -> Iterator[StartPoint]:
         """Where the starts begin that have not come to their end yet; `first` replaces values of the given start."""
         for number in range(1, self.options.starts + 1):
             drawn = drawn_start(self.whole, number, self.options.seed, self.options.spread)
             saved = self.resumed.get(number)
             if saved is None:
-                yield Begin(number, {**drawn, **first} if number == 1 else drawn, drawn)
+                yield StartPoint(number, {**drawn, **first} if number == 1 else drawn, drawn)
                 continue
             values = self._saved_values(saved, drawn)
             self.went_on.append(saved.name or f"start {number}, iteration {saved.iteration}")
             row, last = saved.ended, len(climber.steps)
             done = row is not None and row.status == "converged" and _same(climber.cost(values), row.cost_after)
             if row is not None and done and saved.step >= last:
-                self.climbs[number] = Climb(row, values)
+                self.climbs[number] = StartOutcome(row, values)
             else:
-                yield Begin(number, values, drawn, min(saved.step + done, last), saved.iteration)
+                yield StartPoint(number, values, drawn, min(saved.step + done, last), saved.iteration)
 
-    def _saved_values(self, saved: Saved, drawn: Mapping[str, Float]) -> dict[str, Float]:
+    def _saved_values(self, saved: Checkpoint, drawn: Mapping[str, Float]) -> dict[str, Float]:
         """The values to go on from; locked ones are those of the problem."""
         found, findings = {}, []
         for name, own in drawn.items():
@@ -184,7 +193,7 @@ class _Multistart:
         if findings:
             raise InputError(findings)
         axes = self.whole.free_axes.items()
-        own_points = labelled({key: axis.axis.breakpoints for key, axis in axes})
+        own_points = breakpoints_by_name({key: axis.axis.breakpoints for key, axis in axes})
         moved = {n: v for n, v in saved.values.items() if n in own_points and v.shape == own_points[n].shape}
         return found | moved
 
@@ -194,15 +203,15 @@ class _Multistart:
         if self.progress is not None:
             self.progress(line)
 
-    def _save(self, saved: Saved) -> None:
+    def _save(self, saved: Checkpoint) -> None:
         if self.keep is not None and self.options.save_every:
             self.keep(saved)
 
-    def _best(self) -> Climb:
+    def _best(self) -> StartOutcome:
         """The end of the lowest cost; of equal ones the first."""
         return min((climb for _, climb in sorted(self.climbs.items())), key=_rank)
 
-    def _words(self, best: Climb) -> tuple[Status, str]:
+    def _words(self, best: StartOutcome) -> tuple[Status, str]:
         """Status and message of all starts together."""
         rows = [climb.row for climb in self.climbs.values()]
         stopped = any(row.status == "stopped" for row in rows)
@@ -221,16 +230,18 @@ class _Multistart:
         return sum(row.iterations for row in rows), sum(row.evaluations for row in rows)
 
 
-def _climb_in_turn(climber: Climber, begins: Sequence[Begin], progress: Progress, keep: Keep) -> list[Climb]:
+def _climb_in_turn(
+    climber: StartRunner, begins: Sequence[StartPoint], progress: Progress, keep: CheckpointSink
+) -> list[StartOutcome]:
     """The ends of all starts, one after the other; none begins after a request to stop."""
-    ends: list[Climb] = []
+    ends: list[StartOutcome] = []
     for begin in begins:
         stopped = bool(ends) and ends[-1].row.status == "stopped"
-        ends.append(not_begun(begin) if stopped else climber.climb(begin, progress, keep))
+        ends.append(skipped_start(begin) if stopped else climber.climb(begin, progress, keep))
     return ends
 
 
-def _rank(climb: Climb) -> float:
+def _rank(climb: StartOutcome) -> float:
     cost = climb.row.cost_after
     return cost if np.isfinite(cost) and climb.row.status != "infeasible" else np.inf
 

@@ -12,17 +12,17 @@ from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.criteria import Criterion
 from kennfeld.errors import Finding
 from kennfeld.formatting import nearest
-from kennfeld.free_axes import standing as axes_standing
+from kennfeld.free_axes import with_fixed_axes as axes_standing
 from kennfeld.optimize.linear_limits import grid_points
 from kennfeld.optimize.options import Step, matching
 from kennfeld.optimize.problem import Problem, Smoothness
-from kennfeld.optimize.validation import left_behind
+from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.parameters import Parameter
 
-__all__ = ["standing", "stepped", "unusable", "whole"]
+__all__ = ["check_steps", "sequence_problem", "step_problem", "with_fixed_limits"]
 
 
-def stepped(problem: Problem, step: Step) -> Problem:
+def step_problem(problem: Problem, step: Step) -> Problem:
     """The problem of one step, on the full grid; `standing` adapts its pins and other linear limits."""
     free = problem.free if step.free is None else tuple(step.free)
     return replace(
@@ -34,7 +34,7 @@ def stepped(problem: Problem, step: Step) -> Problem:
     )
 
 
-def standing(problem: Problem) -> Problem:
+def with_fixed_limits(problem: Problem) -> Problem:
     """The problem with the linear limits on what is free alone, the other parameters standing as they are."""
     free, used = problem.free_names, problem.model.graph.parameters
 
@@ -60,14 +60,14 @@ def _value(parameter: Parameter, term: Term) -> float:
     return term.factor * float(weights @ parameter.values.ravel()[columns])
 
 
-def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
+def sequence_problem(problem: Problem, steps: Sequence[Step]) -> Problem:
     """The problem with everything free that any step may change, by which a sequence is judged.
 
     Breakpoints on whose axis a table is never fitted stand still.
     """
     if not steps:
         return problem
-    variants = [stepped(problem, step) for step in steps]
+    variants = [step_problem(problem, step) for step in steps]
     names = dict.fromkeys(name for variant in variants for name in variant.free_names)
     held = [
         problem.parameters[name].changed(
@@ -77,8 +77,8 @@ def whole(problem: Problem, steps: Sequence[Step]) -> Problem:
     ]
     free = tuple(escape(name) for name in names)
     made = replace(problem, free=free, parameters=problem.parameters.with_parameters(*held))
-    never = [key for key, axis in made.free_axes.items() if left_behind({key: axis}, made.free_names)]
-    return standing(replace(made, parameters=axes_standing(made.parameters, never)))
+    never = [key for key, axis in made.free_axes.items() if check_shared_axes({key: axis}, made.free_names)]
+    return with_fixed_limits(replace(made, parameters=axes_standing(made.parameters, never)))
 
 
 def _locked(problem: Problem, step: Step) -> list[Parameter]:
@@ -117,11 +117,11 @@ def _active(
     return tuple(c for c in found if c.weight > 0)
 
 
-def unusable(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
+def check_steps(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
     """What in a sequence does not fit the problem."""
     if not steps:
         return []
-    found = left_behind(problem.free_axes, problem.free_names)
+    found = check_shared_axes(problem.free_axes, problem.free_names)
     return found + [f for place, step in enumerate(steps, 1) for f in _Checking(problem, step, place).findings()]
 
 
@@ -148,8 +148,8 @@ class _Checking:
             self._purpose()
         return self.found
 
-    def _report(self, key: str, what: str, mend: str = "") -> None:
-        self.found.append(Finding(f"{self.place} {key}".strip(), what, mend))
+    def _report(self, key: str, message: str, remedy: str = "") -> None:
+        self.found.append(Finding(f"{self.place} {key}".strip(), message, remedy))
 
     def _patterns(self, key: str, patterns: Iterable[str], names: Collection[str], which: str = "") -> None:
         for pattern in patterns:
@@ -181,15 +181,15 @@ class _Checking:
                         "criteria", f"there is no criterion {key}", f"They are counted from 1 to {len(nodes)}."
                     )
             elif key not in nodes:
-                mend = nearest(key, nodes) or f"The criteria are on {', '.join(nodes)}."
-                self._report("criteria", f"there is no criterion on {key}", mend)
+                remedy = nearest(key, nodes) or f"The criteria are on {', '.join(nodes)}."
+                self._report("criteria", f"there is no criterion on {key}", remedy)
         for key, weight in given.items() if isinstance(given, Mapping) else ():
             if not 0 <= weight < np.inf:
                 self._report(f"criteria {key}", f"the weight {weight} must be a number from 0 on")
 
     def _purpose(self) -> None:
         """Whether anything is left to fit, and something to fit it to."""
-        made = stepped(self.problem, self.step)
+        made = step_problem(self.problem, self.step)
         if not made.criteria:
             self._report("criteria", "no criterion has a weight above 0", "Name at least one.")
         if not made.free_names:

@@ -26,8 +26,8 @@ from kennfeld.arrays import silent
 from kennfeld.errors import InputError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Keep, Progress, Saved, StartResult, TraceLine
-from kennfeld.optimize.search.start_runner import Begin, Climb, Climber, not_begun
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, StartResult, TraceLine
+from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, skipped_start
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 
 __all__ = ["climb_in_parallel"]
@@ -38,8 +38,13 @@ COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.optimize.search.wor
 
 
 def climb_in_parallel(
-    problem: Problem, options: Options, begins: Sequence[Begin], workers: int, progress: Progress, keep: Keep
-) -> list[Climb]:
+    problem: Problem,
+    options: Options,
+    begins: Sequence[StartPoint],
+    workers: int,
+    progress: Progress,
+    keep: CheckpointSink,
+) -> list[StartOutcome]:
     """The ends of the starts, in the order in which they came; without those that no worker could take.
 
     `progress` and `keep` are called in this thread; what they raise ends all starts, `Stop` at their best values. A
@@ -84,7 +89,7 @@ class _Worker:
             apart = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         command = [sys.executable or "python", "-c", COMMAND.format(path=sys.path)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **apart)
-        self.begin: Begin | None = None
+        self.begin: StartPoint | None = None
         self.ready = False
         self._thread = threading.Thread(target=self._hear, args=(work, inbox), daemon=True)
         self._thread.start()
@@ -104,7 +109,7 @@ class _Worker:
             self.process.stdin.write(content)
             self.process.stdin.flush()
 
-    def take(self, begin: Begin) -> None:
+    def take(self, begin: StartPoint) -> None:
         """Hand it a start."""
         self.begin = begin
         self._write(pickled(begin))
@@ -130,11 +135,13 @@ class _Gone(Exception):  # noqa: N818
 class _Pool:
     """Workers, and the starts that they are given."""
 
-    def __init__(self, work: bytes, begins: Sequence[Begin], workers: int, progress: Progress, keep: Keep) -> None:
+    def __init__(
+        self, work: bytes, begins: Sequence[StartPoint], workers: int, progress: Progress, keep: CheckpointSink
+    ) -> None:
         self.work, self.most = work, workers
         self.progress, self.keep = progress, keep
         self.waiting = list(begins)
-        self.found: list[Climb] = []
+        self.found: list[StartOutcome] = []
         self.workers: list[_Worker] = []
         self.stopping = False
         self.inbox: queue.SimpleQueue[tuple[_Worker, Any]] = queue.SimpleQueue()
@@ -144,7 +151,7 @@ class _Pool:
         """The workers that have a start."""
         return [worker for worker in self.workers if worker.begin is not None]
 
-    def ends(self) -> list[Climb]:
+    def ends(self) -> list[StartOutcome]:
         """The ends of all starts, or of those that came to one before a worker turned out to be unable."""
         try:
             while self.waiting or self.busy:
@@ -180,7 +187,7 @@ class _Pool:
             self._bury(worker)
         elif isinstance(said, TraceLine):
             self.progress(said)
-        elif isinstance(said, Saved):
+        elif isinstance(said, Checkpoint):
             self.keep(said)
         elif isinstance(said, tuple):
             raise InputError(said)
@@ -189,7 +196,7 @@ class _Pool:
 
     def _continue(self, worker: _Worker, said: Any) -> None:
         """Give a worker that is ready, or at the end of a start, the next one."""
-        if isinstance(said, Climb):
+        if isinstance(said, StartOutcome):
             self.found.append(said)
         worker.ready, worker.begin = True, None
         if self.waiting:
@@ -204,14 +211,16 @@ class _Pool:
         if worker.begin is not None:
             begin, nothing = worker.begin, float("nan")
             message = f"The process of this start ended with the exit status {worker.process.returncode}."
-            self.found.append(Climb(StartResult(begin.start, "failed", message, nothing, nothing, 0, 0), begin.values))
+            self.found.append(
+                StartOutcome(StartResult(begin.start, "failed", message, nothing, nothing, 0, 0), begin.values)
+            )
 
     def _stop(self) -> None:
         """End the starts under way at their best values; the others never begin. A second request ends all at once."""
         if self.stopping:
             return
         self.stopping = True
-        self.found += [not_begun(begin) for begin in self.waiting]
+        self.found += [skipped_start(begin) for begin in self.waiting]
         self.waiting = []
         for worker in self.busy:
             worker.stop()
@@ -229,7 +238,7 @@ def main() -> None:
     with silent():
         try:
             problem, options = pickle.load(sys.stdin.buffer)
-            climber = Climber(problem, options)
+            climber = StartRunner(problem, options)
         except Exception:
             sys.exit(1)  # the other side does the work itself then
         _Working(climber, sys.stdin.buffer, outgoing).serve()
@@ -238,9 +247,9 @@ def main() -> None:
 class _Working:
     """A worker at work."""
 
-    def __init__(self, climber: Climber, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
+    def __init__(self, climber: StartRunner, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
         self.climber, self.incoming, self.outgoing = climber, incoming, outgoing
-        self.begins: queue.SimpleQueue[Begin] = queue.SimpleQueue()
+        self.begins: queue.SimpleQueue[StartPoint] = queue.SimpleQueue()
         self.stopping = threading.Event()
 
     def serve(self) -> None:

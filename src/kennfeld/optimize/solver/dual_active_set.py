@@ -23,7 +23,7 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool 
     monotone linear complementarity problems, 1994) settles in a few exchanges, or not at all where many rows depend on
     each other; then one row at a time. A row that no value enters, with 0 on the diagonal of S, has no multiplier.
     """
-    dual = _Dual(matrix, excess, equalities)
+    dual = _ActiveSetDual(matrix, excess, equalities)
     m = dual.by_blocks(dual.wanted > 0 if guess is None else guess)
     if m is None:
         m = dual.one_by_one()
@@ -54,7 +54,7 @@ def _ridged(matrix: Float, which: Int) -> Factor | None:
     return factor
 
 
-class _Dual:
+class _ActiveSetDual:
     """The program, and what is wrong with multipliers, measured in units of each row's own length."""
 
     def __init__(self, matrix: Float, excess: Float, equalities: int) -> None:

@@ -15,14 +15,14 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Cholesky, Factor
 
-__all__ = ["GaussNewtonModel", "Objective", "Secant"]
+__all__ = ["GaussNewtonModel", "Objective", "SecantCorrection"]
 
 MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
 PROBE = 0.1  # share of a step at which its curvature is measured
 FLOOR = 1e-6  # of the mean curvature in its table: the least scale of a value, so that it does not run away
 
 
-class Secant:
+class SecantCorrection:
     """A symmetric matrix that follows the descent; zero at first."""
 
     def __init__(self, size: int) -> None:
@@ -124,7 +124,9 @@ class GaussNewtonModel:
         """How exactly the residuals are known: they are differences of predictions of the size |J p|."""
         return float(np.finfo(float).eps * np.linalg.norm(np.sqrt(self.diagonal) * self.at[self.movable]))
 
-    def factor(self, damping: float, secant: Secant | None = None, floor: float = 0.0) -> tuple[Factor, Float] | None:
+    def factor(
+        self, damping: float, secant: SecantCorrection | None = None, floor: float = 0.0
+    ) -> tuple[Factor, Float] | None:
         """Factor of the damped matrix and the step without limits; None where it is not positive definite.
 
         `floor` is the least damping, as a share of the mean curvature.

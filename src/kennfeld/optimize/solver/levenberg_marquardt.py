@@ -15,11 +15,11 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Factor
-from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Objective, Secant
-from kennfeld.optimize.solver.linear_constraints import Limits
-from kennfeld.optimize.solver.quadratic_program import Solution, solve
+from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Objective, SecantCorrection
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.solver.quadratic_program import QpSolution, solve
 
-__all__ = ["Descent", "Iteration", "Settings", "Status", "Stop", "gauss_newton"]
+__all__ = ["Iteration", "SolverResult", "SolverSettings", "Status", "Stop", "levenberg_marquardt"]
 
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
@@ -36,7 +36,7 @@ NOTHING = 1e-12  # of the step without limits: a table this small is rounding ar
 
 
 @dataclass(frozen=True)
-class Settings:
+class SolverSettings:
     """When to stop, and where the damping starts.
 
     A descent has converged when `patience` steps in a row lower the cost by less than `tolerance`, relatively, or when
@@ -67,7 +67,7 @@ class Stop(Exception):  # noqa: N818
 
 
 @dataclass(frozen=True)
-class Descent:
+class SolverResult:
     """Where a descent ended, and why."""
 
     values: Float
@@ -78,7 +78,7 @@ class Descent:
     evaluations: int
 
 
-def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
+def _keeps(limits: LinearLimits, here: Float, trial: Float) -> bool:
     """Whether a trial keeps the rows; rounding is that of the sizes on both ends of the step."""
     if limits.keeps(trial):
         return True
@@ -86,7 +86,7 @@ def _keeps(limits: Limits, here: Float, trial: Float) -> bool:
     return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
 
 
-def _kept(limits: Limits, here: Float, trial: Float, free_step: Float) -> Float | None:
+def _kept(limits: LinearLimits, here: Float, trial: Float, free_step: Float) -> Float | None:
     """The trial if it keeps the rows, else None; a table that limits force to 0 becomes exactly 0.
 
     What the step leaves of such a table is rounding, which breaks rows between its values by as much as it is large.
@@ -98,13 +98,13 @@ def _kept(limits: Limits, here: Float, trial: Float, free_step: Float) -> Float 
     return zeroed if nothing.any() and _keeps(limits, here, zeroed) else None
 
 
-def gauss_newton(
+def levenberg_marquardt(
     objective: Objective,
     start: Float,
-    limits: Limits,
-    settings: Settings,
+    limits: LinearLimits,
+    settings: SolverSettings,
     report: Callable[[Iteration, Float], None] = lambda line, values: None,
-) -> Descent:
+) -> SolverResult:
     """Descend from `start`, which keeps the limits, until the cost settles.
 
     `report` is called after each accepted step with the values; it may raise `Stop`. What ends the descent is a value
@@ -120,8 +120,8 @@ class _Descending:
         self,
         objective: Objective,
         start: Float,
-        limits: Limits,
-        settings: Settings,
+        limits: LinearLimits,
+        settings: SolverSettings,
         report: Callable[[Iteration, Float], None],
     ) -> None:
         self.objective, self.limits, self.settings, self.report = objective, limits, settings, report
@@ -137,11 +137,11 @@ class _Descending:
         self.floor = HELD
         self.lowered = False
         self.scale: Float | None = None
-        self.secant: Secant | None = None
+        self.secant: SecantCorrection | None = None
         self.curved = False
         self.last: tuple[Float, Float, Float] | None = None
 
-    def run(self) -> Descent:
+    def run(self) -> SolverResult:
         movable = np.flatnonzero(self.limits.movable)
         try:
             self.cost = self.first_cost = self.objective.cost(self.at)
@@ -153,10 +153,10 @@ class _Descending:
         except (Stop, KeyboardInterrupt):
             return self._end("stopped", "Stopped on request; these are the best values so far.")
 
-    def _iterate(self, movable: Int) -> Descent:
+    def _iterate(self, movable: Int) -> SolverResult:
         narrow = self.limits.narrowed(movable, self.at)
         if self.objective.learns:
-            self.secant = Secant(movable.size)
+            self.secant = SecantCorrection(movable.size)
         while self.iterations < self.settings.max_iterations:
             line = GaussNewtonModel(self.objective, self.at, movable, self.scale)
             self.scale = line.scale
@@ -176,7 +176,7 @@ class _Descending:
             self.secant.learn(step, line.gradient - gradient, explained)
             self.last = None
 
-    def _descend(self, line: GaussNewtonModel, limits: Limits) -> Descent | None:
+    def _descend(self, line: GaussNewtonModel, limits: LinearLimits) -> SolverResult | None:
         """Raise the damping, or change the model, until a step lowers the cost; None to go on from there."""
         here = self.at[line.movable]
         may_switch = True
@@ -233,7 +233,9 @@ class _Descending:
         size, rounding = float(np.sqrt(self.cost)), line.rounding
         return size <= EXACT * rounding and gain <= 2 * size * rounding
 
-    def _solved(self, line: GaussNewtonModel, here: Float, limits: Limits) -> tuple[Factor, Float, Solution] | None:
+    def _solved(
+        self, line: GaussNewtonModel, here: Float, limits: LinearLimits
+    ) -> tuple[Factor, Float, QpSolution] | None:
         """The factor of the damped model, its step without limits, and the solution within them."""
         while True:
             found = line.factor(self.damping, self.secant if self.curved else None, self._least_damping)
@@ -244,7 +246,7 @@ class _Descending:
             if before or not self.held:
                 return *found, solution
 
-    def _stuck(self, line: GaussNewtonModel, limits: Limits, message: str) -> Descent:
+    def _stuck(self, line: GaussNewtonModel, limits: LinearLimits, message: str) -> SolverResult:
         """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
         found = line.factor(LITTLE_DAMPING, floor=self._least_damping) if self.cost > SOLVED * self.first_cost else None
         if found is not None and np.all(np.isfinite(found[1])):
@@ -278,7 +280,7 @@ class _Descending:
         self.growth *= 2.0
         self.floor = min(10 * self.floor, HELD)
 
-    def _accept(self, line: GaussNewtonModel, solution: Solution, trial: Float, cost: float, ratio: float) -> None:
+    def _accept(self, line: GaussNewtonModel, solution: QpSolution, trial: Float, cost: float, ratio: float) -> None:
         relative = (self.cost - cost) / self.cost if self.cost else 0.0
         held_back = self.damping > 1.0 and ratio > self.settings.trusted
         if relative >= self.settings.tolerance:
@@ -295,7 +297,7 @@ class _Descending:
         self.growth = 2.0
         self.report(Iteration(self.iterations, cost, size, used, int(np.count_nonzero(solution.active))), self.at)
 
-    def _settled(self) -> Descent | None:
+    def _settled(self) -> SolverResult | None:
         if self.calm < self.settings.patience:
             return None
         if self.held and self.damping < self.floor and not self.lowered:
@@ -303,5 +305,5 @@ class _Descending:
             return None
         return self._end("converged", "The cost no longer falls.")
 
-    def _end(self, status: Status, message: str) -> Descent:
-        return Descent(self.at, self.cost, status, message, self.iterations, self.evaluations)
+    def _end(self, status: Status, message: str) -> SolverResult:
+        return SolverResult(self.at, self.cost, status, message, self.iterations, self.evaluations)

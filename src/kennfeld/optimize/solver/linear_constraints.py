@@ -7,11 +7,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 
-__all__ = ["Limits", "Rows"]
+__all__ = ["LinearLimits", "LinearRows"]
 
 
 @dataclass(frozen=True)
-class Rows:
+class LinearRows:
     """Linear limits `lower <= A p <= upper`; equal sides make an equality. Each row of A touches few values.
 
     `names` say in words what each row limits.
@@ -24,19 +24,19 @@ class Rows:
     names: tuple[str, ...] = ()
 
     @classmethod
-    def none(cls) -> "Rows":
+    def none(cls) -> "LinearRows":
         """No rows."""
         return cls(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
     @classmethod
-    def of(cls, matrix: Float, lower: Float, upper: Float, names: Sequence[str] = ()) -> "Rows":
+    def of(cls, matrix: Float, lower: Float, upper: Float, names: Sequence[str] = ()) -> "LinearRows":
         """Rows of a full matrix."""
         width = int(np.count_nonzero(matrix, axis=1).max(initial=0))
         columns = np.argsort(matrix == 0, axis=1, kind="stable")[:, :width]
         return cls(columns, np.take_along_axis(matrix, columns, axis=1), lower, upper, tuple(names))
 
     @classmethod
-    def together(cls, parts: "Sequence[Rows]") -> "Rows":
+    def together(cls, parts: "Sequence[LinearRows]") -> "LinearRows":
         """Several groups of rows, one after the other."""
         parts = [part for part in parts if part.count]
         if not parts:
@@ -78,7 +78,7 @@ class Rows:
         np.add.at(full, (np.arange(which.size)[:, None], self.columns[which]), self.coefficients[which])
         return full
 
-    def narrowed(self, movable: Int, values: Float) -> "Rows":
+    def narrowed(self, movable: Int, values: Float) -> "LinearRows":
         """The rows as limits of the movable values, the others standing as they are; empty rows fall out."""
         place = np.full(values.size, -1)
         place[movable] = np.arange(movable.size)
@@ -89,11 +89,13 @@ class Rows:
         kept = (coefficients != 0).any(axis=1)
         columns = np.where(moves, columns, 0)
         names = tuple(name for name, keep in zip(self.names, kept, strict=False) if keep)
-        return Rows(columns[kept], coefficients[kept], (self.lower - held)[kept], (self.upper - held)[kept], names)
+        return LinearRows(
+            columns[kept], coefficients[kept], (self.lower - held)[kept], (self.upper - held)[kept], names
+        )
 
 
 @dataclass(frozen=True)
-class Limits:
+class LinearLimits:
     """Bounds on each value, `lower <= p <= upper`, and linear rows.
 
     `tables` numbers the table of each value, so that the scale of a row is that of its table and not of a value which
@@ -102,11 +104,11 @@ class Limits:
 
     lower: Float  # Float[values]
     upper: Float  # Float[values]
-    rows: Rows = field(default_factory=Rows.none)
+    rows: LinearRows = field(default_factory=LinearRows.none)
     tables: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # Int[values], or empty
 
     @classmethod
-    def none(cls, size: int) -> "Limits":
+    def none(cls, size: int) -> "LinearLimits":
         """No limits on `size` values."""
         return cls(np.full(size, -np.inf), np.full(size, np.inf))
 
@@ -147,7 +149,7 @@ class Limits:
         sizes: Float = largest[self.tables]
         return sizes
 
-    def narrowed(self, movable: Int, values: Float) -> "Limits":
+    def narrowed(self, movable: Int, values: Float) -> "LinearLimits":
         """The limits on the movable values, the others standing as they are."""
         rows, tables = self.rows.narrowed(movable, values), self.tables[movable] if self.tables.size else self.tables
-        return Limits(self.lower[movable], self.upper[movable], rows, tables)
+        return LinearLimits(self.lower[movable], self.upper[movable], rows, tables)

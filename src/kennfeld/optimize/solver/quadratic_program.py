@@ -12,16 +12,16 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.native import Factor, Gram
 from kennfeld.optimize.solver.dual_active_set import nonnegative_dual, solve_active
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-__all__ = ["Solution", "solve"]
+__all__ = ["QpSolution", "solve"]
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
 REFINEMENTS = 3  # corrections of the multipliers by what the step they give still misses
 
 
 @dataclass(frozen=True)
-class Solution:
+class QpSolution:
     """The step, and what holds it: +1 at an upper, -1 at a lower side, 0 free; bounds of the values first, then rows.
 
     Equalities, which always hold, are not marked.
@@ -30,7 +30,7 @@ class Solution:
     step: Float
     active: Int
 
-    def reached(self, at: Float, limits: Limits) -> Float:
+    def reached(self, at: Float, limits: LinearLimits) -> Float:
         """Where the step leads from `at`: within all bounds, and bit for bit on those that hold it.
 
         A value that rounding leaves next to its bound is free again in the next step; where it is a breakpoint at the
@@ -41,7 +41,7 @@ class Solution:
         return np.where(held != 0, bound, limits.clip(at + self.step))
 
 
-def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: Int | None = None) -> Solution:
+def solve(factor: Factor, free_step: Float, at: Float, limits: LinearLimits, guess: Int | None = None) -> QpSolution:
     """The minimiser of the quadratic program at the point `at`.
 
     `factor` is that of H, `free_step` is -H^-1 g. `guess` are limits likely to be active.
@@ -50,8 +50,8 @@ def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: In
     equal = np.concatenate([np.zeros(at.size, dtype=bool), limits.rows.equal])
     found = np.where(equal, 0, room.passed(free_step))
     if not equal.any() and not found.any():
-        return Solution(free_step, found)
-    dual = _Dual(factor, free_step, limits, room, np.flatnonzero(equal))
+        return QpSolution(free_step, found)
+    dual = _DualProblem(factor, free_step, limits, room, np.flatnonzero(equal))
     dual.add(found if guess is None else np.where(equal, 0, guess))
     for _ in range(2 * equal.size + 1):
         step = dual.step()
@@ -59,13 +59,13 @@ def solve(factor: Factor, free_step: Float, at: Float, limits: Limits, guess: In
         if not found.any():
             break
         dual.add(found)
-    return Solution(step, dual.active())
+    return QpSolution(step, dual.active())
 
 
 class _Room:
     """How far a step may go: the sides of all bounds, then of all rows, seen from a point."""
 
-    def __init__(self, at: Float, limits: Limits) -> None:
+    def __init__(self, at: Float, limits: LinearLimits) -> None:
         self.rows = limits.rows
         here = np.concatenate([at, self.rows.times(at)])
         self.upper = np.concatenate([limits.upper, self.rows.upper]) - here
@@ -95,14 +95,14 @@ class _Room:
         return upper, lower
 
 
-class _Dual:
+class _DualProblem:
     """The limits under consideration, equalities first, as rows A of the dual program.
 
     It is min 1/2 m'Sm - e'm with m >= 0, where S = A H^-1 A' and e is by how much the free step passes each limit; the
     step is the free one less H^-1 A'm. Lower sides enter with the opposite sign.
     """
 
-    def __init__(self, factor: Factor, free_step: Float, limits: Limits, room: _Room, equal: Int) -> None:
+    def __init__(self, factor: Factor, free_step: Float, limits: LinearLimits, room: _Room, equal: Int) -> None:
         self.factor, self.free_step, self.limits, self.room, self.equal = factor, free_step, limits, room, equal
         self.taken = room.taken(free_step)
         self.gram = Gram(factor)

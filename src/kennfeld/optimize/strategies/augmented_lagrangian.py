@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import FEASIBLE, OutputLimits
 from kennfeld.parameter_set import ParameterSet
 
@@ -28,30 +28,30 @@ Report = Callable[[str, Iteration, Float], None]
 
 def descend_within(
     outputs: OutputLimits,
-    objective: SumOfSquares,
+    objective: LeastSquaresObjective,
     start: Float,
-    limits: Limits,
-    settings: Settings,
+    limits: LinearLimits,
+    settings: SolverSettings,
     parameters_of: Callable[[Float], ParameterSet],
     report: Report,
-) -> Descent:
+) -> SolverResult:
     """The best values that keep the limits of outputs, from `start`; `objective` is the cost without them.
 
     Status `infeasible` where no values were found that keep them.
     """
     outputs.reset()
-    return _Rounds(outputs, objective, limits, settings, parameters_of, report).run(start)
+    return AugmentedLagrangian(outputs, objective, limits, settings, parameters_of, report).run(start)
 
 
-class _Rounds:
+class AugmentedLagrangian:
     """The outer iteration: descend, look how far the limits are exceeded, press harder there."""
 
     def __init__(
         self,
         limits: OutputLimits,
-        objective: SumOfSquares,
-        linear: Limits,
-        settings: Settings,
+        objective: LeastSquaresObjective,
+        linear: LinearLimits,
+        settings: SolverSettings,
         parameters_of: Callable[[Float], ParameterSet],
         report: Report,
     ) -> None:
@@ -59,14 +59,14 @@ class _Rounds:
         self.parameters_of, self.report = parameters_of, report
         self.iterations = self.evaluations = 0
 
-    def run(self, start: Float) -> Descent:
+    def run(self, start: Float) -> SolverResult:
         at = start
         excess = self.limits.excess(self.parameters_of(at))
         weight = first = self._weight(at, excess)
         penalised = self.limits.penalised(weight)
         before = self.limits.largest(excess)
         for number in range(1, ROUNDS + 1):
-            found = gauss_newton(penalised, at, self.linear, self.settings, self._told(number))
+            found = levenberg_marquardt(penalised, at, self.linear, self.settings, self._told(number))
             self.iterations += found.iterations
             self.evaluations += found.evaluations
             at = found.values
@@ -99,11 +99,11 @@ class _Rounds:
 
         return tell
 
-    def _end(self, found: Descent, at: Float) -> Descent:
+    def _end(self, found: SolverResult, at: Float) -> SolverResult:
         cost = self.objective.cost(at)
         return replace(found, values=at, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
 
-    def _infeasible(self, at: Float, found: Descent) -> Descent:
+    def _infeasible(self, at: Float, found: SolverResult) -> SolverResult:
         if self.limits.kept(self.parameters_of(at)):
             return self._end(found, at)
         message = f"The limits of outputs cannot all be kept: {self.limits.told(self.parameters_of(at))}."

@@ -12,13 +12,13 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 
-__all__ = ["Dense", "eliminated"]
+__all__ = ["DenseAxis", "eliminate_breakpoints"]
 
 ROUNDING = 1e-12  # of the largest variance, so that lines that cannot bend differently divide nothing by zero
 
 
 @dataclass(frozen=True)
-class Dense:
+class DenseAxis:
     """An axis with more breakpoints than wanted.
 
     `columns` are the values at each breakpoint, those of one line of a table in one column of the array. `stays` marks
@@ -31,13 +31,13 @@ class Dense:
     wanted: int
 
 
-def eliminated(axes: Sequence[Dense], values: Float, inverse: Float) -> tuple[list[Int], Float]:
+def eliminate_breakpoints(axes: Sequence[DenseAxis], values: Float, inverse: Float) -> tuple[list[Int], Float]:
     """Breakpoints of each axis that are left, as many as wanted, and the values that are best with them.
 
     `inverse` is the inverse of the model's matrix at its minimum `values`, 0 for values that cannot move.
 
-    >>> hat = Dense(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 3)
-    >>> left, values = eliminated([hat], np.array([0.0, 1.0, 2.0, 0.0]), np.eye(4))
+    >>> hat = DenseAxis(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 3)
+    >>> left, values = eliminate_breakpoints([hat], np.array([0.0, 1.0, 2.0, 0.0]), np.eye(4))
     >>> left[0].tolist(), values.round(6).tolist()
     ([0, 2, 3], [0.0, 1.0, 2.0, 0.0])
     """
@@ -50,7 +50,7 @@ def eliminated(axes: Sequence[Dense], values: Float, inverse: Float) -> tuple[li
 class _Eliminating:
     """Values and their covariance under the equalities so far."""
 
-    def __init__(self, axes: Sequence[Dense], values: Float, inverse: Float) -> None:
+    def __init__(self, axes: Sequence[DenseAxis], values: Float, inverse: Float) -> None:
         self.axes = axes
         self.values = values.copy()
         self.inverse = inverse.copy()

@@ -18,19 +18,19 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import bounds_of, limits_of
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
-from kennfeld.optimize.strategies.breakpoint_elimination import Dense, eliminated
-from kennfeld.optimize.strategies.smoothing_continuation import SHORT, Continuation
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.strategies.breakpoint_elimination import DenseAxis, eliminate_breakpoints
+from kennfeld.optimize.strategies.smoothing_continuation import SHORT_SCHEDULE, Continuation
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["Placing", "coarse", "densified", "parts_of", "thickened", "turns_of"]
+__all__ = ["BreakpointPlacement", "axis_groups", "cell_divisions", "coarse", "subdivide", "with_dense_axes"]
 
 PARTS = 8  # cells that a cell of a free axis is cut into
 MOST_VALUES = 1000  # of the dense problem
@@ -41,18 +41,18 @@ GAIN = 1e-3  # relative fall of the cost for which another round is worth its ti
 RIDGE = 1e-4  # of each curvature: what no data can tell apart stays near, where the quadratic model holds
 STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
 CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
-Report = Callable[[str, Iteration, Float, Compiled], None]
+Report = Callable[[str, Iteration, Float, CompiledProblem], None]
 
 
-def turns_of(problem: Problem) -> list[tuple[AxisKey, ...]]:
+def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
     """The free axes that are made dense together: all at once, or one after the other where that is too much."""
     together = tuple(problem.free_axes)
-    if parts_of(problem, together):
+    if cell_divisions(problem, together):
         return [together]
-    return [(key,) for key in together if parts_of(problem, (key,))]
+    return [(key,) for key in together if cell_divisions(problem, (key,))]
 
 
-def parts_of(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
+def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
     """Into how many parts to cut each cell of some axes, so that the dense problem stays moderate.
 
     Empty where no cell can be cut.
@@ -80,23 +80,23 @@ def _size(problem: Problem, name: str, parts: Mapping[AxisKey, Int]) -> int:
     return size
 
 
-def densified(points: Float, parts: Int) -> Float:
+def subdivide(points: Float, parts: Int) -> Float:
     """Breakpoints with each cell cut into even parts; the given ones stay, bit for bit.
 
-    >>> densified(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
+    >>> subdivide(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
     [0.0, 1.0, 2.0, 3.0]
     """
     cells = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(points), parts, strict=True)]
     return np.concatenate([*cells, points[-1:]])
 
 
-def thickened(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
+def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
     """The problem on denser axes; the same surfaces, the same price of roughness. All axes stand still."""
     tables: dict[str, Parameter] = {}
     smoothness = dict(problem.smoothness)
     for key, axis in problem.free_axes.items():
         cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
-        still = axis.axis.changed(breakpoints=densified(axis.axis.breakpoints, cells), free=False)
+        still = axis.axis.changed(breakpoints=subdivide(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
             known = smoothness[name] if name in tables else problem.factors(name)
             factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
@@ -131,7 +131,7 @@ def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
     )
 
 
-def coarse(settings: Settings) -> Settings:
+def coarse(settings: SolverSettings) -> SolverSettings:
     """Settings of a descent in which breakpoints move.
 
     The cost has a crease wherever a breakpoint meets a sample. Between noisy samples these catch a descent, which then
@@ -140,22 +140,22 @@ def coarse(settings: Settings) -> Settings:
     return replace(settings, tolerance=max(settings.tolerance, CREEP), trusted=np.inf)
 
 
-class Placing:
+class BreakpointPlacement:
     """A search for the breakpoints of a problem; `exact` is its compiled form.
 
     With `smoothed`, lookups on the dense axes are smoothed first where their coordinate depends on a free parameter.
     """
 
-    def __init__(self, problem: Problem, exact: Compiled, *, smoothed: bool) -> None:
+    def __init__(self, problem: Problem, exact: CompiledProblem, *, smoothed: bool) -> None:
         self._problem, self._exact, self._smoothed = problem, exact, smoothed
-        self._objective = SumOfSquares(exact)
+        self._objective = LeastSquaresObjective(exact)
 
-    def descend(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
+    def descend(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
         """The best end of several rounds, its values then fitted while the breakpoints stand still."""
         best = self._rounds(start, limits, coarse(settings), report)
         if best.status == "stopped":
             return best
-        still = gauss_newton(
+        still = levenberg_marquardt(
             self._objective,
             best.values,
             self._standing(limits, best.values),
@@ -165,7 +165,7 @@ class Placing:
         iterations, evaluations = best.iterations + still.iterations, best.evaluations + still.evaluations
         return replace(still, iterations=iterations, evaluations=evaluations)
 
-    def _standing(self, limits: Limits, values: Float) -> Limits:
+    def _standing(self, limits: LinearLimits, values: Float) -> LinearLimits:
         """The limits with every breakpoint where it is."""
         lower, upper = limits.lower.copy(), limits.upper.copy()
         for key, at in self._exact.values.moving.items():
@@ -174,12 +174,12 @@ class Placing:
                 lower[part] = upper[part] = values[part]
         return replace(limits, lower=lower, upper=upper)
 
-    def _rounds(self, start: Float, limits: Limits, settings: Settings, report: Report) -> Descent:
+    def _rounds(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
         """Rounds over all axes, while they are worth it."""
-        best = Descent(start, self._objective.cost(start), "converged", "The cost no longer falls.", 0, 1)
+        best = SolverResult(start, self._objective.cost(start), "converged", "The cost no longer falls.", 0, 1)
         for _ in range(ROUNDS):
             before = best.cost
-            for keys in turns_of(self._problem):
+            for keys in axis_groups(self._problem):
                 best = _better(best, self._round(best.values, keys, limits, settings, report))
                 if best.status == "stopped":
                     return best
@@ -188,15 +188,15 @@ class Placing:
         return best
 
     def _round(
-        self, at: Float, keys: Collection[AxisKey], limits: Limits, settings: Settings, report: Report
-    ) -> Descent:
+        self, at: Float, keys: Collection[AxisKey], limits: LinearLimits, settings: SolverSettings, report: Report
+    ) -> SolverResult:
         """Dense fit, choice of breakpoints, and the descent from there; an infinite cost where that is not possible."""
         here = replace(self._problem, parameters=self._parameters(at))
-        parts = parts_of(here, keys)
-        nowhere = Descent(at, np.inf, "converged", "", 0, 0)
+        parts = cell_divisions(here, keys)
+        nowhere = SolverResult(at, np.inf, "converged", "", 0, 0)
         if not parts:
             return nowhere
-        dense = _Dense(thickened(here, parts))
+        dense = _Dense(with_dense_axes(here, parts))
         found = dense.descend(settings, report, smoothed=self._smoothed)
         if found is None:
             return nowhere
@@ -206,7 +206,7 @@ class Placing:
         chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
         if chosen is None:
             return nowhere
-        end = gauss_newton(
+        end = levenberg_marquardt(
             self._objective,
             chosen,
             limits,
@@ -223,7 +223,7 @@ class Placing:
     def _chosen(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
         """Free values of the problem itself: the breakpoints that are left of the dense axes, and the values there."""
         axes = {key: dense.axis(here, key) for key in keys}
-        left, fitted = eliminated(list(axes.values()), values, dense.inverse(values, list(axes.values())))
+        left, fitted = eliminate_breakpoints(list(axes.values()), values, dense.inverse(values, list(axes.values())))
         kept = dict(zip(keys, left, strict=True))
         held = dense.parameters(fitted)
         flat = self._exact.values.pack(here.parameters)
@@ -240,7 +240,7 @@ class Placing:
         return flat[: self._exact.values.free]
 
 
-def _better(best: Descent, found: Descent) -> Descent:
+def _better(best: SolverResult, found: SolverResult) -> SolverResult:
     """The lower of two ends, with the effort of both."""
     lower = found if found.cost < best.cost else best
     if found.status == "stopped":
@@ -254,11 +254,11 @@ class _Dense:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.compiled = Compiled(problem)
-        self.objective = SumOfSquares(self.compiled)
-        self.limits = limits_of(problem, self.compiled.values)
+        self.compiled = CompiledProblem(problem)
+        self.objective = LeastSquaresObjective(self.compiled)
+        self.limits = linear_limits(problem, self.compiled.values)
 
-    def descend(self, settings: Settings, report: Report, *, smoothed: bool) -> Descent | None:
+    def descend(self, settings: SolverSettings, report: Report, *, smoothed: bool) -> SolverResult | None:
         """The end from where the surfaces are; None where limits cannot be met."""
         begin, _ = project(self.objective.start, self.limits)
         if begin is None:
@@ -270,8 +270,8 @@ class _Dense:
             report("dense", line, values, self.compiled)
 
         if smooth is not None:
-            return smooth.descend(SHORT, begin, self.limits, quick, lambda _, line, values: told(line, values))
-        return gauss_newton(self.objective, begin, self.limits, quick, told)
+            return smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, line, values: told(line, values))
+        return levenberg_marquardt(self.objective, begin, self.limits, quick, told)
 
     def parameters(self, values: Float) -> ParameterSet:
         """The tables with these free values."""
@@ -279,12 +279,12 @@ class _Dense:
         full[: values.size] = values
         return self.compiled.values.unpack(full, self.problem.parameters)
 
-    def axis(self, here: Problem, key: AxisKey) -> Dense:
+    def axis(self, here: Problem, key: AxisKey) -> DenseAxis:
         """A dense axis and the values on it, to be thinned out to the breakpoints of `here`."""
         axis = here.free_axes[key]
         table, direction = axis.places[0]
         points = self.problem.parameters[table].axes[direction].breakpoints
-        low, high = bounds_of(axis, here.parameters, here.held)
+        low, high = breakpoint_bounds(axis, here.parameters, here.held)
         stays = np.isin(points, axis.axis.breakpoints[low == high])
         stays[[0, -1]] = True
         lines = []
@@ -292,9 +292,9 @@ class _Dense:
             shape = self.problem.parameters[name].values.shape
             grid = self.compiled.values.offsets[name] + np.arange(int(np.prod(shape))).reshape(shape)
             lines.append(np.moveaxis(grid, which, 0).reshape(points.size, -1))
-        return Dense(points, np.hstack(lines), stays, len(axis.axis))
+        return DenseAxis(points, np.hstack(lines), stays, len(axis.axis))
 
-    def inverse(self, values: Float, axes: Sequence[Dense]) -> Float:
+    def inverse(self, values: Float, axes: Sequence[DenseAxis]) -> Float:
         """The inverse of the matrix, 0 for values that cannot move.
 
         Values that no data inform are tied to their neighbours along the dense axes.

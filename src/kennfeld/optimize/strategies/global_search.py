@@ -23,16 +23,23 @@ from typing import Any, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.gauss_newton_model import Objective
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, Status, Stop, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.levenberg_marquardt import (
+    Iteration,
+    SolverResult,
+    SolverSettings,
+    Status,
+    Stop,
+    levenberg_marquardt,
+)
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.augmented_lagrangian import descend_within
 from kennfeld.optimize.strategies.output_limits import FEASIBLE, OutputLimits
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["FEW", "FeasibleFirst", "GlobalSettings", "global_search", "polished"]
+__all__ = ["FEW", "FeasibilityFirstCost", "GlobalSettings", "global_search", "polish"]
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
@@ -48,7 +55,7 @@ Report = Callable[[Iteration, Float], None]
 ABOVE = 1e200  # any cost
 
 
-class Costly(Protocol):
+class CostFunction(Protocol):
     """What is searched: a function of the values that may jump."""
 
     def cost(self, values: Float) -> float:
@@ -71,8 +78,12 @@ class GlobalSettings:
 
 
 def global_search(
-    objective: Costly, start: Float, limits: Limits, search: GlobalSettings, report: Report = lambda line, values: None
-) -> Descent:
+    objective: CostFunction,
+    start: Float,
+    limits: LinearLimits,
+    search: GlobalSettings,
+    report: Report = lambda line, values: None,
+) -> SolverResult:
     """The lowest cost within finite bounds; never above that of `start`, which keeps the limits.
 
     `report` hears of the best values after each generation; it may raise `Stop`. The same seed gives the same search.
@@ -80,13 +91,17 @@ def global_search(
     return _Searching(objective, start, limits, search, report).run()
 
 
-def polished(
-    objective: Objective, found: Descent, limits: Limits, settings: Settings, report: Report = lambda line, values: None
-) -> Descent:
+def polish(
+    objective: Objective,
+    found: SolverResult,
+    limits: LinearLimits,
+    settings: SolverSettings,
+    report: Report = lambda line, values: None,
+) -> SolverResult:
     """The better of the end of a search and the end of a descent from there, with the effort of both."""
     if found.status in ("stopped", "failed"):
         return found
-    end = gauss_newton(objective, found.values, limits, settings, report)
+    end = levenberg_marquardt(objective, found.values, limits, settings, report)
     effort = {name: getattr(found, name) + getattr(end, name) for name in ("iterations", "evaluations")}
     if end.status == "stopped":
         return replace(end, **effort)
@@ -99,7 +114,9 @@ def polished(
 class _Searching:
     """The running state of a search, in values scaled to [0, 1] between their bounds."""
 
-    def __init__(self, objective: Costly, start: Float, limits: Limits, search: GlobalSettings, report: Report) -> None:
+    def __init__(
+        self, objective: CostFunction, start: Float, limits: LinearLimits, search: GlobalSettings, report: Report
+    ) -> None:
         self.objective, self.limits, self.report = objective, limits, report
         self.start = self.best = start
         self.movable = np.flatnonzero(limits.movable)
@@ -111,7 +128,7 @@ class _Searching:
         self.evaluations = self.generations = 0
         self.reported = time.monotonic()
 
-    def run(self) -> Descent:
+    def run(self) -> SolverResult:
         try:
             self._try(self.start)
             if not self.movable.size:
@@ -120,7 +137,7 @@ class _Searching:
         except (Stop, KeyboardInterrupt):
             return self._end("stopped", "Stopped on request; these are the best values so far.")
 
-    def _restarted(self) -> Descent:
+    def _restarted(self) -> SolverResult:
         first = (self.start[self.movable] - self.low) / self.range
         idle = runs = 0
         while idle < PATIENCE and self.evaluations < self.budget:
@@ -180,8 +197,8 @@ class _Searching:
         if np.isfinite(self.cost):
             self.report(Iteration(self.generations, self.cost, spread, 0.0, 0), self.best)
 
-    def _end(self, status: Status, message: str) -> Descent:
-        return Descent(self.best, self.cost, status, message, self.generations, self.evaluations)
+    def _end(self, status: Status, message: str) -> SolverResult:
+        return SolverResult(self.best, self.cost, status, message, self.generations, self.evaluations)
 
 
 def _strategy(origin: Float, larger: int, random: "np.random.Generator") -> Any:
@@ -212,11 +229,11 @@ def _normals(random: "np.random.Generator", *shape: int) -> Float:
     return random.standard_normal(shape)
 
 
-class FeasibleFirst:
+class FeasibilityFirstCost:
     """The cost of a problem with limits of outputs, for a search that compares costs."""
 
     def __init__(
-        self, objective: SumOfSquares, outputs: OutputLimits, parameters_of: Callable[[Float], ParameterSet]
+        self, objective: LeastSquaresObjective, outputs: OutputLimits, parameters_of: Callable[[Float], ParameterSet]
     ) -> None:
         self._objective, self._outputs, self._parameters_of = objective, outputs, parameters_of
 
@@ -228,7 +245,7 @@ class FeasibleFirst:
         excess = self._outputs.excess(self._parameters_of(values))
         return cost if self._outputs.largest(excess) <= FEASIBLE else ABOVE * sum(self._outputs.squares(excess))
 
-    def search(self, start: Float, limits: Limits, settings: GlobalSettings, report: Report) -> Descent:
+    def search(self, start: Float, limits: LinearLimits, settings: GlobalSettings, report: Report) -> SolverResult:
         """The lowest cost that keeps the limits; where nothing does, what exceeds them least."""
 
         def told(line: Iteration, values: Float) -> None:
@@ -238,8 +255,12 @@ class FeasibleFirst:
         return replace(found, cost=self._objective.cost(found.values)) if found.cost >= ABOVE else found
 
     def polished(
-        self, found: Descent, limits: Limits, settings: Settings, report: Callable[[str, Iteration, Float], None]
-    ) -> Descent:
+        self,
+        found: SolverResult,
+        limits: LinearLimits,
+        settings: SolverSettings,
+        report: Callable[[str, Iteration, Float], None],
+    ) -> SolverResult:
         """The better of the end of a search and a descent from there, both within the limits of outputs."""
         if found.status in ("stopped", "failed") or not self._outputs.kept(self._parameters_of(found.values)):
             return found

@@ -16,16 +16,16 @@ from kennfeld.criteria import Criterion
 from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.native.column_table import Order
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.limit_nodes import Side, sides_of, with_sides
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.limit_nodes import LimitSide, add_limit_nodes, limit_sides
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Nodes
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.validation import check_limits
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["FEASIBLE", "OutputLimits", "Touched"]
+__all__ = ["FEASIBLE", "NearActiveSamples", "OutputLimits"]
 
 FEASIBLE = 1e-6  # of a limit's scale: what counts as kept
 NEAR = 1e-4  # of a limit's scale: what counts as met, as the multipliers leave little more
@@ -33,7 +33,7 @@ MOST = 400  # samples at which limits are linearised
 
 
 @dataclass(frozen=True)
-class Touched:
+class NearActiveSamples:
     """Samples at which a side of a limit is met, or nearly, and how the limited node moves with the values there.
 
     `side`, `data` and `sample` are numbers: of the side, of the training dataset, and of its sample. `excess` and
@@ -53,7 +53,7 @@ class _Penalised(Problem):
 
     targets: Mapping[tuple[str, int], Float] = field(default_factory=dict)  # by node and identity of the dataset
 
-    def target(self, criterion: Criterion, bound: Bound) -> Float:
+    def target(self, criterion: Criterion, bound: BoundDataset) -> Float:
         """That of the problem, or of a side: read where it lies."""
         known = self.targets.get((criterion.node, id(bound.dataset)))
         return super().target(criterion, bound) if known is None else known
@@ -66,12 +66,12 @@ class OutputLimits:
         findings = check_limits(problem)
         if findings:
             raise InputError(findings)
-        self._sides = sides_of(problem.limits)
-        model = with_sides(problem.model, problem.limits)
+        self._sides = limit_sides(problem.limits)
+        model = add_limit_nodes(problem.model, problem.limits)
         self._problem = replace(problem, model=model, limits=())
         self._bounds = self._problem.gathered
         names = [side.node for side in self._sides]
-        self._nodes = Nodes(model.graph, problem.parameters, names)
+        self._nodes = NodeSimulator(model.graph, problem.parameters, names)
         self._masks = self._conditions(model)
         self._shifts = [np.zeros(mask.shape) for mask in self._masks]
         self._scales = self._sizes()
@@ -80,7 +80,7 @@ class OutputLimits:
     def _conditions(self, model: Model) -> list[Float]:
         """For each dataset, 1 where a side counts and NaN elsewhere; shape (sides, samples)."""
         wheres = list(dict.fromkeys(side.where for side in self._sides if side.limit.where))
-        nodes = Nodes(model.graph, self._problem.parameters, wheres)
+        nodes = NodeSimulator(model.graph, self._problem.parameters, wheres)
         masks = []
         for bound in self._bounds:
             found = dict(zip(wheres, nodes.values(bound, self._problem.parameters), strict=True)) if wheres else {}
@@ -148,11 +148,11 @@ class OutputLimits:
         return "; ".join(parts)
 
     @property
-    def sides(self) -> tuple[Side, ...]:
+    def sides(self) -> tuple[LimitSide, ...]:
         """The sides of the limits that bound something."""
         return self._sides
 
-    def touched(self, values: Float, parameters: ParameterSet) -> Touched | None:
+    def touched(self, values: Float, parameters: ParameterSet) -> NearActiveSamples | None:
         """Where the limits are met at these values, those of `parameters`; None where they are nowhere.
 
         Of very many samples the nearest `MOST`.
@@ -169,7 +169,7 @@ class OutputLimits:
         rows = self._slopes(values, side, data, sample)
         kept = [bound.kept for bound in self._bounds]
         numbers = np.array([kept[d][s] for d, s in zip(data, sample, strict=True)])
-        return Touched(side, data, numbers, excess, rows)
+        return NearActiveSamples(side, data, numbers, excess, rows)
 
     def _slopes(self, values: Float, side: Int, data: Int, sample: Int) -> Float:
         """The slopes of limited nodes at some samples, relative to the scales; shape (samples, values)."""
@@ -196,7 +196,7 @@ class OutputLimits:
         self._aim()
         self._penalised.reread_targets()
 
-    def _compiled(self) -> Compiled:
+    def _compiled(self) -> CompiledProblem:
         """The problem with a criterion for each side, whose weight is one over the square of the side's scale."""
         problem = self._problem
         targets = {
@@ -210,12 +210,12 @@ class OutputLimits:
         made = _Penalised(**given | {"criteria": (*problem.criteria, *criteria)}, targets=targets)
         self._targets = targets
         self._aim()
-        return Compiled(made)
+        return CompiledProblem(made)
 
-    def penalised(self, weight: float) -> SumOfSquares:
+    def penalised(self, weight: float) -> LeastSquaresObjective:
         """The cost and `weight` times what exceeds the limits, relative to their scales, squared."""
         known = len(self._problem.criteria)
-        return SumOfSquares(self._penalised.reweighted(np.repeat([1.0, weight], [known, len(self._sides)])))
+        return LeastSquaresObjective(self._penalised.reweighted(np.repeat([1.0, weight], [known, len(self._sides)])))
 
     def _aim(self) -> None:
         """Write the targets: the bounds, lowered by the shifts."""

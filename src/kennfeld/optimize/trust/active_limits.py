@@ -19,14 +19,14 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.free_axes import AxisKey, FreeAxis
-from kennfeld.graph.value_layout import Values
-from kennfeld.optimize.limit_nodes import Side
+from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.optimize.limit_nodes import LimitSide
 from kennfeld.optimize.linear_limits import touching_pairs
-from kennfeld.optimize.strategies.output_limits import Touched
+from kennfeld.optimize.strategies.output_limits import NearActiveSamples
 from kennfeld.optimize.trust.inverse import Inverse
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["Holding", "Pressed", "distances", "multipliers", "outputs_held", "pressing"]
+__all__ = ["ActiveLimit", "ActiveOutputLimits", "distances", "find_active_output_limits", "multipliers", "outputs_held"]
 
 NOTHING = 1e-12  # of the largest, what is rounding
 RIDGE = 1e-10  # so that of two equal rows the one that asks for less gives way
@@ -39,20 +39,22 @@ NAMED = 3  # parameters that a sentence names
 
 
 @dataclass(frozen=True)
-class Pressed:
+class ActiveOutputLimits:
     """Samples at which limits of outputs are met.
 
     `presses` marks those that the cost presses against the limit. `rows` are mixtures of their slopes, one for each
     direction of the values that is held, and `sides` the number of the side that holds it most.
     """
 
-    touched: Touched
+    touched: NearActiveSamples
     presses: Bool  # Bool[samples]
     rows: Float  # Float[held, values]
     sides: Int  # Int[held]
 
 
-def pressing(touched: Touched, rows: Float, inverse: Inverse, gradient: Float, dispersion: float) -> Pressed:
+def find_active_output_limits(
+    touched: NearActiveSamples, rows: Float, inverse: Inverse, gradient: Float, dispersion: float
+) -> ActiveOutputLimits:
     """What the limits hold; rows, inverse of the curvature and half the gradient are over the values that move.
 
     `dispersion` is the noise of the cost, phi.
@@ -61,12 +63,12 @@ def pressing(touched: Touched, rows: Float, inverse: Inverse, gradient: Float, d
     beyond = touched.excess - rows @ inverse.times(gradient)
     presses = multipliers(gram, beyond) > 0
     if not (presses.any() and dispersion > 0):
-        return Pressed(touched, presses, np.zeros((0, touched.rows.shape[1])), np.zeros(0, dtype=np.int64))
+        return ActiveOutputLimits(touched, presses, np.zeros((0, touched.rows.shape[1])), np.zeros(0, dtype=np.int64))
     sizes, vectors = np.linalg.eigh(gram)
     apart = sizes > ALIKE * sizes[-1]
     axes, units = vectors[:, apart], np.sqrt(sizes[apart])
     held, sides = _by_side(axes * units, touched.side, _held(gram, beyond, axes, np.sqrt(dispersion) * units))
-    return Pressed(touched, presses, (axes / units @ held).T @ touched.rows, sides)
+    return ActiveOutputLimits(touched, presses, (axes / units @ held).T @ touched.rows, sides)
 
 
 def _held(gram: Float, beyond: Float, axes: Float, units: Float) -> Float:
@@ -154,7 +156,7 @@ def _within(gram: Float, wanted: Float, at: Float, inside: Bool) -> Float:
 
 
 @dataclass(frozen=True)
-class Holding:
+class ActiveLimit:
     """A limit that is met at the end of a fit.
 
     Attributes:
@@ -176,8 +178,12 @@ class Holding:
 
 
 def outputs_held(
-    pressed: Pressed, sides: Sequence[Side], bounds: Sequence[Bound], columns: Mapping[str, Int], sizes: Float
-) -> Iterator[Holding]:
+    pressed: ActiveOutputLimits,
+    sides: Sequence[LimitSide],
+    bounds: Sequence[BoundDataset],
+    columns: Mapping[str, Int],
+    sizes: Float,
+) -> Iterator[ActiveLimit]:
     """The limits of outputs that are met; `sizes` is how far each value would move the data, alone.
 
     `columns` are those of each parameter among all values.
@@ -193,13 +199,13 @@ def outputs_held(
         limit = str(sides[number])
         if not len(rows):
             sentence = f"The limit {limit} {met}. It holds nothing: the data keep the values there by themselves."
-            yield Holding(limit, sentence, count, 0)
+            yield ActiveLimit(limit, sentence, count, 0)
             continue
         names = _strongest(rows, columns, sizes)
         more = ", ..." if len(names) > NAMED else ""
         changes = "one change" if len(rows) == 1 else f"{len(rows)} changes"
         told = f"It decides {changes} of {', '.join(names[:NAMED])}{more} in place of the data."
-        yield Holding(limit, f"The limit {limit} {met}. {told}", count, len(rows), names)
+        yield ActiveLimit(limit, f"The limit {limit} {met}. {told}", count, len(rows), names)
 
 
 def _strongest(rows: Float, columns: Mapping[str, Int], sizes: Float) -> tuple[str, ...]:
@@ -212,8 +218,8 @@ def _strongest(rows: Float, columns: Mapping[str, Int], sizes: Float) -> tuple[s
 
 
 def distances(
-    axes: Mapping[AxisKey, FreeAxis], values: Values, full: Float, names: Mapping[AxisKey, str]
-) -> Iterator[Holding]:
+    axes: Mapping[AxisKey, FreeAxis], values: ValueLayout, full: Float, names: Mapping[AxisKey, str]
+) -> Iterator[ActiveLimit]:
     """Neighbouring breakpoints that stand as close as they may."""
     for key, axis in axes.items():
         at = values.moving.get(key, values.free)
@@ -222,4 +228,4 @@ def distances(
         for i in touching_pairs(points, least).tolist() if at < values.free else ():
             pair = f"Breakpoints {i + 1} and {i + 2} of {names[key]} ({points[i]:.6g} and {points[i + 1]:.6g})"
             sentence = f"{pair} stand at their least distance {least:.4g} and move as one: fewer may do."
-            yield Holding(f"least distance of {names[key]}", sentence, 0, 1, (names[key],))
+            yield ActiveLimit(f"least distance of {names[key]}", sentence, 0, 1, (names[key],))

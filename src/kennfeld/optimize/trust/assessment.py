@@ -12,30 +12,30 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int, silent
 from kennfeld.criteria import Criterion
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.optimize.strategies.output_limits import OutputLimits
-from kennfeld.optimize.trust.active_limits import Holding, distances, outputs_held
+from kennfeld.optimize.trust.active_limits import ActiveLimit, distances, outputs_held
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
 from kennfeld.optimize.trust.noise import Group, groups
 from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.trust import Trust
-from kennfeld.optimize.trust.weak_directions import shapes, weak_directions
+from kennfeld.optimize.trust.weak_directions import table_changes, weak_directions
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.threads import blas_threads
 
-__all__ = ["Inspection"]
+__all__ = ["TrustAssessment"]
 
 MOST = 12  # directions that are named
 SETTLED = 0.05  # standard deviations that a value may still be from its best and count as there
 
 
-def touching_samples(compiled: Compiled, full: Float) -> Int:
+def touching_samples(compiled: CompiledProblem, full: Float) -> Int:
     """For each free value, the scored samples that touch it; `full` are the free and the fixed values.
 
     A sample that is only simulated, because of `where`, the warmup or a missing target, does not count. A steady-state
@@ -47,7 +47,7 @@ def touching_samples(compiled: Compiled, full: Float) -> Int:
     return compiled.accumulator.touched(full, _owners(compiled, bounds) if parts else None)
 
 
-def _owners(compiled: Compiled, bounds: tuple[Bound, ...]) -> Int:
+def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
     """For each sample the scored one of which it is a part, -1 where there is none."""
     samples = compiled.samples
     owners = np.full(samples.count, -1, dtype=np.int64)
@@ -64,7 +64,7 @@ def _owners(compiled: Compiled, bounds: tuple[Bound, ...]) -> Int:
     return owners
 
 
-class Inspection:
+class TrustAssessment:
     """What is needed to tell the trust in the values of a fit.
 
     `values` are the free ones at the end, `informed` marks those that data or smoothness inform. What was compiled, and
@@ -76,7 +76,7 @@ class Inspection:
         problem: Problem,
         values: Float,
         informed: Mapping[str, Bool],
-        compiled: Compiled,
+        compiled: CompiledProblem,
         scorer: Scorer,
         outputs: Callable[[], OutputLimits | None] = lambda: None,
         status: Status = "converged",
@@ -113,7 +113,7 @@ class Inspection:
 
         outputs = self.outputs()
         touched = None if outputs is None else outputs.touched(self.values, parameters)
-        found = estimate(compiled, limits_of(problem, compiled.values), self.values, judged, touched)
+        found = estimate(compiled, linear_limits(problem, compiled.values), self.values, judged, touched)
         if found is None:
             return Trust(informed=self.informed)
         training, samples = found.groups, touching_samples(compiled, full)
@@ -161,7 +161,7 @@ class Inspection:
         blind = {name: where & ~held[name] for name, where in split(searched).items() if name not in split.axes}
         idle += [words.searched(name, where) for name, where in blind.items() if where.any()]
         tables = {name: where for name, where in held.items() if name not in split.axes}
-        candidates = shapes(self.problem.model.graph, parameters, tables)
+        candidates = table_changes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
@@ -172,12 +172,12 @@ class Inspection:
         ]
         return (*idle, *told)
 
-    def _outputs_held(self, found: Estimate, outputs: OutputLimits | None, split: "_Split") -> Iterator[Holding]:
+    def _outputs_held(self, found: Estimate, outputs: OutputLimits | None, split: "_Split") -> Iterator[ActiveLimit]:
         if outputs is not None and found.pressed is not None:
             bounds = self.problem.training
             yield from outputs_held(found.pressed, outputs.sides, bounds, split.columns, np.sqrt(found.own))
 
-    def _distances(self, split: "_Split", full: Float) -> Iterator[Holding]:
+    def _distances(self, split: "_Split", full: Float) -> Iterator[ActiveLimit]:
         names = {axis.key: name for name, axis in split.axes.items()}
         return distances(self.problem.free_axes, self.compiled.values, full, names)
 
@@ -186,9 +186,9 @@ class Inspection:
         if self.status == "converged":
             return ""
         far = found.distance
-        what = f"by {far:.2g} standard deviations" if far >= SETTLED else "by next to nothing"
+        message = f"by {far:.2g} standard deviations" if far >= SETTLED else "by next to nothing"
         return (
-            f"The search ended as {self.status}. By the slopes at its end a value would still move {what}; "
+            f"The search ended as {self.status}. By the slopes at its end a value would still move {message}; "
             "what is said of the values holds around that end."
         )
 
@@ -199,7 +199,7 @@ class _Split:
     An axis is called as elsewhere, `AxisSpeed` or `MapTorque.x`; where a parameter has that name, `axis AxisSpeed`.
     """
 
-    def __init__(self, problem: Problem, compiled: Compiled) -> None:
+    def __init__(self, problem: Problem, compiled: CompiledProblem) -> None:
         values, tables = compiled.values, {name: problem.parameters[name] for name in problem.free_names}
         self.axes = {
             f"axis {key}" if str(key) in problem.parameters else str(key): axis

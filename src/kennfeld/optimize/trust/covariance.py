@@ -24,13 +24,21 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Accumulator
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
-from kennfeld.optimize.strategies.output_limits import Touched
-from kennfeld.optimize.trust.active_limits import Pressed, pressing
-from kennfeld.optimize.trust.information_matrix import Reduction, Spectrum, active_rows, held, nullity, pivots, root
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.strategies.output_limits import NearActiveSamples
+from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits
+from kennfeld.optimize.trust.information_matrix import (
+    ConstraintElimination,
+    Spectrum,
+    active_rows,
+    held,
+    nullity,
+    pivots,
+    root,
+)
 from kennfeld.optimize.trust.matrices import Matrix, compressed, part, scaled, whole
 from kennfeld.optimize.trust.noise import Group, rescored, variances
 
@@ -38,7 +46,9 @@ __all__ = ["Estimate", "estimate"]
 
 PART = 1e-4  # relative part in undetermined directions that is not rounding
 
-ALONE = Settings(max_iterations=20, tolerance=1e-4)  # of the descent to where the data alone would have the values
+ALONE = SolverSettings(
+    max_iterations=20, tolerance=1e-4
+)  # of the descent to where the data alone would have the values
 Judge = Callable[[Float], list[Group]]  # the groups of residuals at some values
 
 
@@ -50,7 +60,7 @@ class Estimate:
     many. `noise` is M, None where all samples have one noise and it is phi H_data.
     """
 
-    reduction: Reduction
+    reduction: ConstraintElimination
     seen: Bool  # Bool[independent]: those that the matrices are over
     spectrum: Spectrum
     data: Matrix  # curvature of the data
@@ -62,7 +72,7 @@ class Estimate:
     gradient: Float  # half that of the cost
     own: Float  # Float[values]: curvature of the data along each of all values
     informed: Bool  # Bool[values]: those of all values that data or smoothness inform
-    pressed: Pressed | None = None  # where limits of outputs are met
+    pressed: ActiveOutputLimits | None = None  # where limits of outputs are met
 
     @cached_property
     def error(self) -> Float:
@@ -205,7 +215,11 @@ class Estimate:
 
 
 def estimate(
-    compiled: Compiled, limits: Limits, values: Float, judge: Judge, touched: Touched | None = None
+    compiled: CompiledProblem,
+    limits: LinearLimits,
+    values: Float,
+    judge: Judge,
+    touched: NearActiveSamples | None = None,
 ) -> Estimate | None:
     """The estimate at the values where a fit ended; None where a derivative of the model is not finite there.
 
@@ -221,16 +235,16 @@ def estimate(
     if not np.isfinite(outputs).all():
         return None
     still = held(limits, values, measured.gradient, np.vstack([rows, outputs]))
-    found = _reduced(measured, Reduction.of(still, rows), groups)
+    found = _reduced(measured, ConstraintElimination.of(still, rows), groups)
     if touched is None or not found.seen.any():
         return found
-    beyond = gauss_newton(SumOfSquares(compiled), values, limits, ALONE).values
+    beyond = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, ALONE).values
     found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
     moving = found.reduction.rows(outputs)[:, found.seen]
-    pressed = pressing(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
+    pressed = find_active_output_limits(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
     if not pressed.rows.size:
         return replace(_reduced(measured, found.reduction, groups), pressed=pressed)
-    tied = Reduction.of(still, np.vstack([rows, pressed.rows]))
+    tied = ConstraintElimination.of(still, np.vstack([rows, pressed.rows]))
     return replace(_reduced(measured, tied, found.groups, found.variances), pressed=pressed)
 
 
@@ -243,7 +257,7 @@ def _noisy_as(known: Sequence[Group], found: Sequence[Group]) -> Sequence[Group]
 
 
 def _reduced(
-    measured: "_Measured", reduction: Reduction, groups: Sequence[Group], known: Sequence[float] = ()
+    measured: "_Measured", reduction: ConstraintElimination, groups: Sequence[Group], known: Sequence[float] = ()
 ) -> Estimate:
     """The estimate for the values that move independently, with the noise of the groups, or a known one."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
@@ -282,10 +296,10 @@ def _reduced(
 class _Measured:
     """Curvatures over all free values, with the slopes of robust losses in place of their weights."""
 
-    def __init__(self, compiled: Compiled, values: Float, groups: Sequence[Group]) -> None:
+    def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
         self._full = self.whole(values)
-        objective = SumOfSquares(compiled)
+        objective = LeastSquaresObjective(compiled)
         self.gradient = objective.normal(values)[0].copy()
         self._faint = objective.faint(values)
         smoothness = np.zeros((values.size, values.size))

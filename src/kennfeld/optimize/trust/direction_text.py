@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
-from kennfeld.optimize.trust.weak_directions import Shape, Weak
+from kennfeld.optimize.trust.weak_directions import TableChange, WeakDirection
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.rbf import RBF
@@ -23,7 +23,7 @@ SLIGHT = 0.3  # of the strongest table that another needs to be named
 RELATIVE = ("scale", "stretch", "follow")
 ORDER = ("scale", "stretch", "offset", "follow", "shift")
 DIRECTIONS = ("x", "y", "z", "w")
-Amounts = Sequence[tuple[Shape, float]]
+Amounts = Sequence[tuple[TableChange, float]]
 
 
 @dataclass(frozen=True)
@@ -131,18 +131,20 @@ class Describer:
             float("inf"),
         )
 
-    def named(self, weak: Weak, parts: Mapping[str, Float]) -> Direction:
+    def named(self, weak: WeakDirection, parts: Mapping[str, Float]) -> Direction:
         """A direction of named shapes; `parts` are its changes of each parameter."""
         ordered = sorted(weak.amounts, key=lambda pair: ORDER.index(pair[0].kind))
         unit = self._picture(ordered[0][0]) / ordered[0][1]
         amounts = [(shape, amount * unit) for shape, amount in ordered]
         deviation = weak.deviation / abs(unit)
-        what = _clauses([self._verb(shape, amount) for shape, amount in amounts])
+        message = _clauses([self._verb(shape, amount) for shape, amount in amounts])
         effect = _effect(weak, self._size(amounts, deviation))
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        return Direction(f"{what} {effect}.", self._pin(amounts, changed), changed, weak.exact, weak.ratio, deviation)
+        return Direction(
+            f"{message} {effect}.", self._pin(amounts, changed), changed, weak.exact, weak.ratio, deviation
+        )
 
-    def nameless(self, weak: Weak, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
+    def nameless(self, weak: WeakDirection, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """A direction told by its strongest grid points; `weights` say what each value's change does to the data."""
         strongest = max(float(weight.max()) for weight in weights.values())
         shares = {name: _rounded(weight / strongest) for name, weight in weights.items()}
@@ -165,7 +167,7 @@ class Describer:
             return float(np.diff(self._free_axes[name].breakpoints).mean())
         return float(np.abs(np.nan_to_num(self._parameters[name].values)).max()) or 1.0
 
-    def _picture(self, shape: Shape) -> float:
+    def _picture(self, shape: TableChange) -> float:
         """An amount that is easily pictured: 1 %, or a round number."""
         if shape.kind in RELATIVE:
             return PERCENT
@@ -174,7 +176,7 @@ class Describer:
             return _round(PERCENT * float(np.ptp(points)))
         return _round(PERCENT * self._typical(shape.table))
 
-    def _verb(self, shape: Shape, amount: float) -> tuple[str, str]:
+    def _verb(self, shape: TableChange, amount: float) -> tuple[str, str]:
         table = self._parameters[shape.table]
         more = "raising" if amount > 0 else "lowering"
         match shape.kind:
@@ -264,7 +266,7 @@ class Describer:
         return f"{', '.join(mends[:-1])}, or {mends[-1]}."
 
 
-def _effect(weak: Weak, size: str) -> str:
+def _effect(weak: WeakDirection, size: str) -> str:
     if weak.exact and not np.isfinite(weak.deviation):
         return "changes nothing"
     if not np.isfinite(weak.deviation):

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, Sparse
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, scaled, whole
 
-__all__ = ["Reduction", "Spectrum", "active_rows", "echelon", "held", "nullity", "pivots", "root"]
+__all__ = ["ConstraintElimination", "Spectrum", "active_rows", "echelon", "held", "nullity", "pivots", "root"]
 
 TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
@@ -35,7 +35,7 @@ MANY = 4  # share of values, one in so many, up to which open directions are loo
 ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
 
 
-def held(limits: Limits, values: Float, gradient: Float, rows: Float) -> Bool:
+def held(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> Bool:
     """Values that a lock holds, or a bound that the cost presses them against while the `rows` stay as they are."""
     low, high = values <= limits.lower, values >= limits.upper
     inside = limits.movable & ~low & ~high
@@ -45,7 +45,7 @@ def held(limits: Limits, values: Float, gradient: Float, rows: Float) -> Bool:
     return found
 
 
-def active_rows(limits: Limits, values: Float) -> Float:
+def active_rows(limits: LinearLimits, values: Float) -> Float:
     """Rows a of the linear limits that are met with equality, a'p = b; shape (rows, values)."""
     rows = limits.rows
     product, slack = rows.times(values), TOUCHING * rows.size(values)
@@ -54,12 +54,12 @@ def active_rows(limits: Limits, values: Float) -> Float:
 
 
 @dataclass(frozen=True)
-class Reduction:
+class ConstraintElimination:
     """Values p of which some are held, and others follow the `independent` ones through linear equalities.
 
     A change q of the independent values changes the `dependent` ones by `follow @ q`, and the held ones not at all.
 
-    >>> reduction = Reduction.of(np.array([False, False, True]), np.array([[1.0, 2.0, 0.0]]))
+    >>> reduction = ConstraintElimination.of(np.array([False, False, True]), np.array([[1.0, 2.0, 0.0]]))
     >>> reduction.independent, reduction.expand(np.array([2.0]))
     (array([0]), array([ 2., -1.,  0.]))
     """
@@ -70,7 +70,7 @@ class Reduction:
     follow: Float  # Float[dependent, independent]
 
     @classmethod
-    def of(cls, held: Bool, rows: Float) -> "Reduction":
+    def of(cls, held: Bool, rows: Float) -> "ConstraintElimination":
         """Eliminate a value for each row, that of the largest coefficient; rows that say nothing new fall out."""
         moving = np.flatnonzero(~held)
         work = np.array(rows[:, moving], dtype=np.float64)

@@ -21,11 +21,11 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.criteria import Criterion
 from kennfeld.native import Samples
-from kennfeld.native.column_table import Rows
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.native.column_table import ColumnTable
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.trust.persistence import persistence
-from kennfeld.preprocessing.binding import Bound
-from kennfeld.preprocessing.sample_weights import Weighting
+from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.sample_weights import SampleWeights
 
 __all__ = ["Group", "groups", "rescored", "variances"]
 
@@ -64,7 +64,7 @@ class Group:
 
 
 def groups(
-    criteria: Sequence[Criterion], bounds: Sequence[Bound], errors: Sequence[Float], weighting: Weighting
+    criteria: Sequence[Criterion], bounds: Sequence[BoundDataset], errors: Sequence[Float], weighting: SampleWeights
 ) -> list[Group]:
     """The groups of the training data; `errors` are model minus target, (criteria, samples), NaN where not scored."""
     found = []
@@ -82,7 +82,7 @@ def groups(
 class _Member:
     """The scaled residuals of one dataset, NaN where they do not count, and the samples' own weights."""
 
-    def __init__(self, bound: Bound, residual: Float, weights: Float) -> None:
+    def __init__(self, bound: BoundDataset, residual: Float, weights: Float) -> None:
         self.bound, self.weights = bound, weights
         self.residual = np.where(weights > 0, residual, np.nan)
 
@@ -94,7 +94,7 @@ class _Member:
         return persistence(self.residual * np.sqrt(self.weights), self.bound.starts)
 
 
-def _own(weighting: Weighting, criterion: int, bound: Bound) -> Float:
+def _own(weighting: SampleWeights, criterion: int, bound: BoundDataset) -> Float:
     """The weight that each sample has of its own."""
     name = weighting.inputs.get(criterion)
     return np.ones(bound.count) if name is None else weighting.columns(bound)[name]
@@ -190,7 +190,7 @@ def _mean(lasting: Sequence[tuple[float, int]]) -> float:
     return sum(length * count for length, count in lasting) / total if total else 1.0
 
 
-def rescored(compiled: Compiled, factors: Mapping[Group, float]) -> Samples:
+def rescored(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
     """The samples of some groups, with their weights times a factor; the others count nothing."""
     samples = _with_weights(compiled, factors)
     own = compiled.weighting.inputs
@@ -202,7 +202,7 @@ def rescored(compiled: Compiled, factors: Mapping[Group, float]) -> Samples:
     return samples
 
 
-def _with_weights(compiled: Compiled, factors: Mapping[Group, float]) -> Samples:
+def _with_weights(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
     """The samples with other weights of their own, where they have any."""
     made = copy(compiled.samples)
     rows = list(made.inputs.parts)
@@ -212,12 +212,12 @@ def _with_weights(compiled: Compiled, factors: Mapping[Group, float]) -> Samples
             _scaled(compiled.problem.criteria[criterion], bound, compiled.weighting.columns(bound)[name], mine)
             for bound in compiled.problem.gathered
         ]
-    made.inputs = Rows(rows, made.inputs.count)
+    made.inputs = ColumnTable(rows, made.inputs.count)
     made.data = made.inputs.headed(made.order)
     return made
 
 
-def _scaled(criterion: Criterion, bound: Bound, weights: Float, factors: Sequence[tuple[Group, float]]) -> Float:
+def _scaled(criterion: Criterion, bound: BoundDataset, weights: Float, factors: Sequence[tuple[Group, float]]) -> Float:
     score = criterion.weight * bound.dataset.weight
     found = np.zeros(weights.size)
     for group, factor in factors:

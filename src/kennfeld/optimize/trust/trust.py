@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
-from kennfeld.optimize.trust.active_limits import Holding
+from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Direction
 from kennfeld.optimize.trust.null_space import NullSpace
@@ -54,7 +54,7 @@ class Trust:
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[Direction, ...] = ()
     null_space: NullSpace = field(default_factory=NullSpace)
-    holdings: tuple[Holding, ...] = ()
+    holdings: tuple[ActiveLimit, ...] = ()
     remark: str = ""
     estimate: Estimate | None = field(default=None, repr=False)
     columns: Mapping[str, int] = field(default_factory=dict, repr=False)  # of a parameter's first value

@@ -22,7 +22,7 @@ from kennfeld.optimize.trust.matrices import Matrix, part
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["Shape", "Weak", "shapes", "weak_directions"]
+__all__ = ["TableChange", "WeakDirection", "table_changes", "weak_directions"]
 
 Kind = Literal["scale", "offset", "stretch", "shift", "follow"]
 FLAT = 1e-9  # relative spread of values from which a table counts as constant
@@ -46,7 +46,7 @@ MANY = 48  # shapes from which only two are tried together
 
 
 @dataclass(frozen=True)
-class Shape:
+class TableChange:
     """A named change of one table, per unit of its amount.
 
     `scale`: the values themselves; `offset`: ones; `stretch`: the distances from `about`, a value that is held;
@@ -63,7 +63,7 @@ class Shape:
     fed: frozenset[str] = frozenset()
 
 
-def shapes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[Shape]:
+def table_changes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[TableChange]:
     """The named changes of the tables in `held`, which marks values that cannot change; those that differ."""
     places = _places(graph)
     found = []
@@ -75,7 +75,7 @@ def shapes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> 
             if other != name and places.get(name) and places.get(name) == places.get(other):
                 change = _resampled(parameters[other], parameters[name].index_axes)
                 if np.ptp(change) > FLAT * np.abs(change).max():
-                    found.append(Shape("follow", name, change, other=other))
+                    found.append(TableChange("follow", name, change, other=other))
     return found
 
 
@@ -102,20 +102,20 @@ def _fed(graph: Graph) -> Mapping[str, list[frozenset[str]]]:
     return found
 
 
-def _own(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[Shape]:
+def _own(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[TableChange]:
     values = np.nan_to_num(table.values)
     largest = float(np.abs(values).max())
-    found = [Shape("scale", table.name, values)] if largest > 0 else []
+    found = [TableChange("scale", table.name, values)] if largest > 0 else []
     if not found or float(np.ptp(values)) > FLAT * largest:
-        found.append(Shape("offset", table.name, np.ones(values.shape)))
+        found.append(TableChange("offset", table.name, np.ones(values.shape)))
     about = values[held]
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
-        found.append(Shape("stretch", table.name, values - about[0], about=float(about[0])))
+        found.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
     for i, axis in enumerate(table.index_axes):
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
-                found.append(Shape("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
+                found.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
     return found
 
 
@@ -129,7 +129,7 @@ def _resampled(table: Parameter, axes: Sequence[Axis]) -> Float:
 
 
 @dataclass(frozen=True)
-class Weak:
+class WeakDirection:
     """A badly determined direction, as a change of all values.
 
     `weight` is what each value's change does to the data, alone. `amounts` says how much of which shape the direction
@@ -141,7 +141,7 @@ class Weak:
     ratio: float  # of data and smoothness together
     seen: float  # of the data alone
     deviation: float  # standard deviation of how far along it the values are, the worse ones given; inf where open
-    amounts: tuple[tuple[Shape, float], ...]
+    amounts: tuple[tuple[TableChange, float], ...]
 
     @property
     def exact(self) -> bool:
@@ -150,7 +150,7 @@ class Weak:
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _TrialDirection:
     """A direction over the estimate's values: of shapes in some amounts, or without a name."""
 
     change: Float
@@ -161,10 +161,12 @@ class _Trial:
     score: float = 0.0  # least for the direction that says most with fewest words
 
 
-def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float, most: int) -> list[Weak]:
+def weak_directions(
+    estimate: Estimate, shapes: Sequence[TableChange], changes: Float, most: int
+) -> list[WeakDirection]:
     """At most so many directions, worst first; `changes` are the shapes as rows over all values."""
-    search = _Search(estimate, shapes, estimate.narrow(changes))
-    found: list[_Trial] = []
+    search = _DirectionSearch(estimate, shapes, estimate.narrow(changes))
+    found: list[_TrialDirection] = []
     for trial in sorted(search.named(), key=lambda trial: trial.score):
         if len(found) < most and search.news(found, trial.change) > NEW:
             found.append(trial)
@@ -176,7 +178,7 @@ def weak_directions(estimate: Estimate, shapes: Sequence[Shape], changes: Float,
             found.append(trial)
     found.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
-        Weak(
+        WeakDirection(
             change=estimate.expand(trial.change),
             weight=np.abs(estimate.expand(trial.change * search.root)),
             ratio=trial.ratio,
@@ -193,10 +195,10 @@ def _rounded(ratio: float) -> float:
     return float(f"{ratio:.5e}")
 
 
-class _Search:
+class _DirectionSearch:
     """Ratios of directions, and the shapes among which to look."""
 
-    def __init__(self, estimate: Estimate, shapes: Sequence[Shape], rows: Float) -> None:
+    def __init__(self, estimate: Estimate, shapes: Sequence[TableChange], rows: Float) -> None:
         self.data, self.total = estimate.data, estimate.data + estimate.smoothness
         self.diagonal = np.maximum(self.data.diagonal(), EXACT * self.total.diagonal())
         self.root = np.sqrt(self.diagonal)
@@ -211,7 +213,7 @@ class _Search:
         self.fed = [shapes[i].fed for i in self.numbers]
         self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
 
-    def news(self, known: Sequence[_Trial], change: Float) -> float:
+    def news(self, known: Sequence[_TrialDirection], change: Float) -> float:
         """The share of a direction that known ones do not span."""
         scaled = change * self.root
         if not known:
@@ -220,7 +222,7 @@ class _Search:
         rest = scaled - basis @ (basis.T @ scaled)
         return float(rest @ rest / (scaled @ scaled))
 
-    def deviations(self, trials: Sequence[_Trial]) -> list[float]:
+    def deviations(self, trials: Sequence[_TrialDirection]) -> list[float]:
         """Standard deviations of how far along each direction the values are, those before it given.
 
         How far that is, v'D p / v'D v, is a linear function of the values; what the functions before it tell of its
@@ -255,15 +257,15 @@ class _Search:
                 functions[i] = 0.0
         return found
 
-    def others(self, directions: Float) -> Iterator[_Trial]:
+    def others(self, directions: Float) -> Iterator[_TrialDirection]:
         """Weak directions without a name."""
         trials = (self._measured(change) for change in directions)
         return (trial for trial in trials if trial.ratio < VAGUE)
 
-    def named(self) -> Iterator[_Trial]:
+    def named(self) -> Iterator[_TrialDirection]:
         """Weak directions of one shape, or of two or three shapes of different tables."""
         for count in range(1, (len(NEAR) if len(self.tables) <= MANY else 2) + 1):
-            nearly: dict[tuple[str, ...], list[_Trial]] = {}
+            nearly: dict[tuple[str, ...], list[_TrialDirection]] = {}
             for group, weights in self._soft(count):
                 trial = self._mixed(group, weights)
                 if trial.seen <= EXACT or trial.ratio < self._near(group):
@@ -273,24 +275,28 @@ class _Search:
             for names, trials in nearly.items():
                 yield from self._adapted(names, trials)
 
-    def _mixed(self, group: Int, weights: Float) -> _Trial:
+    def _mixed(self, group: Int, weights: Float) -> _TrialDirection:
         """A mixture of shapes as they are."""
         part = np.ix_(group, group)
         both, data = (float(weights @ gram[part] @ weights) for gram in (self.whole_gram, self.gram))
         return self._trial(weights @ self.rows[group], both, data, group, weights)
 
-    def _measured(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _Trial:
+    def _measured(
+        self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None
+    ) -> _TrialDirection:
         """Any change, perhaps one that began as a mixture of shapes."""
         alone = float(change @ (self.diagonal * change))
         both, data = (float(change @ matrix @ change) / alone for matrix in (self.total, self.data))
         return self._trial(change, both, data, group, np.zeros(0) if weights is None else weights)
 
-    def _trial(self, change: Float, ratio: float, seen: float, group: Sequence[int] | Int, weights: Float) -> _Trial:
+    def _trial(
+        self, change: Float, ratio: float, seen: float, group: Sequence[int] | Int, weights: Float
+    ) -> _TrialDirection:
         shapes = tuple(self.numbers[i] for i in group)
         amounts = tuple(float(weight / self.length[i]) for i, weight in zip(group, weights, strict=True))
         words = SIMPLER ** len(shapes) * PLAINER ** sum(self.kinds[i] in ("follow", "shift") for i in group)
         plain = _rounded(seen) if seen > EXACT else 1e-3 * EXACT
-        return _Trial(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, plain * words)
+        return _TrialDirection(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, plain * words)
 
     def _near(self, group: Sequence[int] | Int) -> float:
         """The ratio below which a mixture of shapes is worth naming."""
@@ -314,7 +320,7 @@ class _Search:
         for k in np.flatnonzero(ratios[:, 0] < (SOFT if count == 2 else NEAR[count - 1])):
             yield groups[k], vectors[k][:, 0]
 
-    def _adapted(self, names: Sequence[str], trials: Sequence[_Trial]) -> Iterator[_Trial]:
+    def _adapted(self, names: Sequence[str], trials: Sequence[_TrialDirection]) -> Iterator[_TrialDirection]:
         """The mixtures that are weak once the other values of these tables have adapted.
 
         That is the change w that minimises w'Hw among those with the same amount w'D s of each shape s of the mixture.

@@ -10,24 +10,26 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from kennfeld.arrays import Float
-from kennfeld.optimize.fit import Run
-from kennfeld.optimize.linear_limits import limits_of
+from kennfeld.optimize.fit import FitRun
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Progress, Result, Seconds, StartResult
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.holdout_blocks import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import with_shifts_found
-from kennfeld.optimize.tuning.smoothness import Choice, chosen
+from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, select_factors
 from kennfeld.threads import blas_threads
 
-__all__ = ["choice_of", "decided", "with_choice"]
+__all__ = ["choose_smoothness", "resolve_automatic", "with_choice"]
 
 Search = Callable[[Problem], Result]
 
 
-def decided(problem: Problem, options: Options, progress: Progress | None, read: float, search: Search) -> Result:
+def resolve_automatic(
+    problem: Problem, options: Options, progress: Progress | None, read: float, search: Search
+) -> Result:
     """Decide what the problem leaves open, and search with that; `search` calibrates a problem of numbers.
 
     `read` is how long reading took, in s, for the account of the time.
@@ -47,23 +49,27 @@ def decided(problem: Problem, options: Options, progress: Progress | None, read:
     return replace(result, shifts=shifts, message=message, seconds=spent)
 
 
-def choice_of(run: Run, start: Float, limits: Limits, known: Choice | None = None) -> Choice:
+def choose_smoothness(
+    run: FitRun, start: Float, limits: LinearLimits, known: SmoothnessChoice | None = None
+) -> SmoothnessChoice:
     """The automatic factors of a run's problem, chosen from a start that keeps the limits."""
 
     def independent(values: Float) -> float:
         return independent_samples(run.problem, run.scorer.errors, run.parameters(values))
 
     steady = all(bound.dataset.time is None for bound in run.problem.training)
-    return chosen(run.exact, start, limits, run.options.settings, run._report, known, None if steady else independent)
+    return select_factors(
+        run.exact, start, limits, run.options.settings, run._report, known, None if steady else independent
+    )
 
 
-def with_choice(problem: Problem, choice: Choice) -> Problem:
+def with_choice(problem: Problem, choice: SmoothnessChoice) -> Problem:
     """The problem with the factors chosen."""
     return replace(problem, smoothness={**problem.smoothness, **choice.factors}, restraints=choice.restraints)
 
 
 def _smoothed(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:
-    plain = Run(problem, replace(options, continuation="off"), progress, Seconds())
+    plain = FitRun(problem, replace(options, continuation="off"), progress, Seconds())
     with blas_threads(plain.exact.values.free):
         return _Smoothing(plain, options, search).result()
 
@@ -72,18 +78,18 @@ def _smoothed(problem: Problem, options: Options, progress: Progress | None, sea
 class _Smoothing:
     """A calibration with automatic smoothness; `plain` is the run on whose fits it is chosen."""
 
-    plain: Run
+    plain: FitRun
     options: Options
     search: Search
 
     def result(self) -> Result:
         """The end of the search, of a search from there, or of the fit on which smoothness was chosen."""
         plain, options = self.plain, self.options
-        limits = limits_of(plain.problem, plain.exact.values)
+        limits = linear_limits(plain.problem, plain.exact.values)
         start, _ = plain.begin(limits)
         if start is None:
             return self.search(_with_none(plain.problem))
-        choice = choice_of(plain, start, limits)
+        choice = choose_smoothness(plain, start, limits)
         if choice.fit.status == "stopped":
             stopped = replace(choice.fit, iterations=0, evaluations=0)
             return self._together(self._ended(choice, lambda start, limits: stopped), choice)
@@ -95,24 +101,24 @@ class _Smoothing:
             end = choice.fit.values
         elif options.continuation == "off":
             return self._together(found, choice)
-        last = choice_of(plain, end, limits, choice)
+        last = choose_smoothness(plain, end, limits, choice)
         return self._together(self._polished(last), last, found)
 
-    def _polished(self, choice: Choice) -> Result:
+    def _polished(self, choice: SmoothnessChoice) -> Result:
         """The descent with the factors chosen last, from the fit on which they were chosen."""
         settings = self.options.settings
 
-        def descend(start: Float, limits: Limits) -> Descent:
+        def descend(start: Float, limits: LinearLimits) -> SolverResult:
             report = partial(self.plain._report, "plain")
-            return gauss_newton(self.plain.objective, choice.fit.values, limits, settings, report)
+            return levenberg_marquardt(self.plain.objective, choice.fit.values, limits, settings, report)
 
         return self._ended(choice, descend)
 
-    def _ended(self, choice: Choice, search: Callable[[Float, Limits], Descent]) -> Result:
+    def _ended(self, choice: SmoothnessChoice, search: Callable[[Float, LinearLimits], SolverResult]) -> Result:
         """The result of a last search with the factors of a choice, which the compiled problem has."""
         return self.plain.moved(with_choice(self.plain.problem, choice)).result(search)
 
-    def _together(self, result: Result, choice: Choice, before: Result | None = None) -> Result:
+    def _together(self, result: Result, choice: SmoothnessChoice, before: Result | None = None) -> Result:
         """A result with what was chosen, and with trace and effort of all searches."""
         own = [line for line in result.trace if line not in self.plain.trace]
         trace = (*self.plain.trace, *(() if before is None else before.trace), *own)

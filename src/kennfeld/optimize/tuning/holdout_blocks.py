@@ -16,12 +16,12 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native import Accumulator, Piece, Samples
-from kennfeld.optimize.compiled import Compiled
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import Bound
+from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["BLOCKS", "FEWEST", "NEVER", "Block", "Blocks", "independent_samples"]
+__all__ = ["BLOCKS", "FEWEST", "NEVER", "HoldoutBlock", "HoldoutBlocks", "independent_samples"]
 
 BLOCKS = 20  # in all, about
 FEWEST = 3
@@ -52,7 +52,7 @@ def correlation_time(pieces: Sequence[Float]) -> float:
 
 
 def independent_samples(
-    problem: Problem, errors: Callable[[Bound, ParameterSet], Float], parameters: ParameterSet
+    problem: Problem, errors: Callable[[BoundDataset, ParameterSet], Float], parameters: ParameterSet
 ) -> float:
     """Scored training samples of all criteria; those of data with time over their correlation time.
 
@@ -66,7 +66,7 @@ def independent_samples(
     )
 
 
-def _independent(bound: Bound, errors: Float) -> float:
+def _independent(bound: BoundDataset, errors: Float) -> float:
     count = float(np.isfinite(errors).sum())
     if bound.dataset.time is None or bound.hold is not None:
         return count
@@ -75,7 +75,7 @@ def _independent(bound: Bound, errors: Float) -> float:
 
 
 @dataclass(frozen=True)
-class Block:
+class HoldoutBlock:
     """What the samples of a block add: misfit(p + d) = misfit + 2 gradient'd + d'matrix d; `share` of the samples."""
 
     misfit: float
@@ -85,15 +85,15 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class HoldoutBlocks:
     """The block of each sample of a compiled problem, `NEVER` for those that are always fitted."""
 
-    compiled: Compiled
+    compiled: CompiledProblem
     numbers: Int  # Int[samples], as the data come
     sizes: Int  # Int[blocks], scored samples
 
     @classmethod
-    def of(cls, compiled: Compiled) -> "Blocks | None":
+    def of(cls, compiled: CompiledProblem) -> "HoldoutBlocks | None":
         """Each recording cut into stretches of about as many scored samples, about `BLOCKS` in all.
 
         Many short recordings are held back whole, neighbouring ones together. Steady points are never held back. None
@@ -120,14 +120,14 @@ class Blocks:
         """How many blocks there are."""
         return self.sizes.size
 
-    def linearised(self, full: Float) -> Iterator[Block]:
+    def linearised(self, full: Float) -> Iterator[HoldoutBlock]:
         """What each block adds at these values, fixed ones included."""
         shares = self.sizes / self.sizes.sum()
         held = self._in_time if self.compiled.kernel.line.states else self._anywhere
         for number, share in enumerate(shares):
             accumulator = Accumulator(self.compiled.kernel, held(number))
             misfit, found = accumulator.cost(full), accumulator.normal(full)
-            yield Block(misfit, found.gradient.copy(), found.matrix.copy(), float(share))
+            yield HoldoutBlock(misfit, found.gradient.copy(), found.matrix.copy(), float(share))
 
     def _in_time(self, number: int) -> Samples:
         """The recordings that a block has a part in, with its targets alone: states come from what went before."""
@@ -159,7 +159,7 @@ def _recordings(problem: Problem) -> Iterator[tuple[int, int]]:
         end += bound.count
 
 
-def _scored(problem: Problem, bound: Bound) -> Bool:
+def _scored(problem: Problem, bound: BoundDataset) -> Bool:
     """The samples at which a criterion counts."""
     known = np.zeros(bound.count, dtype=bool)
     for criterion in problem.criteria:

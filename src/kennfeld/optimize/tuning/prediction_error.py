@@ -21,7 +21,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Cholesky, Factor
 from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.tuning.holdout_blocks import Block
+from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
 __all__ = ["GAMMA", "HELD_BACK", "Linearised", "Prediction", "minimised"]
 
@@ -51,7 +51,7 @@ class Linearised:
     movable: Bool  # Bool[values]
     rows: Float  # Float[equalities, values]
     samples: float
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[HoldoutBlock, ...] = ()
     pull: Float | float = 0.0  # Float[values], weights of the squares of values - toward
     toward: Float | float = 0.0  # Float[values]
 
@@ -73,8 +73,8 @@ class Prediction:
         for block in (*blocks, *given):
             touched[block.columns] = True
         self._fit, self._free = fit, np.flatnonzero(fit.movable & touched)
-        self._blocks = [_Rows(block, fit.movable) for block in blocks]
-        self._given = [_Rows(block, fit.movable) for block in given]
+        self._blocks = [_PenaltyRows(block, fit.movable) for block in blocks]
+        self._given = [_PenaltyRows(block, fit.movable) for block in given]
         self._held = fit.rows[(fit.rows[:, self._free] != 0).any(axis=1)][:, self._free]
         self._data = fit.matrix[np.ix_(self._free, self._free)]
         self._cholesky = Cholesky(self._free.size) if fit.blocks else None
@@ -84,7 +84,7 @@ class Prediction:
         factors = np.exp(logarithms)
         inverse = self._inverse(factors)
         influence = inverse @ self._data
-        whole = Block(self._fit.misfit, self._fit.gradient, self._fit.matrix, 1.0)
+        whole = HoldoutBlock(self._fit.misfit, self._fit.gradient, self._fit.matrix, 1.0)
         misfit, d_misfit, dd_misfit = self._misfit(factors, self._fit.gradient, whole, lambda rows: rows @ inverse)
         freedom, d_freedom, dd_freedom = self._freedom(factors, inverse, influence)
         samples = self._fit.samples
@@ -144,7 +144,7 @@ class Prediction:
             inverse = inverse - across @ np.linalg.pinv(self._held @ across) @ across.T
         return inverse
 
-    def _misfit(self, factors: Float, fitted: Float, scored: Block, solve: Solve) -> Misfit:
+    def _misfit(self, factors: Float, fitted: Float, scored: HoldoutBlock, solve: Solve) -> Misfit:
         """The misfit of what is scored by the linearised fit with these factors, and its derivatives.
 
         `fitted` is the gradient of the data that are fitted, `solve` the inverse of their matrix with the penalty.
@@ -216,7 +216,7 @@ def _mean(one: Point, other: Point, share: float) -> Point:
     )
 
 
-class _Rows:
+class _PenaltyRows:
     """The second differences of a block in which a movable value takes part."""
 
     def __init__(self, block: Roughness, movable: Bool) -> None:

@@ -21,15 +21,15 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.linear_limits import limits_of
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.levenberg_marquardt import Settings, gauss_newton
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.time_shift import shifted
+from kennfeld.preprocessing.time_shift import shift_channels
 
 __all__ = ["moved", "with_shifts_found"]
 
@@ -41,8 +41,8 @@ WINDOW = 20  # samples to either side
 ROUNDS = 3  # scans of a lag, where there are several
 LIKELY = 3  # lags that are fitted again from the start
 NEAR = 0.05  # of a sample; a whole lag this close is taken
-ROUGH = Settings(max_iterations=30, tolerance=1e-5, patience=2)
-SCAN = Settings(max_iterations=5, tolerance=1e-2, patience=1)
+ROUGH = SolverSettings(max_iterations=30, tolerance=1e-5, patience=2)
+SCAN = SolverSettings(max_iterations=5, tolerance=1e-2, patience=1)
 
 Shifts = Mapping[str, Mapping[str, float]]  # by dataset and channel; s, for steady-state data samples
 
@@ -112,7 +112,7 @@ def moved(problem: Problem, shifts: Shifts) -> Problem:
     """The problem with channels of its datasets shifted."""
     if not shifts:
         return problem
-    datasets = tuple(shifted(data, shifts.get(data.name, {})) for data in problem.datasets)
+    datasets = tuple(shift_channels(data, shifts.get(data.name, {})) for data in problem.datasets)
     return replace(problem, datasets=datasets, unknown_shifts={})
 
 
@@ -123,7 +123,7 @@ def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, fl
     unseen. Raises `InputError` where a channel plays no part in the problem, or only test data ask for it.
     """
     sought = _checked(problem)
-    search = _Search(problem, sought)
+    search = _ShiftSearch(problem, sought)
     lags = search.found()
     shifts: dict[str, dict[str, float]] = {}
     for at, lag in zip(sought, lags, strict=True):
@@ -154,17 +154,17 @@ def _checked(problem: Problem) -> list[_Sought]:
     for number, data in enumerate(problem.datasets):
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in used or channel not in data:
-                mend = nearest(channel, used) or f"Name one of {', '.join(sorted(used))}."
-                what = f"{channel} is neither an input of the function nor a target"
-                findings.append(Finding(f"shift of dataset {data.name}", what, mend))
+                remedy = nearest(channel, used) or f"Name one of {', '.join(sorted(used))}."
+                message = f"{channel} is neither an input of the function nor a target"
+                findings.append(Finding(f"shift of dataset {data.name}", message, remedy))
             elif data.use == "training" and data.weight > 0:
                 sought.append(_Sought(number, channel))
     found = {at.channel for at in sought}
     for data in problem.datasets:
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in found and channel in used and channel in data:
-                what = f"the shift of {channel} is found on training data, and none asks for it"
-                findings.append(Finding(f"shift of dataset {data.name}", what, "Give a number."))
+                message = f"the shift of {channel} is found on training data, and none asks for it"
+                findings.append(Finding(f"shift of dataset {data.name}", message, "Give a number."))
     if findings:
         raise InputError(list(dict.fromkeys(findings)))
     return sought
@@ -180,22 +180,22 @@ def _same_names(problem: Problem) -> list[Finding]:
     ]
 
 
-class _Search:
+class _ShiftSearch:
     """The search for all lags, in samples; one after the other, again where another one has changed."""
 
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
         self.most = [_widest(problem.datasets[at.dataset]) for at in sought]
-        self.fits: dict[tuple[Settings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
+        self.fits: dict[tuple[SolverSettings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
         self.scans: dict[int, dict[float, float]] = {}
         data = self._data([0.0] * len(sought))
-        self.compiled = Compiled(replace(problem, datasets=data))
+        self.compiled = CompiledProblem(replace(problem, datasets=data))
         self.begin = self._begin()
 
     def _begin(self) -> ParameterSet:
         """The start, moved off a saddle."""
-        limits = limits_of(self.problem, self.compiled.values)
-        objective = SumOfSquares(self.compiled)
+        limits = linear_limits(self.problem, self.compiled.values)
+        objective = LeastSquaresObjective(self.compiled)
         kept, _ = project(objective.start, limits)
         off = None if kept is None else departure(self.compiled, kept, limits)
         return self.problem.parameters if off is None else self._parameters(off.values, self.problem.parameters)
@@ -274,22 +274,24 @@ class _Search:
             scored=scored,
         )
 
-    def _fitted(self, lags: Sequence[float], start: ParameterSet, settings: Settings) -> tuple[float, ParameterSet]:
+    def _fitted(
+        self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings
+    ) -> tuple[float, ParameterSet]:
         """The mean cost of a short fit, and its values; each set of lags is fitted once with each settings."""
         key = settings, tuple(lags)
         if key not in self.fits:
             self.fits[key] = self._fit(lags, start, settings)
         return self.fits[key]
 
-    def _fit(self, lags: Sequence[float], start: ParameterSet, settings: Settings) -> tuple[float, ParameterSet]:
+    def _fit(self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings) -> tuple[float, ParameterSet]:
         problem = replace(self.problem, datasets=self._data(lags), parameters=start)
         compiled = self.compiled.over(problem)
-        limits = limits_of(problem, compiled.values)
-        objective = SumOfSquares(compiled, by_rows=settings is not SCAN)
+        limits = linear_limits(problem, compiled.values)
+        objective = LeastSquaresObjective(compiled, by_rows=settings is not SCAN)
         begin, _ = project(objective.start, limits)
         if begin is None or not compiled.samples.count:
             return np.inf, start
-        end = gauss_newton(objective, begin, limits, settings)
+        end = levenberg_marquardt(objective, begin, limits, settings)
         return end.cost / compiled.weights, self._parameters(end.values, start)
 
     def _parameters(self, values: Float, start: ParameterSet) -> ParameterSet:
@@ -302,7 +304,7 @@ class _Search:
         data = list(self.problem.datasets)
         for at, lag, most in zip(self.sought, lags, self.most, strict=True):
             own = data[at.dataset]
-            data[at.dataset] = _inner(shifted(own, {at.channel: lag * _step(own)}), most)
+            data[at.dataset] = _inner(shift_channels(own, {at.channel: lag * _step(own)}), most)
         return tuple(data)
 
 

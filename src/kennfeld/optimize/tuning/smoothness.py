@@ -16,16 +16,16 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.optimize.compiled import Compiled
-from kennfeld.optimize.objective import SumOfSquares
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.restraint import Restrained, Restraint, penalty_of
 from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.solver.levenberg_marquardt import Descent, Iteration, Settings, gauss_newton
-from kennfeld.optimize.solver.linear_constraints import Limits
-from kennfeld.optimize.tuning.holdout_blocks import Blocks
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
 from kennfeld.optimize.tuning.prediction_error import Linearised, Prediction, minimised
 
-__all__ = ["RANGE", "Choice", "Round", "chosen"]
+__all__ = ["RANGE", "Round", "SmoothnessChoice", "select_factors"]
 
 RANGE = 1e7  # most and least factor, relative to the data
 NEAR = 0.1  # difference of logarithms that is not worth another fit
@@ -41,7 +41,7 @@ RESEMBLING = 2.0  # samples to an independent one, from which blocks are held ba
 FURTHER = 4  # most fits on the way to the smoothest
 STRIDE = float(np.log(1e4))  # most rise of the lowest level of smoothness from one of them to the next
 ACTIVE = 1e-9  # of the size of a linear row, at which it counts as active
-ROUGH = Settings(max_iterations=40, tolerance=1e-5, patience=2)
+ROUGH = SolverSettings(max_iterations=40, tolerance=1e-5, patience=2)
 
 Report = Callable[[str, Iteration, Float], None]
 Samples = Callable[[Float], float]
@@ -56,7 +56,7 @@ class Round:
     """
 
     logarithms: Float
-    fit: Descent
+    fit: SolverResult
     value: float = np.inf
     prediction: Prediction | None = None
     live: Bool = field(default_factory=lambda: np.zeros(0, dtype=bool))
@@ -119,12 +119,12 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Choice:
+class SmoothnessChoice:
     """The factors of every table that has an automatic one, one an axis, and the fit with them."""
 
     factors: Mapping[str, tuple[float, ...]]
     logarithms: Float
-    fit: Descent
+    fit: SolverResult
     samples: float
     blocks: int = 0
     restraints: Mapping[str, Restraint] = field(default_factory=dict)
@@ -142,21 +142,21 @@ class Choice:
         return {name: dict(zip("xyzw", factors, strict=False)) for name, factors in self.factors.items()}
 
 
-def chosen(
-    compiled: Compiled,
+def select_factors(
+    compiled: CompiledProblem,
     start: Float,
-    limits: Limits,
-    settings: Settings,
+    limits: LinearLimits,
+    settings: SolverSettings,
     report: Report,
-    known: Choice | None = None,
+    known: SmoothnessChoice | None = None,
     samples: Samples | None = None,
-) -> Choice:
+) -> SmoothnessChoice:
     """Choose the automatic factors of a compiled problem, from a start that keeps the limits.
 
     `known` is an earlier choice to go on from. `samples` gives the number of independent samples, given the values; by
     default every scored one is. The compiled problem has the chosen factors afterwards.
     """
-    return _Choosing(compiled, limits, settings, report, samples).run(start, known)
+    return SmoothnessSelection(compiled, limits, settings, report, samples).run(start, known)
 
 
 @dataclass(frozen=True)
@@ -179,11 +179,16 @@ class _Block:
         return float(np.diag(matrix)[columns].sum() / np.sum(self.unit.coefficients**2))
 
 
-class _Choosing:
+class SmoothnessSelection:
     """The running state of a choice."""
 
     def __init__(
-        self, compiled: Compiled, limits: Limits, settings: Settings, report: Report, samples: Samples | None
+        self,
+        compiled: CompiledProblem,
+        limits: LinearLimits,
+        settings: SolverSettings,
+        report: Report,
+        samples: Samples | None,
     ) -> None:
         self.compiled, self.limits, self.report = compiled, limits, report
         self.problem = compiled.problem
@@ -191,14 +196,14 @@ class _Choosing:
         self.independent = samples
         self.restraints: Mapping[str, Restraint] = {}
         self.samples = scored(compiled)  # one number for all rounds, so that they compare
-        self.held: Blocks | None = None
-        self.objective = SumOfSquares(compiled)
+        self.held: HoldoutBlocks | None = None
+        self.objective = LeastSquaresObjective(compiled)
         blocks = list(_blocks(compiled))
         self.sought = [block for block in blocks if block.given is None]
         self.given = [block.weighted for block in blocks if block.given is not None]
         self.rounds = self.iterations = self.evaluations = 0
 
-    def run(self, start: Float, known: Choice | None) -> Choice:
+    def run(self, start: Float, known: SmoothnessChoice | None) -> SmoothnessChoice:
         """Choose, from factors already known or anew."""
         if known is None:
             best = self._anew(start)
@@ -211,12 +216,14 @@ class _Choosing:
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
         blocks = self.held.count if self.held else 0
-        return Choice(self._factors(best.logarithms), best.logarithms, fit, self.samples, blocks, self.restraints)
+        return SmoothnessChoice(
+            self._factors(best.logarithms), best.logarithms, fit, self.samples, blocks, self.restraints
+        )
 
     def _count(self, samples: float) -> None:
         """Take so many samples as independent; where these are few, blocks are held back."""
         if scored(self.compiled) >= RESEMBLING * samples:
-            self.held = Blocks.of(self.compiled)
+            self.held = HoldoutBlocks.of(self.compiled)
         self.samples = samples
 
     def _anew(self, start: Float) -> Round:
@@ -325,7 +332,7 @@ class _Choosing:
         self._use(logarithms)
         self.rounds += 1
         report = partial(self.report, f"smoothness {self.rounds}")
-        fit = gauss_newton(self.objective, start, self.limits, self.settings, report)
+        fit = levenberg_marquardt(self.objective, start, self.limits, self.settings, report)
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
         gradient, matrix = self._data(fit.values)
@@ -378,7 +385,7 @@ class _Choosing:
         self.compiled.roughness = penalty_of(self.problem.parameters, self.compiled.values, factors, self.restraints)
 
 
-def _blocks(compiled: Compiled) -> Iterator[_Block]:
+def _blocks(compiled: CompiledProblem) -> Iterator[_Block]:
     """Every axis that has a roughness, with a factor above 0 or an automatic one."""
     problem = compiled.problem
     for name in problem.free_names:
@@ -390,7 +397,7 @@ def _blocks(compiled: Compiled) -> Iterator[_Block]:
                 yield _Block(name, axis, roughness, None if automatic else factor)
 
 
-def _pressing(limits: Limits, values: Float) -> Float:
+def _pressing(limits: LinearLimits, values: Float) -> Float:
     """The linear rows that hold the values where they are, in full."""
     rows = limits.rows
     if not rows.count:
@@ -399,7 +406,7 @@ def _pressing(limits: Limits, values: Float) -> Float:
     return rows.matrix(np.flatnonzero((here <= rows.lower + size) | (here >= rows.upper - size)), values.size)
 
 
-def scored(compiled: Compiled) -> float:
+def scored(compiled: CompiledProblem) -> float:
     """How many samples count, over all criteria."""
     samples = compiled.samples
     return float(sum(samples.scored(piece) @ (piece.scores > 0) for piece in samples.pieces))

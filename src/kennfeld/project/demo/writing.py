@@ -26,16 +26,16 @@ def write(name: str, folder: str | Path) -> Path:
     written.
     """
     if name not in NAMES:
-        mend = nearest(name, NAMES) or f"The demos are: {', '.join(NAMES)}."
-        raise InputError.of("demo", f"there is no demo {name}", mend)
+        remedy = nearest(name, NAMES) or f"The demos are: {', '.join(NAMES)}."
+        raise InputError.of("demo", f"there is no demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
     try:
         _claim(target, settings.partition("\n")[0])
         _complete(target, name, settings)
     except OSError as error:
-        what = f"the demo cannot be written here: {error.strerror or error}"
-        raise InputError.of(str(target), what, "Name another folder with --dir.") from None
+        message = f"the demo cannot be written here: {error.strerror or error}"
+        raise InputError.of(str(target), message, "Name another folder with --dir.") from None
     return target / PROJECT
 
 
@@ -75,8 +75,8 @@ def _claim(folder: Path, first_line: str) -> None:
         return
     project = folder / PROJECT
     if not (project.is_file() and project.read_bytes().startswith(first_line.encode())):
-        what = "the folder is not empty, and what it holds is not this demo"
-        raise InputError.of(str(folder), what, "Name another folder with --dir.")
+        message = "the folder is not empty, and what it holds is not this demo"
+        raise InputError.of(str(folder), message, "Name another folder with --dir.")
 
 
 def _complete(folder: Path, name: str, settings: str) -> None:

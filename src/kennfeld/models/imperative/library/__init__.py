@@ -7,10 +7,10 @@ from kennfeld.models.imperative.library import (
     interpolation_functions,
     reduction_functions,
 )
-from kennfeld.models.imperative.library.function_registry import LIBRARY, TAKES_TABLES
+from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS, TAKES_TABLES
 
 __all__ = [
-    "LIBRARY",
+    "SYMBOLIC_FUNCTIONS",
     "TAKES_TABLES",
     "array_functions",
     "container_functions",

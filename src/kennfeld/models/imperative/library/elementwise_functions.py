@@ -13,12 +13,20 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, PLAIN, TWO, Rule
-from kennfeld.models.imperative.integer_types import EXACT, Word, fitted, wrapped
-from kennfeld.models.imperative.library.function_registry import Given, function, matlab_word
-from kennfeld.models.imperative.node_arrays import Nodes, each, towards_zero
-from kennfeld.models.imperative.symbolic_values import Held, Truths, constants, integers, of_class, truths, word_of
+from kennfeld.models.imperative.integer_types import EXACT, IntegerType, fitted, wrapped
+from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, matlab_word
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, truncate
+from kennfeld.models.imperative.symbolic_values import (
+    LogicalNodes,
+    SymbolicValue,
+    as_logical,
+    constants,
+    integers,
+    of_class,
+    word_of,
+)
 
-__all__ = ["EACH_ALONE", "OF_BITS"]
+__all__ = ["ELEMENTWISE_NAMES", "OF_BITS"]
 
 OF_BITS = frozenset(
     {"bitand", "bitor", "bitxor", "bitshift", "bitsll", "bitsrl", "bitsra", "bitcmp", "bitget", "bitset"}
@@ -33,7 +41,7 @@ _CASTS: Final = (
 _DEGREES: Final = math.pi / 180
 
 
-def _word(given: Given, operands: int = 1) -> Word | None:
+def _word(given: SymbolicArguments, operands: int = 1) -> IntegerType | None:
     """The integer class of a call: that of an operand that has one, or a name behind the other arguments."""
     named = given.held[-1] if isinstance(given.held[-1], str) else None
     stated = matlab_word(named) if named is not None else None
@@ -45,54 +53,54 @@ def _word(given: Given, operands: int = 1) -> Word | None:
     return words[0] if words else stated
 
 
-def _stored(given: Given, at: int, word: Word | None) -> Nodes:
+def _stored(given: SymbolicArguments, at: int, word: IntegerType | None) -> Nodes:
     """An argument as whole numbers, of the class where there is one."""
     builder, array = given.calls.builder, given.array(at)
-    return each(builder, "floor", array) if word is None else fitted(builder, array, word)
+    return elementwise(builder, "floor", array) if word is None else fitted(builder, array, word)
 
 
 def _bit(builder: GraphBuilder, x: Nodes, at: int) -> Nodes:
-    shifted = each(builder, "floor", each(builder, "mul", x, constants(builder, 2.0**-at)))
-    return each(builder, "mod", shifted, constants(builder, 2.0))
+    shifted = elementwise(builder, "floor", elementwise(builder, "mul", x, constants(builder, 2.0**-at)))
+    return elementwise(builder, "mod", shifted, constants(builder, 2.0))
 
 
 @function("bitand", "bitor", "bitxor", least=2, most=3)
-def bitwise(given: Given) -> Held:
+def bitwise(given: SymbolicArguments) -> SymbolicValue:
     """An operation on the bits of two numbers, of up to 32 bits; not a number beyond these."""
     word = _word(given, 2)
     builder, (a, b) = given.calls.builder, (_stored(given, at, word) for at in (0, 1))
     given.fits(a, b)
     wanted = _wanted(given, word, a, b)
-    sums = each(builder, "add", a, b)  # a + b counts common bits twice
-    both = each(builder, "mul", constants(builder, 0.0), sums) if not sums.size else constants(builder, 0.0)
+    sums = elementwise(builder, "add", a, b)  # a + b counts common bits twice
+    both = elementwise(builder, "mul", constants(builder, 0.0), sums) if not sums.size else constants(builder, 0.0)
     for at in range(_BITS) if wanted is None else wanted:
-        one = each(builder, "mul", _bit(builder, a, at), _bit(builder, b, at))
-        both = each(builder, "add", both, each(builder, "mul", constants(builder, 2.0**at), one))
+        one = elementwise(builder, "mul", _bit(builder, a, at), _bit(builder, b, at))
+        both = elementwise(builder, "add", both, elementwise(builder, "mul", constants(builder, 2.0**at), one))
     if wanted is None:
         both = _signed(builder, a, b, both)
     if given.name == "bitand":
         return integers(np.broadcast_to(both, sums.shape), word)
     times = constants(builder, 1.0 if given.name == "bitor" else 2.0)
-    return integers(each(builder, "sub", sums, each(builder, "mul", times, both)), word)
+    return integers(elementwise(builder, "sub", sums, elementwise(builder, "mul", times, both)), word)
 
 
 def _signed(builder: GraphBuilder, a: Nodes, b: Nodes, both: Nodes) -> Nodes:
     """The bits that two numbers share, with the sign where they share that; not a number where they have more bits."""
     edge, zero = constants(builder, 2.0**_BITS), constants(builder, 0.0)
-    negative = each(builder, "and", each(builder, "lt", a, zero), each(builder, "lt", b, zero))
-    made = each(builder, "sub", both, each(builder, "mul", edge, negative))
+    negative = elementwise(builder, "and", elementwise(builder, "lt", a, zero), elementwise(builder, "lt", b, zero))
+    made = elementwise(builder, "sub", both, elementwise(builder, "mul", edge, negative))
     for one in (a, b):
-        below = each(builder, "lt", one, edge)
-        fits = each(builder, "and", each(builder, "ge", one, each(builder, "neg", edge)), below)
-        made = each(builder, "select", fits, made, constants(builder, np.nan))
+        below = elementwise(builder, "lt", one, edge)
+        fits = elementwise(builder, "and", elementwise(builder, "ge", one, elementwise(builder, "neg", edge)), below)
+        made = elementwise(builder, "select", fits, made, constants(builder, np.nan))
     return made
 
 
-def _wanted(given: Given, word: Word | None, a: Nodes, b: Nodes) -> list[int] | None:
+def _wanted(given: SymbolicArguments, word: IntegerType | None, a: Nodes, b: Nodes) -> list[int] | None:
     """The bits of what is fixed, which are all that both numbers can have; None where both may have any."""
     made: set[int] | None = None
     for one in (a, b):
-        numbers = given.calls.desk.numbers(one, f"a mask of {given.name}")
+        numbers = given.calls.context.numbers(one, f"a mask of {given.name}")
         if numbers is not None and not (word is not None and np.any(numbers < 0)):
             if np.any(numbers < 0) or np.any(numbers != np.floor(numbers)) or np.any(numbers >= 2.0**53):
                 raise given.refuse("its numbers are negative or not whole", _TYPED)
@@ -105,86 +113,98 @@ def _wanted(given: Given, word: Word | None, a: Nodes, b: Nodes) -> list[int] | 
 
 
 @function("bitshift", "bitsll", "bitsrl", "bitsra", least=2, most=3)
-def shifted(given: Given) -> Held:
+def shifted(given: SymbolicArguments) -> SymbolicValue:
     """Times a power of two, downwards to whole numbers; bits that a class has no place for are dropped."""
     word, builder = _word(given), given.calls.builder
     x, steps = _stored(given, 0, word), np.asarray(given.array(1))
     if given.name == "bitsrl" and (word is None or word.signed):
-        negative = each(builder, "lt", x, constants(builder, 0.0))
+        negative = elementwise(builder, "lt", x, constants(builder, 0.0))
         if word is None or word.bits > EXACT:
-            x = each(builder, "select", negative, constants(builder, np.nan), x)
+            x = elementwise(builder, "select", negative, constants(builder, np.nan), x)
         else:
-            x = each(builder, "select", negative, each(builder, "add", x, constants(builder, 2.0**word.bits)), x)
+            x = elementwise(
+                builder, "select", negative, elementwise(builder, "add", x, constants(builder, 2.0**word.bits)), x
+            )
     if given.name in ("bitsrl", "bitsra"):
-        steps = each(builder, "neg", steps)
+        steps = elementwise(builder, "neg", steps)
     if word is not None and word.bits <= EXACT:  # further shifts leave nothing, and numbers that are no longer exact
-        steps = each(builder, "min", steps, constants(builder, float(word.bits)))
-    moved = each(builder, "floor", each(builder, "mul", x, each(builder, "pow", constants(builder, 2.0), steps)))
+        steps = elementwise(builder, "min", steps, constants(builder, float(word.bits)))
+    moved = elementwise(
+        builder, "floor", elementwise(builder, "mul", x, elementwise(builder, "pow", constants(builder, 2.0), steps))
+    )
     if word is not None and word.bits <= EXACT:
         return integers(wrapped(builder, moved, word), word)
-    fixed = given.calls.desk.numbers(steps, f"the places of {given.name}")
+    fixed = given.calls.context.numbers(steps, f"the places of {given.name}")
     if fixed is None or np.any(fixed > _BITS):  # numbers without a type count as those of 64 bits
-        beyond = each(builder, "ge", moved, constants(builder, 2.0**64))
-        moved = each(builder, "select", beyond, each(builder, "mod", moved, constants(builder, 2.0**64)), moved)
+        beyond = elementwise(builder, "ge", moved, constants(builder, 2.0**64))
+        moved = elementwise(
+            builder, "select", beyond, elementwise(builder, "mod", moved, constants(builder, 2.0**64)), moved
+        )
     if fixed is None or np.any(fixed > 0):
         _tell_unknown(given, "keeps the bits that an integer type would drop")
     return integers(moved, word)
 
 
-def _tell_unknown(given: Given, what: str) -> None:
-    if given.calls.desk.numbers(given.array(0), f"an argument of {given.name}") is None:
-        given.calls.desk.remark(f"{given.name} {what}, since nothing says the type of its argument. {_TYPED}")
+def _tell_unknown(given: SymbolicArguments, message: str) -> None:
+    if given.calls.context.numbers(given.array(0), f"an argument of {given.name}") is None:
+        given.calls.context.remark(f"{given.name} {message}, since nothing says the type of its argument. {_TYPED}")
 
 
 @function("bitcmp", least=1, most=2)
-def complement(given: Given) -> Held:
+def complement(given: SymbolicArguments) -> SymbolicValue:
     """A number with all of its bits inverted."""
     word, builder = _word(given), given.calls.builder
     if word is None or word.bits > EXACT:
         raise given.refuse("the class of its argument decides, and is no integer of up to 32 bits", _TYPED)
     top = constants(builder, -1.0 if word.signed else 2.0**word.bits - 1)
-    return integers(each(builder, "sub", top, _stored(given, 0, word)), word)
+    return integers(elementwise(builder, "sub", top, _stored(given, 0, word)), word)
 
 
 @function("bitget", least=2, most=3)
-def bit(given: Given) -> Held:
+def bit(given: SymbolicArguments) -> SymbolicValue:
     """A bit by its place, counted from 1."""
     word, builder = _word(given), given.calls.builder
-    scale = each(builder, "pow", constants(builder, 2.0), each(builder, "sub", constants(builder, 1.0), given.array(1)))
-    moved = each(builder, "floor", each(builder, "mul", _stored(given, 0, word), scale))
-    return integers(each(builder, "mod", moved, constants(builder, 2.0)), word)
+    scale = elementwise(
+        builder, "pow", constants(builder, 2.0), elementwise(builder, "sub", constants(builder, 1.0), given.array(1))
+    )
+    moved = elementwise(builder, "floor", elementwise(builder, "mul", _stored(given, 0, word), scale))
+    return integers(elementwise(builder, "mod", moved, constants(builder, 2.0)), word)
 
 
 @function("bitset", least=2, most=4)
-def with_bit(given: Given) -> Held:
+def with_bit(given: SymbolicArguments) -> SymbolicValue:
     """A number with a bit set to 1, or to a value."""
     is_named = isinstance(given.held[-1], str)
     word, builder = _word(given), given.calls.builder
     x, place = _stored(given, 0, word), np.asarray(given.array(1))
     new = given.array(2) if len(given) - is_named > 2 else constants(builder, 1.0)
-    new = each(builder, "ne", new, constants(builder, 0.0))
-    weight = each(builder, "pow", constants(builder, 2.0), each(builder, "sub", place, constants(builder, 1.0)))
-    old = each(builder, "mod", each(builder, "floor", each(builder, "div", x, weight)), constants(builder, 2.0))
-    made = each(builder, "add", x, each(builder, "mul", weight, each(builder, "sub", new, old)))
+    new = elementwise(builder, "ne", new, constants(builder, 0.0))
+    weight = elementwise(
+        builder, "pow", constants(builder, 2.0), elementwise(builder, "sub", place, constants(builder, 1.0))
+    )
+    old = elementwise(
+        builder, "mod", elementwise(builder, "floor", elementwise(builder, "div", x, weight)), constants(builder, 2.0)
+    )
+    made = elementwise(builder, "add", x, elementwise(builder, "mul", weight, elementwise(builder, "sub", new, old)))
     if word is None or word.bits > EXACT:
         return integers(made, word)
     return integers(wrapped(builder, made, word), word)
 
 
 @function(*PLAIN)
-def plain(given: Given) -> Held:
+def plain(given: SymbolicArguments) -> SymbolicValue:
     """An operation of the graph."""
-    return each(given.calls.builder, given.name, given.array(0))
+    return elementwise(given.calls.builder, given.name, given.array(0))
 
 
 @function(*_CASTS, most=5)
-def cast(given: Given) -> Held:
+def cast(given: SymbolicArguments) -> SymbolicValue:
     """The value as it is: values are physical, in double precision. Functions of bits see the integer type."""
     return integers(given.array(0), matlab_word(given.name))
 
 
 @function("cast", least=2, most=3)
-def cast_to(given: Given) -> Held:
+def cast_to(given: SymbolicArguments) -> SymbolicValue:
     """The value as it is, as with the casts by name."""
     x = given.array(0)
     if given.held[1] == "like":
@@ -193,85 +213,97 @@ def cast_to(given: Given) -> Held:
         raise given.refuse(f"{given.text(1)!r} is not a class of numbers")
     if given.text(1) != "logical":
         return integers(x, matlab_word(given.text(1)))
-    return truths(each(given.calls.builder, "ne", x, constants(given.calls.builder, 0.0)))
+    return as_logical(elementwise(given.calls.builder, "ne", x, constants(given.calls.builder, 0.0)))
 
 
 @function("real", "conj")
-def same(given: Given) -> Held:
+def same(given: SymbolicArguments) -> SymbolicValue:
     """The value as a number: all numbers are real."""
     return np.asarray(given.array(0))
 
 
 @function("full")
-def full(given: Given) -> Held:
+def full(given: SymbolicArguments) -> SymbolicValue:
     """The value as it is: all arrays are full."""
     return given.array(0)
 
 
 @function("logical", "boolean")
-def logical(given: Given) -> Held:
+def logical(given: SymbolicArguments) -> SymbolicValue:
     """Whether elements are not 0."""
     x = given.array(0)
     return (
-        x if isinstance(x, Truths) else truths(each(given.calls.builder, "ne", x, constants(given.calls.builder, 0.0)))
+        x
+        if isinstance(x, LogicalNodes)
+        else as_logical(elementwise(given.calls.builder, "ne", x, constants(given.calls.builder, 0.0)))
     )
 
 
 def _minus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    return each(builder, "sub", a, b)
+    return elementwise(builder, "sub", a, b)
 
 
 def _times(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    return each(builder, "mul", a, b)
+    return elementwise(builder, "mul", a, b)
 
 
 def _over(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    return each(builder, "div", a, b)
+    return elementwise(builder, "div", a, b)
 
 
 def _log1p(builder: GraphBuilder, x: Nodes) -> Nodes:
-    return each(builder, "log", each(builder, "add", x, constants(builder, 1.0)))
+    return elementwise(builder, "log", elementwise(builder, "add", x, constants(builder, 1.0)))
 
 
 def _expm1(builder: GraphBuilder, x: Nodes) -> Nodes:
     """By the hyperbolic tangent, which is exact near 0: 2 t / (1 - t), t = tanh(x/2)."""
-    t = each(builder, "tanh", _times(builder, x, constants(builder, 0.5)))
+    t = elementwise(builder, "tanh", _times(builder, x, constants(builder, 0.5)))
     near = _over(builder, _times(builder, constants(builder, 2.0), t), _minus(builder, constants(builder, 1.0), t))
-    far = _minus(builder, each(builder, "exp", x), constants(builder, 1.0))
-    return each(builder, "select", each(builder, "lt", each(builder, "abs", x), constants(builder, 1.0)), near, far)
+    far = _minus(builder, elementwise(builder, "exp", x), constants(builder, 1.0))
+    return elementwise(
+        builder,
+        "select",
+        elementwise(builder, "lt", elementwise(builder, "abs", x), constants(builder, 1.0)),
+        near,
+        far,
+    )
 
 
 def _turned(builder: GraphBuilder, x: Nodes, turn: float) -> Nodes:
     """An angle from 0 to a whole turn; positive multiples of a turn stay one."""
-    made = each(builder, "mod", x, constants(builder, turn))
+    made = elementwise(builder, "mod", x, constants(builder, turn))
     zero = constants(builder, 0.0)
-    whole = each(builder, "and", each(builder, "eq", made, zero), each(builder, "gt", x, zero))
-    return each(builder, "select", whole, constants(builder, turn), made)
+    whole = elementwise(builder, "and", elementwise(builder, "eq", made, zero), elementwise(builder, "gt", x, zero))
+    return elementwise(builder, "select", whole, constants(builder, turn), made)
 
 
 def _wrapped(builder: GraphBuilder, x: Nodes, half: float) -> Nodes:
     """An angle within half a turn to both sides; those that are stay as they are."""
     made = _minus(
-        builder, _turned(builder, each(builder, "add", x, constants(builder, half)), 2 * half), constants(builder, half)
+        builder,
+        _turned(builder, elementwise(builder, "add", x, constants(builder, half)), 2 * half),
+        constants(builder, half),
     )
-    return each(builder, "select", each(builder, "gt", each(builder, "abs", x), constants(builder, half)), made, x)
+    return elementwise(
+        builder, "select", elementwise(builder, "gt", elementwise(builder, "abs", x), constants(builder, half)), made, x
+    )
 
 
 _ONE: Final[dict[str, Rule]] = {
     **ONE,
     **INVERSE_HYPERBOLIC,
-    "log2": lambda builder, x: _over(builder, each(builder, "log", x), constants(builder, math.log(2.0))),
+    "log2": lambda builder, x: _over(builder, elementwise(builder, "log", x), constants(builder, math.log(2.0))),
     "log1p": _log1p,
     "expm1": _expm1,
-    "sec": lambda builder, x: _over(builder, constants(builder, 1.0), each(builder, "cos", x)),
-    "csc": lambda builder, x: _over(builder, constants(builder, 1.0), each(builder, "sin", x)),
-    "cot": lambda builder, x: _over(builder, constants(builder, 1.0), each(builder, "tan", x)),
-    "sind": lambda builder, x: each(builder, "sin", _times(builder, x, constants(builder, _DEGREES))),
-    "cosd": lambda builder, x: each(builder, "cos", _times(builder, x, constants(builder, _DEGREES))),
-    "tand": lambda builder, x: each(builder, "tan", _times(builder, x, constants(builder, _DEGREES))),
-    "asind": lambda builder, x: _over(builder, each(builder, "asin", x), constants(builder, _DEGREES)),
-    "acosd": lambda builder, x: _over(builder, each(builder, "acos", x), constants(builder, _DEGREES)),
-    "atand": lambda builder, x: _over(builder, each(builder, "atan", x), constants(builder, _DEGREES)),
+    "sec": lambda builder, x: _over(builder, constants(builder, 1.0), elementwise(builder, "cos", x)),
+    "csc": lambda builder, x: _over(builder, constants(builder, 1.0), elementwise(builder, "sin", x)),
+    "cot": lambda builder, x: _over(builder, constants(builder, 1.0), elementwise(builder, "tan", x)),
+    "sind": lambda builder, x: elementwise(builder, "sin", _times(builder, x, constants(builder, _DEGREES))),
+    "cosd": lambda builder, x: elementwise(builder, "cos", _times(builder, x, constants(builder, _DEGREES))),
+    "tand": lambda builder, x: elementwise(builder, "tan", _times(builder, x, constants(builder, _DEGREES))),
+    "asind": lambda builder, x: _over(builder, elementwise(builder, "asin", x), constants(builder, _DEGREES)),
+    "acosd": lambda builder, x: _over(builder, elementwise(builder, "acos", x), constants(builder, _DEGREES)),
+    "atand": lambda builder, x: _over(builder, elementwise(builder, "atan", x), constants(builder, _DEGREES)),
     "deg2rad": lambda builder, x: _times(builder, x, constants(builder, _DEGREES)),
     "rad2deg": lambda builder, x: _over(builder, x, constants(builder, _DEGREES)),
     "wrapToPi": lambda builder, x: _wrapped(builder, x, math.pi),
@@ -283,14 +315,14 @@ _ONE: Final[dict[str, Rule]] = {
 
 
 @function(*_ONE)
-def composed(given: Given) -> Held:
+def composed(given: SymbolicArguments) -> SymbolicValue:
     """A function of one argument that operations of the graph make up."""
     return _ONE[given.name](given.calls.builder, given.array(0))
 
 
 def _xor(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     zero = constants(builder, 0.0)
-    return each(builder, "ne", each(builder, "ne", a, zero), each(builder, "ne", b, zero))
+    return elementwise(builder, "ne", elementwise(builder, "ne", a, zero), elementwise(builder, "ne", b, zero))
 
 
 _TWO: Final[dict[str, Rule]] = {
@@ -300,64 +332,66 @@ _TWO: Final[dict[str, Rule]] = {
 }
 _LOGIC: Final[dict[str, Rule]] = {
     "xor": _xor,
-    "eq": lambda builder, a, b: each(builder, "eq", a, b),
-    "ne": lambda builder, a, b: each(builder, "ne", a, b),
-    "lt": lambda builder, a, b: each(builder, "lt", a, b),
-    "le": lambda builder, a, b: each(builder, "le", a, b),
-    "gt": lambda builder, a, b: each(builder, "gt", a, b),
-    "ge": lambda builder, a, b: each(builder, "ge", a, b),
+    "eq": lambda builder, a, b: elementwise(builder, "eq", a, b),
+    "ne": lambda builder, a, b: elementwise(builder, "ne", a, b),
+    "lt": lambda builder, a, b: elementwise(builder, "lt", a, b),
+    "le": lambda builder, a, b: elementwise(builder, "le", a, b),
+    "gt": lambda builder, a, b: elementwise(builder, "gt", a, b),
+    "ge": lambda builder, a, b: elementwise(builder, "ge", a, b),
 }
 
 
 @function(*_TWO, least=2, most=2)
-def of_two(given: Given) -> Held:
+def of_two(given: SymbolicArguments) -> SymbolicValue:
     """A function of two arguments, element by element."""
     given.fits(*given.arrays)
     return _TWO[given.name](given.calls.builder, *given.arrays)
 
 
 @function(*_LOGIC, least=2, most=2)
-def comparison(given: Given) -> Held:
+def comparison(given: SymbolicArguments) -> SymbolicValue:
     """A comparison, element by element."""
     given.fits(*given.arrays)
-    return truths(_LOGIC[given.name](given.calls.builder, *given.arrays))
+    return as_logical(_LOGIC[given.name](given.calls.builder, *given.arrays))
 
 
 @function("and", "or", least=2, most=20)
-def several(given: Given) -> Held:
+def several(given: SymbolicArguments) -> SymbolicValue:
     """Logic of several arguments, element by element."""
     made = given.array(0)
     for other in given.arrays[1:]:
-        made = each(given.calls.builder, given.name, made, other)
-    return truths(made)
+        made = elementwise(given.calls.builder, given.name, made, other)
+    return as_logical(made)
 
 
 @function("not")
-def negation(given: Given) -> Held:
+def negation(given: SymbolicArguments) -> SymbolicValue:
     """Whether elements are 0."""
-    return truths(each(given.calls.builder, "not", given.array(0)))
+    return as_logical(elementwise(given.calls.builder, "not", given.array(0)))
 
 
-EACH_ALONE: Final = frozenset({*PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "not", "logical"})
+ELEMENTWISE_NAMES: Final = frozenset({*PLAIN, *_CASTS, *_ONE, *_TWO, *_LOGIC, "not", "logical"})
 
 
 @function("idivide", least=2, most=3)
-def whole_division(given: Given) -> Held:
+def whole_division(given: SymbolicArguments) -> SymbolicValue:
     """A quotient made whole: towards zero where nothing else is asked for."""
     builder, how = given.calls.builder, given.text(2) if len(given) > 2 else "fix"
     quotient = _over(builder, given.array(0), given.array(1))
     if how not in ("fix", "floor", "ceil", "round"):
         raise given.refuse(f"{how!r} is no way of rounding")
-    return towards_zero(builder, quotient) if how == "fix" else each(builder, how, quotient)
+    return truncate(builder, quotient) if how == "fix" else elementwise(builder, how, quotient)
 
 
 @function("nthroot", least=2, most=2)
-def root(given: Given) -> Held:
+def root(given: SymbolicArguments) -> SymbolicValue:
     """A real root of a whole degree, of negative numbers where the degree is odd."""
     builder, x, degree = given.calls.builder, given.array(0), given.whole(1)
     if not degree:
         raise given.refuse("a root of degree 0")
     share = constants(builder, 1.0 / degree)
     if degree % 2 == 0:
-        return each(builder, "pow", x, share)
-    return _times(builder, each(builder, "sign", x), each(builder, "pow", each(builder, "abs", x), share))
+        return elementwise(builder, "pow", x, share)
+    return _times(
+        builder, elementwise(builder, "sign", x), elementwise(builder, "pow", elementwise(builder, "abs", x), share)
+    )

@@ -9,15 +9,31 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from kennfeld.models.imperative.evaluation_errors import CodeError
-from kennfeld.models.imperative.integer_types import Word, word_named
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.integer_types import IntegerType, word_named
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, aligned
-from kennfeld.models.imperative.symbolic_values import Held, Later, Truths, array_of, integers, resolved, word_of
+from kennfeld.models.imperative.symbolic_values import (
+    DeferredValue,
+    LogicalNodes,
+    SymbolicValue,
+    as_array,
+    force,
+    integers,
+    word_of,
+)
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import Calls
+    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["KEEPS_INTEGERS", "LIBRARY", "TAKES_TABLES", "Given", "function", "is_vector", "matlab_word"]
+__all__ = [
+    "KEEPS_INTEGERS",
+    "SYMBOLIC_FUNCTIONS",
+    "TAKES_TABLES",
+    "SymbolicArguments",
+    "function",
+    "is_vector",
+    "matlab_word",
+]
 
 # functions whose first result has the integer type of their arguments
 KEEPS_INTEGERS = frozenset(
@@ -28,10 +44,10 @@ KEEPS_INTEGERS = frozenset(
 )
 TAKES_TABLES = frozenset({"interp1", "interp2"})  # functions that may make a table of a parameter
 
-Rule: TypeAlias = "Callable[[Given], Held | tuple[Held, ...]]"
+Rule: TypeAlias = "Callable[[SymbolicArguments], SymbolicValue | tuple[SymbolicValue, ...]]"
 
 
-def matlab_word(name: str) -> Word | None:
+def matlab_word(name: str) -> IntegerType | None:
     """The integer type of a class of MATLAB, which rounds and keeps numbers within its limits; None of others."""
     word = word_named(name)
     return replace(word, rounding="Round", saturates=True) if word is not None else None
@@ -43,12 +59,12 @@ def is_vector(array: Nodes) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class SymbolicArguments:
     """The arguments of a call, and how many results it should give."""
 
     name: str
-    calls: "Calls"
-    held: Sequence[Held]
+    calls: "ExpressionEvaluator"
+    held: Sequence[SymbolicValue]
     wanted: int = 1
 
     def __len__(self) -> int:
@@ -56,7 +72,7 @@ class Given:
 
     def array(self, at: int) -> Nodes:
         """An argument, counted from 0, as an array of nodes."""
-        return array_of(resolved(self.held[at]), f"argument {at + 1} of {self.name}")
+        return as_array(force(self.held[at]), f"argument {at + 1} of {self.name}")
 
     def vector(self, at: int) -> Nodes:
         """An argument as a column; raises `CodeError` where it is a matrix."""
@@ -68,31 +84,31 @@ class Given:
     def table(self, at: int) -> str:
         """The name of the parameter that an argument is, where nothing has been taken of it yet; else empty."""
         held = self.held[at]
-        return held.name if isinstance(held, Later) else ""
+        return held.name if isinstance(held, DeferredValue) else ""
 
     def fits(self, *arrays: Nodes) -> None:
         """Refuse arrays that grow beyond all bounds where they are expanded against each other."""
         shape = np.broadcast_shapes(*(one.shape for one in aligned(*arrays)))
-        self.calls.desk.room(float(np.prod(shape, dtype=np.float64)))
+        self.calls.context.room(float(np.prod(shape, dtype=np.float64)))
 
     @property
     def arrays(self) -> list[Nodes]:
         """All arguments as arrays of nodes."""
         return [self.array(at) for at in range(len(self))]
 
-    def numbers(self, at: int, what: str = "") -> Numbers:
+    def numbers(self, at: int, message: str = "") -> Numbers:
         """An argument as numbers that depend on no signal."""
-        what = what or f"argument {at + 1} of {self.name}"
-        found = self.calls.desk.numbers(self.array(at), what)
+        message = message or f"argument {at + 1} of {self.name}"
+        found = self.calls.context.numbers(self.array(at), message)
         if found is None:
-            raise CodeError(f"{what} depends on signals, where it must be fixed")
+            raise ProgramError(f"{message} depends on signals, where it must be fixed")
         return found
 
     def whole(self, at: int) -> int:
         """An argument as one whole number that depends on no signal."""
         found = self.numbers(at)
         if found.size != 1 or not float(found.item()).is_integer():
-            raise CodeError(f"argument {at + 1} of {self.name} is no whole number")
+            raise ProgramError(f"argument {at + 1} of {self.name} is no whole number")
         return int(found.item())
 
     def wholes(self, at: int) -> list[int]:
@@ -113,7 +129,7 @@ class Given:
         """An argument as a text."""
         held = self.held[at]
         if not isinstance(held, str):
-            raise CodeError(f"argument {at + 1} of {self.name} is no text")
+            raise ProgramError(f"argument {at + 1} of {self.name} is no text")
         return held
 
     def dimension(self, at: int, array: Nodes) -> int:
@@ -122,16 +138,16 @@ class Given:
             return next((axis for axis, size in enumerate(array.shape) if size != 1), 0)
         found = self.whole(at) - 1
         if not 0 <= found < 30:
-            raise CodeError(f"{self.name} along the dimension {found + 1}")
+            raise ProgramError(f"{self.name} along the dimension {found + 1}")
         return found
 
-    def refuse(self, why: str, mend: str = "") -> CodeError:
+    def refuse(self, why: str, remedy: str = "") -> ProgramError:
         """That the function is called in a way that is not supported."""
-        return CodeError(f"{self.name}: {why}", mend) if mend else CodeError(f"{self.name}: {why}")
+        return ProgramError(f"{self.name}: {why}", remedy) if remedy else ProgramError(f"{self.name}: {why}")
 
 
 @dataclass(frozen=True)
-class Library:
+class SymbolicFunction:
     """One function."""
 
     name: str
@@ -139,26 +155,28 @@ class Library:
     most: int
     rule: Rule
 
-    def results(self, calls: "Calls", held: Sequence[Held], wanted: int) -> tuple[Held, ...]:
+    def results(
+        self, calls: "ExpressionEvaluator", held: Sequence[SymbolicValue], wanted: int
+    ) -> tuple[SymbolicValue, ...]:
         """What it gives for arguments."""
         if not self.least <= len(held) <= self.most:
             few = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
-            raise CodeError(f"{self.name} gets {len(held)} arguments, not {few}")
+            raise ProgramError(f"{self.name} gets {len(held)} arguments, not {few}")
         try:
-            made = self.rule(Given(self.name, calls, self._arguments(held), wanted))
+            made = self.rule(SymbolicArguments(self.name, calls, self._arguments(held), wanted))
         except (ValueError, IndexError, np.exceptions.AxisError) as error:
-            raise CodeError(f"{self.name}: its arguments do not fit each other ({str(error)[:100]})") from None
+            raise ProgramError(f"{self.name}: its arguments do not fit each other ({str(error)[:100]})") from None
         results = made if isinstance(made, tuple) else (made,)
         word = word_of(*(one for one in held if isinstance(one, np.ndarray))) if self.name in KEEPS_INTEGERS else None
-        if word is None or not isinstance(results[0], np.ndarray) or isinstance(results[0], Truths):
+        if word is None or not isinstance(results[0], np.ndarray) or isinstance(results[0], LogicalNodes):
             return results
         return (integers(results[0], word), *results[1:])
 
-    def _arguments(self, held: Sequence[Held]) -> Sequence[Held]:
-        return held if self.name in TAKES_TABLES else [resolved(one) for one in held]
+    def _arguments(self, held: Sequence[SymbolicValue]) -> Sequence[SymbolicValue]:
+        return held if self.name in TAKES_TABLES else [force(one) for one in held]
 
 
-LIBRARY: dict[str, Library] = {}
+SYMBOLIC_FUNCTIONS: dict[str, SymbolicFunction] = {}
 
 
 def function(*names: str, least: int = 1, most: int = 1) -> Callable[[Rule], Rule]:
@@ -166,7 +184,7 @@ def function(*names: str, least: int = 1, most: int = 1) -> Callable[[Rule], Rul
 
     def enter(rule: Rule) -> Rule:
         for name in names:
-            LIBRARY[name] = Library(name, least, most, rule)
+            SYMBOLIC_FUNCTIONS[name] = SymbolicFunction(name, least, most, rule)
         return rule
 
     return enter

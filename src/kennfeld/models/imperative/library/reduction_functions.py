@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import CodeError
-from kennfeld.models.imperative.library.function_registry import Given, function, is_vector
-from kennfeld.models.imperative.node_arrays import Nodes, each, matrix_product
-from kennfeld.models.imperative.symbolic_values import EMPTY, Held, constants, truths
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, is_vector
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product
+from kennfeld.models.imperative.symbolic_values import EMPTY, SymbolicValue, as_logical, constants
 
 if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import Calls
+    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["along", "divided", "power", "product", "total", "transposed"]
+__all__ = ["checked_matrix_product", "combine", "matrix_divide", "matrix_power", "reduce_along", "transposed"]
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing"})
@@ -28,7 +28,7 @@ _WORDS = frozenset({"all", "double", "native", "default", "includenan", "include
 _LARGEST: Final = 12  # rows of a system of equations: the choice of pivots grows with their cube
 
 
-def along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Nodes:
+def reduce_along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Nodes:
     """What a function makes of the slices along a dimension, which is one long then."""
     if axis >= array.ndim:
         return fold([np.asarray(array)])
@@ -40,23 +40,23 @@ def along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Node
     return np.full(rest, made.item(), dtype=np.int64)
 
 
-def along_default(given: Given, at: int, array: Nodes) -> tuple[Nodes, int]:
+def along_default(given: SymbolicArguments, at: int, array: Nodes) -> tuple[Nodes, int]:
     """An array and the dimension along which it is taken; without one `[]` counts as a row of no elements."""
     array = array.reshape(1, 0) if len(given) <= at and array.shape == (0, 0) else array
     return array, given.dimension(at, array)
 
 
-def total(builder: GraphBuilder, op: str, empty: float, parts: list[Nodes]) -> Nodes:
+def combine(builder: GraphBuilder, op: str, empty: float, parts: list[Nodes]) -> Nodes:
     """All slices taken together by an operation; `empty` of none."""
-    return reduce(lambda a, b: each(builder, op, a, b), parts) if parts else constants(builder, empty)
+    return reduce(lambda a, b: elementwise(builder, op, a, b), parts) if parts else constants(builder, empty)
 
 
 @function(*_SUMS, least=1, most=3)
-def reduced(given: Given) -> Held:
+def reduced(given: SymbolicArguments) -> SymbolicValue:
     """A sum, product, or whether any or all elements are not 0, along a dimension or of all elements."""
     (op, empty), builder, array = _SUMS[given.name], given.calls.builder, given.array(0)
     if given.name in ("any", "all"):
-        array = each(builder, "ne", array, constants(builder, 0.0))
+        array = elementwise(builder, "ne", array, constants(builder, 0.0))
     words = {one for one in given.held[1:] if isinstance(one, str)}
     if not words <= _WORDS:
         raise given.refuse(f"{min(words - _WORDS)!r} is not supported", "Leave elements out by a loop with if.")
@@ -66,12 +66,12 @@ def reduced(given: Given) -> Held:
     if "all" in words and len(given) > 1:
         raise given.refuse("'all' stands beside a dimension")
     array, axis = along_default(given, 1, array)
-    made = along(array, axis, lambda parts: total(builder, op, empty, parts))
-    return truths(made) if given.name in ("any", "all") else made
+    made = reduce_along(array, axis, lambda parts: combine(builder, op, empty, parts))
+    return as_logical(made) if given.name in ("any", "all") else made
 
 
 @function("cumsum", "cumprod", least=1, most=2)
-def running(given: Given) -> Held:
+def running(given: SymbolicArguments) -> SymbolicValue:
     """Sums or products up to each element."""
     builder, array = given.calls.builder, given.array(0)
     op, axis = "add" if given.name == "cumsum" else "mul", given.dimension(1, array)
@@ -79,26 +79,28 @@ def running(given: Given) -> Held:
     def fold(parts: list[Nodes]) -> Nodes:
         made = parts[:1]
         for part in parts[1:]:
-            made.append(each(builder, op, made[-1], part))
+            made.append(elementwise(builder, op, made[-1], part))
         return np.concatenate(made, axis=axis) if made else array
 
-    return along(array, axis, fold)
+    return reduce_along(array, axis, fold)
 
 
 @function("mean", "rms", least=1, most=2)
-def mean(given: Given) -> Held:
+def mean(given: SymbolicArguments) -> SymbolicValue:
     """The mean, or the root of the mean of squares."""
     builder, array = given.calls.builder, given.array(0)
     if given.name == "rms":
-        array = each(builder, "mul", array, array)
+        array = elementwise(builder, "mul", array, array)
     array, axis = along_default(given, 1, array)
     count = constants(builder, float(array.shape[axis] if axis < array.ndim else 1))
-    made = each(builder, "div", along(array, axis, lambda parts: total(builder, "add", 0.0, parts)), count)
-    return each(builder, "sqrt", made) if given.name == "rms" else made
+    made = elementwise(
+        builder, "div", reduce_along(array, axis, lambda parts: combine(builder, "add", 0.0, parts)), count
+    )
+    return elementwise(builder, "sqrt", made) if given.name == "rms" else made
 
 
 @function("var", "std", least=1, most=3)
-def spread(given: Given) -> Held:
+def spread(given: SymbolicArguments) -> SymbolicValue:
     """The variance or standard deviation, over n - 1 or, with a weight of 1, over n."""
     builder = given.calls.builder
     array, axis = along_default(given, 2, given.array(0))
@@ -107,16 +109,18 @@ def spread(given: Given) -> Held:
         raise given.refuse(f"the weight {weight} is neither 0 nor 1")
     count = array.shape[axis] if axis < array.ndim else 1
     if not count:
-        return along(array, axis, lambda parts: constants(builder, math.nan))
-    whole = along(array, axis, lambda parts: total(builder, "add", 0.0, parts))
-    away = each(builder, "sub", array, each(builder, "div", whole, constants(builder, float(count))))
-    squares = along(each(builder, "mul", away, away), axis, lambda parts: total(builder, "add", 0.0, parts))
-    made = each(builder, "div", squares, constants(builder, float(count if weight else max(count - 1, 1))))
-    return each(builder, "sqrt", made) if given.name == "std" else made
+        return reduce_along(array, axis, lambda parts: constants(builder, math.nan))
+    whole = reduce_along(array, axis, lambda parts: combine(builder, "add", 0.0, parts))
+    away = elementwise(builder, "sub", array, elementwise(builder, "div", whole, constants(builder, float(count))))
+    squares = reduce_along(
+        elementwise(builder, "mul", away, away), axis, lambda parts: combine(builder, "add", 0.0, parts)
+    )
+    made = elementwise(builder, "div", squares, constants(builder, float(count if weight else max(count - 1, 1))))
+    return elementwise(builder, "sqrt", made) if given.name == "std" else made
 
 
 @function("diff", least=1, most=3)
-def differences(given: Given) -> Held:
+def differences(given: SymbolicArguments) -> SymbolicValue:
     """The differences of neighbours, once or several times."""
     builder, array = given.calls.builder, given.array(0)
     times = given.whole(1) if len(given) > 1 and given.array(1).size else 1
@@ -125,7 +129,7 @@ def differences(given: Given) -> Held:
     for _ in range(times):
         if array.size == 1 and len(given) < 3:
             return EMPTY
-        array = each(builder, "sub", *_neighbours(array, given.dimension(2, array)))
+        array = elementwise(builder, "sub", *_neighbours(array, given.dimension(2, array)))
     return array
 
 
@@ -137,22 +141,22 @@ def _neighbours(array: Nodes, axis: int) -> tuple[Nodes, Nodes]:
 
 
 @function("min", "max", least=1, most=3)
-def extreme(given: Given) -> Held | tuple[Held, ...]:
+def extreme(given: SymbolicArguments) -> SymbolicValue | tuple[SymbolicValue, ...]:
     """The smaller or larger of two arrays, or the smallest or largest along a dimension, with its place."""
     builder = given.calls.builder
     if len(given) == 2 or (len(given) == 3 and given.array(1).size):
         pair = given.arrays[:2]
         given.fits(*pair)
-        return each(builder, given.name, *pair)
+        return elementwise(builder, given.name, *pair)
     array = given.array(0)
     if array.size == 0:
         return _of_nothing(given, array)
     if given.wanted < 2:
-        return along(array, given.dimension(2, array), lambda parts: total(builder, given.name, 0.0, parts))
+        return reduce_along(array, given.dimension(2, array), lambda parts: combine(builder, given.name, 0.0, parts))
     return _placed(given, array)
 
 
-def _of_nothing(given: Given, array: Nodes) -> Nodes:
+def _of_nothing(given: SymbolicArguments, array: Nodes) -> Nodes:
     """The extreme of an empty array: one long where the others are none, else as empty as it was."""
     axis = given.dimension(2, array)
     if axis >= array.ndim or array.shape[axis] == 0:
@@ -160,7 +164,7 @@ def _of_nothing(given: Given, array: Nodes) -> Nodes:
     return np.take(array, [0], axis=axis)
 
 
-def _placed(given: Given, array: Nodes) -> tuple[Held, ...]:
+def _placed(given: SymbolicArguments, array: Nodes) -> tuple[SymbolicValue, ...]:
     """The extreme and the first place where it is; what is not a number counts as such."""
     builder, places = given.calls.builder, list[Nodes]()
     worse = "ge" if given.name == "min" else "le"
@@ -168,102 +172,114 @@ def _placed(given: Given, array: Nodes) -> tuple[Held, ...]:
     def fold(parts: list[Nodes]) -> Nodes:
         best, place = parts[0], np.full(parts[0].shape, builder.const(1.0), dtype=np.int64)
         for at, part in enumerate(parts[1:], 2):
-            wins = each(
-                builder, "and", each(builder, "not", each(builder, worse, part, best)), each(builder, "eq", best, best)
+            wins = elementwise(
+                builder,
+                "and",
+                elementwise(builder, "not", elementwise(builder, worse, part, best)),
+                elementwise(builder, "eq", best, best),
             )
-            place = each(builder, "select", wins, constants(builder, float(at)), place)
-            best = each(builder, "select", wins, part, best)
+            place = elementwise(builder, "select", wins, constants(builder, float(at)), place)
+            best = elementwise(builder, "select", wins, part, best)
         places.append(place)
         return best
 
-    return along(array, given.dimension(2, array), fold), places[0]
+    return reduce_along(array, given.dimension(2, array), fold), places[0]
 
 
 @function("bounds")
-def bounds(given: Given) -> tuple[Held, ...]:
+def bounds(given: SymbolicArguments) -> tuple[SymbolicValue, ...]:
     """The smallest and the largest element along the first dimension."""
     builder, array = given.calls.builder, given.array(0)
     axis = given.dimension(1, array)
-    return tuple(along(array, axis, lambda parts, op=op: total(builder, op, 0.0, parts)) for op in ("min", "max"))  # type: ignore[misc]
+    smallest = reduce_along(array, axis, lambda parts: combine(builder, "min", 0.0, parts))
+    return smallest, reduce_along(array, axis, lambda parts: combine(builder, "max", 0.0, parts))
 
 
 @function("nnz")
-def count(given: Given) -> Held:
+def count(given: SymbolicArguments) -> SymbolicValue:
     """How many elements are not 0."""
     builder = given.calls.builder
-    flat = each(builder, "ne", given.array(0), constants(builder, 0.0)).reshape(-1, 1)
-    return along(flat, 0, lambda parts: total(builder, "add", 0.0, parts))
+    flat = elementwise(builder, "ne", given.array(0), constants(builder, 0.0)).reshape(-1, 1)
+    return reduce_along(flat, 0, lambda parts: combine(builder, "add", 0.0, parts))
 
 
 @function("trapz", least=1, most=2)
-def area(given: Given) -> Held:
+def area(given: SymbolicArguments) -> SymbolicValue:
     """The area below lines through the points of an array along its first dimension, or through those of vectors."""
     builder = given.calls.builder
     if len(given) == 2:
         x, y = given.vector(0), given.vector(1)
         if x.shape != y.shape:
             raise given.refuse("its arguments have different sizes")
-        wide = each(builder, "sub", x[1:], x[:-1])
-        return along(
-            each(builder, "mul", wide, _middles(given, y, 0)), 0, lambda parts: total(builder, "add", 0.0, parts)
+        wide = elementwise(builder, "sub", x[1:], x[:-1])
+        return reduce_along(
+            elementwise(builder, "mul", wide, _middles(given, y, 0)),
+            0,
+            lambda parts: combine(builder, "add", 0.0, parts),
         )
     y, axis = along_default(given, 1, given.array(0))
-    return along(_middles(given, y, axis), axis, lambda parts: total(builder, "add", 0.0, parts))
+    return reduce_along(_middles(given, y, axis), axis, lambda parts: combine(builder, "add", 0.0, parts))
 
 
-def _middles(given: Given, array: Nodes, axis: int) -> Nodes:
+def _middles(given: SymbolicArguments, array: Nodes, axis: int) -> Nodes:
     """The means of neighbours along a dimension."""
     builder = given.calls.builder
-    return each(builder, "mul", constants(builder, 0.5), each(builder, "add", *_neighbours(array, axis)))
+    return elementwise(builder, "mul", constants(builder, 0.5), elementwise(builder, "add", *_neighbours(array, axis)))
 
 
 def transposed(array: Nodes) -> Nodes:
     """Rows as columns."""
     if array.ndim > 2:
-        raise CodeError(f"an array of {array.ndim} dimensions cannot be transposed", "Use permute.")
+        raise ProgramError(f"an array of {array.ndim} dimensions cannot be transposed", "Use permute.")
     return array.T
 
 
-def product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
+def checked_matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
     """The product of two matrices."""
     if left.ndim != 2 or right.ndim != 2 or left.shape[1] != right.shape[0]:
         sizes = " and ".join("x".join(map(str, one.shape)) for one in (left, right))
-        raise CodeError(f"matrices of {sizes} cannot be multiplied")
+        raise ProgramError(f"matrices of {sizes} cannot be multiplied")
     return matrix_product(builder, left, right)
 
 
-def divided(builder: GraphBuilder, operator: str, left: Nodes, right: Nodes) -> Nodes:
+def matrix_divide(builder: GraphBuilder, operator: str, left: Nodes, right: Nodes) -> Nodes:
     r"""`left \ right` or `left / right`, of a square matrix."""
-    return solved(builder, left, right) if operator == "\\" else solved(builder, right.T, left.T).T
+    return (
+        solve_linear_system(builder, left, right)
+        if operator == "\\"
+        else solve_linear_system(builder, right.T, left.T).T
+    )
 
 
-def solved(builder: GraphBuilder, matrix: Nodes, right: Nodes) -> Nodes:
+def solve_linear_system(builder: GraphBuilder, matrix: Nodes, right: Nodes) -> Nodes:
     """The solution of a system of equations, by elimination with partial pivots; rows change places by decisions."""
     count = matrix.shape[0]
     if matrix.ndim != 2 or matrix.shape != (count, count) or right.shape[0] != count:
         sizes = " and ".join("x".join(map(str, one.shape)) for one in (matrix, right))
-        raise CodeError(f"a system of equations of {sizes}; only square ones are solved")
+        raise ProgramError(f"a system of equations of {sizes}; only square ones are solved")
     a, _ = _eliminated(builder, np.concatenate([np.asarray(matrix), np.asarray(right)], axis=1), count)
     x: list[Nodes] = [a[0, count:]] * count
     for row in range(count - 1, -1, -1):
         rest = a[row, count:]
         for column in range(row + 1, count):
-            rest = each(builder, "sub", rest, each(builder, "mul", a[row, column].reshape(1), x[column]))
-        x[row] = each(builder, "div", rest, a[row, row].reshape(1))
+            rest = elementwise(builder, "sub", rest, elementwise(builder, "mul", a[row, column].reshape(1), x[column]))
+        x[row] = elementwise(builder, "div", rest, a[row, row].reshape(1))
     return np.stack(x)
 
 
 def _eliminated(builder: GraphBuilder, matrix: Nodes, count: int) -> tuple[Nodes, int]:
     """A matrix in triangular form, and the node of the sign that changes of rows give its determinant."""
     if count > _LARGEST:
-        raise CodeError(f"a system of {count} equations; {_LARGEST} is the most")
+        raise ProgramError(f"a system of {count} equations; {_LARGEST} is the most")
     a, sign = matrix.copy(), builder.const(1.0)
     for at in range(count):
         for row in range(at + 1, count):
             sign = _exchanged(builder, a, at, row, sign)
         for row in range(at + 1, count):
-            share = each(builder, "div", a[row, at].reshape(1), a[at, at].reshape(1))
-            a[row, at + 1 :] = each(builder, "sub", a[row, at + 1 :], each(builder, "mul", share, a[at, at + 1 :]))
+            share = elementwise(builder, "div", a[row, at].reshape(1), a[at, at].reshape(1))
+            a[row, at + 1 :] = elementwise(
+                builder, "sub", a[row, at + 1 :], elementwise(builder, "mul", share, a[at, at + 1 :])
+            )
     return a, sign
 
 
@@ -273,32 +289,35 @@ def _exchanged(builder: GraphBuilder, a: Nodes, at: int, row: int, sign: int) ->
     if builder.value(larger) == 0.0:
         return sign
     choice, high, low = np.array([larger], dtype=np.int64), a[at, at:].copy(), a[row, at:].copy()
-    a[at, at:], a[row, at:] = each(builder, "select", choice, low, high), each(builder, "select", choice, high, low)
+    a[at, at:], a[row, at:] = (
+        elementwise(builder, "select", choice, low, high),
+        elementwise(builder, "select", choice, high, low),
+    )
     return builder.call("select", larger, builder.call("neg", sign), sign)
 
 
-def power(calls: "Calls", left: Nodes, right: Nodes) -> Nodes:
+def matrix_power(calls: "ExpressionEvaluator", left: Nodes, right: Nodes) -> Nodes:
     """A square matrix to a fixed whole power."""
-    exponent = calls.desk.numbers(right, "the power of a matrix")
+    exponent = calls.context.numbers(right, "the power of a matrix")
     if exponent is None or exponent.size != 1 or left.ndim != 2 or left.shape[0] != left.shape[1]:
-        raise CodeError("a power of or with a matrix that is not square or not fixed", "Use .^ element by element.")
+        raise ProgramError("a power of or with a matrix that is not square or not fixed", "Use .^ element by element.")
     if not float(exponent.item()).is_integer() or not -64 <= exponent.item() <= 64:
-        raise CodeError(f"the power {exponent.item():g} of a matrix")
+        raise ProgramError(f"the power {exponent.item():g} of a matrix")
     times = int(exponent.item())
     unit = constants(calls.builder, np.eye(left.shape[0]))
-    base = left if times >= 0 else solved(calls.builder, left, unit)
-    return reduce(lambda a, b: product(calls.builder, a, b), [base] * abs(times)) if times else unit
+    base = left if times >= 0 else solve_linear_system(calls.builder, left, unit)
+    return reduce(lambda a, b: checked_matrix_product(calls.builder, a, b), [base] * abs(times)) if times else unit
 
 
 @function("mtimes", "mldivide", "mrdivide", "mpower", least=2, most=2)
-def operator(given: Given) -> Held:
+def operator(given: SymbolicArguments) -> SymbolicValue:
     """An operator by its name."""
     signs = {"mtimes": "*", "mldivide": "\\", "mrdivide": "/", "mpower": "^"}
     return given.calls.operation(signs[given.name], *given.arrays)
 
 
 @function("pinv")
-def pseudo_inverse(given: Given) -> Held:
+def pseudo_inverse(given: SymbolicArguments) -> SymbolicValue:
     """The pseudoinverse of a matrix of constants; of one that depends on signals the inverse, which has to exist."""
     builder, matrix = given.calls.builder, given.matrix(0)
     if all(builder.value(int(node)) is not None for node in matrix.ravel()):
@@ -309,17 +328,17 @@ def pseudo_inverse(given: Given) -> Held:
 
 
 @function("inv")
-def inverse(given: Given) -> Held:
+def inverse(given: SymbolicArguments) -> SymbolicValue:
     """The inverse of a square matrix."""
     return _inverse(given.calls.builder, given.matrix(0))
 
 
 def _inverse(builder: GraphBuilder, matrix: Nodes) -> Nodes:
-    return solved(builder, matrix, constants(builder, np.eye(matrix.shape[0])))
+    return solve_linear_system(builder, matrix, constants(builder, np.eye(matrix.shape[0])))
 
 
 @function("det")
-def determinant(given: Given) -> Held:
+def determinant(given: SymbolicArguments) -> SymbolicValue:
     """The determinant of a square matrix."""
     builder, matrix = given.calls.builder, given.matrix(0)
     if matrix.shape[0] != matrix.shape[1]:
@@ -331,37 +350,37 @@ def determinant(given: Given) -> Held:
 
 
 @function("trace")
-def trace(given: Given) -> Held:
+def trace(given: SymbolicArguments) -> SymbolicValue:
     """The sum of the diagonal."""
     diagonal = np.diagonal(given.matrix(0)).reshape(-1, 1)
-    return along(diagonal, 0, lambda parts: total(given.calls.builder, "add", 0.0, parts))
+    return reduce_along(diagonal, 0, lambda parts: combine(given.calls.builder, "add", 0.0, parts))
 
 
 @function("dot", least=2, most=2)
-def dot(given: Given) -> Held:
+def dot(given: SymbolicArguments) -> SymbolicValue:
     """The sum of the products of elements; of matrices along their columns."""
     builder, (a, b) = given.calls.builder, given.arrays
     if is_vector(a) and is_vector(b):
         a, b = a.reshape(-1, 1), b.reshape(-1, 1)
     if a.shape != b.shape:
         raise given.refuse("its arguments have different sizes")
-    products, axis = along_default(given, 2, each(builder, "mul", a, b))
-    return along(products, axis, lambda parts: total(builder, "add", 0.0, parts))
+    products, axis = along_default(given, 2, elementwise(builder, "mul", a, b))
+    return reduce_along(products, axis, lambda parts: combine(builder, "add", 0.0, parts))
 
 
 @function("cross", least=2, most=2)
-def cross(given: Given) -> Held:
+def cross(given: SymbolicArguments) -> SymbolicValue:
     """The cross product of two vectors of three elements."""
     builder, (a, b) = given.calls.builder, given.arrays
     if a.size != 3 or b.size != 3:
         raise given.refuse("only vectors of three elements are supported")
     x, y = a.ravel(), b.ravel()
-    first = each(builder, "mul", x[[1, 2, 0]], y[[2, 0, 1]])
-    return each(builder, "sub", first, each(builder, "mul", x[[2, 0, 1]], y[[1, 2, 0]])).reshape(a.shape)
+    first = elementwise(builder, "mul", x[[1, 2, 0]], y[[2, 0, 1]])
+    return elementwise(builder, "sub", first, elementwise(builder, "mul", x[[2, 0, 1]], y[[1, 2, 0]])).reshape(a.shape)
 
 
 @function("norm", least=1, most=2)
-def norm(given: Given) -> Held:
+def norm(given: SymbolicArguments) -> SymbolicValue:
     """The length of a vector: of order 1, 2 or inf; of a matrix 1, inf or 'fro'."""
     builder, array = given.calls.builder, given.array(0)
     order: object = 2.0
@@ -369,14 +388,14 @@ def norm(given: Given) -> Held:
         order = given.held[1] if isinstance(given.held[1], str) else float(given.numbers(1).item())
     vector = is_vector(given.matrix(0))
     if order == "fro" or (vector and order == 2.0):
-        flat = each(builder, "mul", array, array).reshape(-1, 1)
-        return each(builder, "sqrt", along(flat, 0, lambda parts: total(builder, "add", 0.0, parts)))
-    size = each(builder, "abs", array)
+        flat = elementwise(builder, "mul", array, array).reshape(-1, 1)
+        return elementwise(builder, "sqrt", reduce_along(flat, 0, lambda parts: combine(builder, "add", 0.0, parts)))
+    size = elementwise(builder, "abs", array)
     if order not in (1.0, np.inf, "inf", "Inf"):
         raise given.refuse(f"of order {order} is not supported")
     largest = order != 1.0
     if vector:
         op = "max" if largest else "add"
-        return along(size.reshape(-1, 1), 0, lambda parts: total(builder, op, 0.0, parts))
-    sums = along(size, int(largest), lambda parts: total(builder, "add", 0.0, parts))
-    return along(sums.reshape(-1, 1), 0, lambda parts: total(builder, "max", 0.0, parts))
+        return reduce_along(size.reshape(-1, 1), 0, lambda parts: combine(builder, op, 0.0, parts))
+    sums = reduce_along(size, int(largest), lambda parts: combine(builder, "add", 0.0, parts))
+    return reduce_along(sums.reshape(-1, 1), 0, lambda parts: combine(builder, "max", 0.0, parts))

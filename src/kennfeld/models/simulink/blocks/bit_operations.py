@@ -12,12 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from kennfeld.models.imperative import integer_types
-from kennfeld.models.imperative.integer_types import Word
-from kennfeld.models.simulink.flattening.integer_signals import word_of
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.imperative.integer_types import IntegerType
+from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
 
 __all__ = ["fitted", "stored"]
 
@@ -29,7 +29,7 @@ _STATE = "Let the block that makes its input state an integer type, such as uint
 
 @block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
-def bitwise_operator(site: Site) -> Wired:
+def bitwise_operator(site: BlockContext) -> SignalOrBus:
     """A logical operation on the bits of the inputs, of the elements of a single one, or of the input and a mask.
 
     The result has the type of the first input, and so has the mask: 217 in a word of 8 bits with a sign is -39.
@@ -49,28 +49,28 @@ def bitwise_operator(site: Site) -> Wired:
     return made if kind == op else _complement(site, made, word)
 
 
-def _shared(site: Site, needed: bool) -> Word | None:
+def _shared(site: BlockContext, needed: bool) -> IntegerType | None:
     """The integer type that all inputs have to have, by the first of them that states one."""
-    words = (word_of(site.source(at)) for at in range(site.count))
+    words = (integer_type_of(site.source(at)) for at in range(site.count))
     word = next((one for one in words if one is not None), None)
     return _checked(word) if needed else word
 
 
-def stored(site: Site, index: int, otherwise: Word | None = None) -> Signal:
+def stored(site: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:
     """The whole number that is stored for an input, as the block that states its type rounds, wraps or limits it.
 
     Where none states it, the type is `otherwise`.
     """
-    x, word = site.input(index), word_of(site.source(index)) or otherwise
+    x, word = site.input(index), integer_type_of(site.source(index)) or otherwise
     return site.call("floor", x) if word is None else fitted(site, x, word)
 
 
-def fitted(site: Site, x: Signal, word: Word) -> Signal:
+def fitted(site: BlockContext, x: Signal, word: IntegerType) -> Signal:
     """A number as one of an integer type."""
     return Signal(integer_types.fitted(site.builder, x.nodes, word), x.period)
 
 
-def _checked(word: Word | None) -> Word:
+def _checked(word: IntegerType | None) -> IntegerType:
     """The integer type of an input; a complement and what a shift pushes out depend on it."""
     if word is None:
         raise UnsupportedError(
@@ -81,7 +81,7 @@ def _checked(word: Word | None) -> Word:
     return word
 
 
-def _masks(site: Site, word: Word | None) -> list[int]:
+def _masks(site: BlockContext, word: IntegerType | None) -> list[int]:
     """The masks as numbers of the integer type of the input."""
     masks = [_whole(float(one)) for one in site.numbers("BitMask").ravel(order="F")]
     if word is not None:
@@ -95,13 +95,13 @@ def _masks(site: Site, word: Word | None) -> list[int]:
     return masks
 
 
-def _complement(site: Site, x: Signal, word: Word | None) -> Signal:
+def _complement(site: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
     assert word is not None
     top = -1.0 if word.signed else 2.0**word.bits - 1
     return site.call("sub", site.constant(top), x)
 
 
-def _with_mask(site: Site, op: str, x: Signal, masks: list[int]) -> Signal:
+def _with_mask(site: BlockContext, op: str, x: Signal, masks: list[int]) -> Signal:
     """An operation of each element with its mask; a single one counts for all."""
     if len(masks) not in (1, x.size) and x.size != 1:
         raise UnsupportedError(f"it has {len(masks)} masks for {x.size} elements")
@@ -118,20 +118,20 @@ def _whole(value: float) -> int:
     return int(value)
 
 
-def _masked(site: Site, op: str, x: Signal, mask: int) -> Signal:
+def _masked(site: BlockContext, op: str, x: Signal, mask: int) -> Signal:
     """`x AND m`, from which the others follow: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
     both = _and(site, x, mask) if mask >= 0 else site.call("sub", x, _and(site, x, -mask - 1))
     return _from_and(site, op, x, site.constant(float(mask)), both)
 
 
-def _from_and(site: Site, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
+def _from_and(site: BlockContext, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
     if op == "AND":
         return both
     taken = both if op == "OR" else site.call("mul", site.constant(2.0), both)
     return site.call("sub", site.call("add", a, b), taken)
 
 
-def _and(site: Site, x: Signal, mask: int) -> Signal:
+def _and(site: BlockContext, x: Signal, mask: int) -> Signal:
     """The bits of x at the ones of a mask that is not negative, one run of ones after the other."""
     made = site.constant(0.0)
     for first, count in _runs(mask):
@@ -155,23 +155,23 @@ def _runs(mask: int) -> Iterator[tuple[int, int]]:
         at += max(count, 1)
 
 
-def _field(site: Site, x: Signal, first: int, count: int) -> Signal:
+def _field(site: BlockContext, x: Signal, first: int, count: int) -> Signal:
     """Some bits of x in their places: 2^first mod(floor(x / 2^first), 2^count)."""
     low, width = site.constant(2.0**first), site.constant(2.0**count)
     return site.call("mul", low, site.call("mod", site.call("floor", site.call("div", x, low)), width))
 
 
-def _folded(site: Site, op: str, parts: list[Signal]) -> Signal:
+def _folded(site: BlockContext, op: str, parts: list[Signal]) -> Signal:
     made = parts[0]
     for part in parts[1:]:
         a, b = site.spread(made, part)
         nodes = [_paired(site, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
-        period = fastest([a.period, b.period])
+        period = fastest_sample_time([a.period, b.period])
         made = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
     return made
 
 
-def _paired(site: Site, op: str, a: Signal, b: Signal) -> Signal:
+def _paired(site: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
     """An operation on two signals, bit by bit; on one and a constant by its mask. NaN beyond 32 bits and a sign."""
     for one, other in ((a, b), (b, a)):
         value = site.builder.value(one.flat[0])
@@ -187,13 +187,13 @@ def _paired(site: Site, op: str, a: Signal, b: Signal) -> Signal:
     return site.select(fits, _from_and(site, op, a, b, both), site.constant(float("nan")))
 
 
-def _fits(site: Site, x: Signal) -> Signal:
+def _fits(site: BlockContext, x: Signal) -> Signal:
     edge = 2.0**_PAIRED
     return site.call("and", site.call("ge", x, site.constant(-edge)), site.call("lt", x, site.constant(edge)))
 
 
 @block("Bit Set", linked=True, iBit="0")
-def bit_set(site: Site) -> Wired:
+def bit_set(site: BlockContext) -> SignalOrBus:
     """The input with one of its bits set."""
     x, bit, weight = _bit(site)
     clear = site.call("sub", site.constant(1.0), _one_bit(site, x, bit))
@@ -201,20 +201,20 @@ def bit_set(site: Site) -> Wired:
 
 
 @block("Bit Clear", linked=True, iBit="0")
-def bit_clear(site: Site) -> Wired:
+def bit_clear(site: BlockContext) -> SignalOrBus:
     """The input with one of its bits cleared."""
     x, bit, weight = _bit(site)
     return site.call("sub", x, site.call("mul", site.constant(weight), _one_bit(site, x, bit)))
 
 
-def _one_bit(site: Site, x: Signal, at: int) -> Signal:
+def _one_bit(site: BlockContext, x: Signal, at: int) -> Signal:
     """1 where a bit of x is set, else 0."""
     return site.call("div", _field(site, x, at, 1), site.constant(2.0**at))
 
 
-def _bit(site: Site) -> tuple[Signal, int, float]:
+def _bit(site: BlockContext) -> tuple[Signal, int, float]:
     """The input, the place of the bit, and what it counts: the highest of a word with a sign counts negative."""
-    bit, word = site.whole("iBit", 0, 52), word_of(site.source())
+    bit, word = site.whole("iBit", 0, 52), integer_type_of(site.source())
     if word is not None and bit >= word.bits:
         raise UnsupportedError(f"bit {bit} is beyond its input of {word.bits} bits")
     if word is None and bit >= _LEAST_SIGN.bit_length() - 1:
@@ -227,29 +227,29 @@ def _bit(site: Site) -> tuple[Signal, int, float]:
 
 
 @block("Shift Arithmetic", linked=True)
-def old_shift(site: Site) -> Wired:
+def old_shift(site: BlockContext) -> SignalOrBus:
     """As `shift`, in files before R2009b: to the right by a number of bits, to the left by a negative one."""
     if site.number("nBinPtShiftRight"):
         raise UnsupportedError("it shifts the binary point, and number types are left aside")
     by = site.parameter("nBitShiftRight")
-    return _shifted(site, stored(site, 0), by, "Bidirectional", _checked(word_of(site.source())))
+    return _shifted(site, stored(site, 0), by, "Bidirectional", _checked(integer_type_of(site.source())))
 
 
 @block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
-def shift(site: Site) -> Wired:
+def shift(site: BlockContext) -> SignalOrBus:
     """The input shifted by some bits: to the right by floor(u / 2^n), to the left by what of u 2^n fits a word."""
     if site.number("BinPtShiftNumber"):
         raise UnsupportedError("it shifts the binary point, and number types are left aside")
     way = site.chosen("BitShiftDirection", "Left", "Right", "Bidirectional")
-    word = _checked(word_of(site.source()))
+    word = _checked(integer_type_of(site.source()))
     x = stored(site, 0)
     if site.chosen("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
         return _shifted(site, x, site.parameter("BitShiftNumber"), way, word)
     return _shifted(site, x, stored(site, 1), way, word)
 
 
-def _shifted(site: Site, x: Signal, by: Signal, way: str, word: Word) -> Signal:
+def _shifted(site: BlockContext, x: Signal, by: Signal, way: str, word: IntegerType) -> Signal:
     right = site.call("floor", site.call("div", x, site.call("pow", site.constant(2.0), by)))
     if way == "Right":
         return right

@@ -7,15 +7,15 @@ import numpy as np
 from kennfeld.models.simulink.blocks.continuous import rational
 from kennfeld.models.simulink.blocks.discrete import direct_form
 from kennfeld.models.simulink.flattening.flat_model import is_triggered
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, Wired
+from kennfeld.models.simulink.signals import Signal, SignalOrBus
 
 _HIGHEST_ORDER = 100
 
 
-def _roots(site: Site, name: str) -> list[int]:
+def _roots(site: BlockContext, name: str) -> list[int]:
     """The nodes of zeros or poles, which are real; an infinite zero is none."""
     if not site.numbers(name).size:
         return []
@@ -27,7 +27,7 @@ def _roots(site: Site, name: str) -> list[int]:
     return [int(node) for node in nodes.ravel() if site.builder.value(int(node)) not in (np.inf, -np.inf)]
 
 
-def _polynomial(site: Site, roots: list[int]) -> list[int]:
+def _polynomial(site: BlockContext, roots: list[int]) -> list[int]:
     """The coefficients of (x - r1) (x - r2) ..., the highest power first."""
     call, made = site.builder.call, [site.builder.const(1.0)]
     for root in roots:
@@ -39,7 +39,7 @@ def _polynomial(site: Site, roots: list[int]) -> list[int]:
     return made
 
 
-def _quotient(site: Site) -> tuple[list[int], list[int]]:
+def _quotient(site: BlockContext) -> tuple[list[int], list[int]]:
     zeros, poles = _roots(site, "Zeros"), _roots(site, "Poles")
     if len(zeros) > len(poles):
         raise UnsupportedError(f"it has {len(zeros)} zeros and only {len(poles)} poles")
@@ -49,18 +49,18 @@ def _quotient(site: Site) -> tuple[list[int], list[int]]:
     return [site.builder.call("mul", gain.flat[0], node) for node in _polynomial(site, zeros)], _polynomial(site, poles)
 
 
-def _through(site: Site) -> Iterable[int]:
+def _through(site: BlockContext) -> Iterable[int]:
     return (0,) if len(_roots(site, "Zeros")) >= len(_roots(site, "Poles")) else ()
 
 
 @block("ZeroPole", needs=_through, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
-def zero_pole(site: Site) -> Wired:
+def zero_pole(site: BlockContext) -> SignalOrBus:
     """K (s - z1) ... / ((s - p1) ...), from zero states."""
     return rational(site, *_quotient(site))
 
 
 @block("DiscreteZeroPole", needs=_through, Zeros="[1]", Poles="[0 0.5]", Gain="1", SampleTime="1")
-def discrete_zero_pole(site: Site) -> Wired:
+def discrete_zero_pole(site: BlockContext) -> SignalOrBus:
     """K (z - z1) ... / ((z - p1) ...), from zero states."""
     b, a = _quotient(site)
     b = [site.builder.const(0.0)] * (len(a) - len(b)) + b
@@ -69,7 +69,7 @@ def discrete_zero_pole(site: Site) -> Wired:
 
 @block("Lead or Lag Compensator", "Transfer Fcn Lead or Lag", linked=True, PoleZ="0.95", ZeroZ="0.75",
        ICPrevOutput="0.0", ICPrevInput="0.0")  # fmt: skip
-def lead_or_lag(site: Site) -> Wired:
+def lead_or_lag(site: BlockContext) -> SignalOrBus:
     """The input less z times that of the hit before, and p times the output of the hit before."""
     made: list[Signal] = []
     before = site.remember(site.parameter("ICPrevOutput"), lambda _: made[0])
@@ -78,19 +78,19 @@ def lead_or_lag(site: Site) -> Wired:
 
 
 @block("Transfer Fcn Real Zero", linked=True, ZeroZ="0.75", ICPrevInput="0.0")
-def real_zero(site: Site) -> Wired:
+def real_zero(site: BlockContext) -> SignalOrBus:
     """The input less z times that of the hit before."""
     return _with_zero(site)
 
 
-def _with_zero(site: Site) -> Signal:
+def _with_zero(site: BlockContext) -> Signal:
     u = site.discrete(site.input())
     before = site.remember(site.parameter("ICPrevInput"), lambda _: u)
     return site.call("sub", u, site.call("mul", site.parameter("ZeroZ"), before))
 
 
 @block("Weighted Moving Average", sample="samptime", linked=True, mgainval="[0.1:0.1:1]", vinit="0.0", samptime="-1")
-def moving_average(site: Site) -> Wired:
+def moving_average(site: BlockContext) -> SignalOrBus:
     """The inputs of the last hits, the youngest first, each times its weight."""
     weights = site.parameter("mgainval").flat
     one, zero = site.builder.const(1.0), site.builder.const(0.0)
@@ -99,7 +99,7 @@ def moving_average(site: Site) -> Wired:
 
 @block("SampleTimeMath", "Weighted Sample Time Math", TsampMathOp="+", weightValue="1.0",
        SampleTime="-1")  # fmt: skip
-def sample_time_math(site: Site) -> Wired:
+def sample_time_math(site: BlockContext) -> SignalOrBus:
     """The sum, difference, product or quotient of the input and the weighted sample time, or that time alone."""
     if is_triggered(site.atom):
         raise UnsupportedError("it takes the sample time in a triggered subsystem")
@@ -115,7 +115,7 @@ def sample_time_math(site: Site) -> Wired:
 
 @block("SecondOrderIntegrator", needs=lambda site: (), ICX="0.0", ICDXDT="0.0", ICSourceX="internal",
        ICSourceDXDT="internal", ExternalReset="none", LimitX="off", LimitDXDT="off", ShowOutput="both")  # fmt: skip
-def second_order_integrator(site: Site) -> tuple[Wired, ...]:
+def second_order_integrator(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """The second integral of the input and the first."""
     for name in ("ICSourceX", "ICSourceDXDT"):
         site.chosen(name, "internal")

@@ -7,17 +7,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from kennfeld.models.imperative.node_arrays import Nodes, fold
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired, scalar
+from kennfeld.models.simulink.lowering.registry import block, no_feedthrough
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, scalar
 
 __all__ = [
-    "applied",
     "fed_through",
+    "has_feedthrough",
     "matrices",
-    "passes",
+    "matrix_times_vector",
     "rational",
     "reset_signal",
     "resetting",
@@ -28,10 +28,10 @@ __all__ = [
 _MOST_MEMORIES = 1000  # of a delay that changes; each step of it is a memory of its own
 
 
-@block("TransportDelay", needs=nothing, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
-def transport_delay(site: Site) -> Wired:
+@block("TransportDelay", needs=no_feedthrough, DelayTime="1", InitialOutput="0", TransDelayFeedthrough="off")
+def transport_delay(site: BlockContext) -> SignalOrBus:
     """The input of some time before, between two steps as a line."""
-    step = site.weaver.clock.step
+    step = site.compiler.clock.step
     time = site.number("DelayTime")
     if step is None:
         raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
@@ -49,42 +49,42 @@ def transport_delay(site: Site) -> Wired:
     return _since(site, site.constant(time), between, init)
 
 
-def _since(site: Site, delay: Signal, late: Signal, init: Signal) -> Signal:
+def _since(site: BlockContext, delay: Signal, late: Signal, init: Signal) -> Signal:
     """A signal that is late from when more time than its delay has passed, the initial output until then."""
-    near = site.constant(1e-6 * (site.weaver.clock.step or 0.0))
+    near = site.constant(1e-6 * (site.compiler.clock.step or 0.0))
     passed = site.call("gt", site.discrete(site.time), site.call("add", delay, near))
     return site.select(passed, late, init)
 
 
-def _steps(site: Site) -> int:
+def _steps(site: BlockContext) -> int:
     """How many steps back a delay that changes may reach."""
-    step, longest = site.weaver.clock.step, site.number("MaximumDelay")
+    step, longest = site.compiler.clock.step, site.number("MaximumDelay")
     if step is None:
         raise UnsupportedError("a transport delay needs a model with a fixed step", "Give the model a fixed step.")
     count = int(np.ceil(longest / step - 1e-9))
     if not 1 <= count <= _MOST_MEMORIES:
-        what = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, and {_MOST_MEMORIES} is the most"
+        message = f"a MaximumDelay of {longest:g} s is {count} steps of {step:g} s, and {_MOST_MEMORIES} is the most"
         field = f"{site.atom.path}:MaximumDelay"
         raise UnsupportedError(
-            what,
+            message,
             f'Give a shorter one: [parameters."{field}"] initial = {_MOST_MEMORIES * step:g} in the project, '
             f'in Python parameters=[{{"{field}": {_MOST_MEMORIES * step:g}}}].',
         )
     return count
 
 
-def _variable_needs(site: Site) -> Iterable[int]:
+def _variable_needs(site: BlockContext) -> Iterable[int]:
     """Only where a delay may be shorter than a step, its output depends on the input of this one."""
     return (0, 1) if _handles_zero(site) else (1,)
 
 
-def _handles_zero(site: Site) -> bool:
+def _handles_zero(site: BlockContext) -> bool:
     return site.on("ZeroDelay") and site.text("VariableDelayType") == "Variable time delay"
 
 
 @block("VariableTransportDelay", needs=_variable_needs, VariableDelayType="Variable transport delay",
        MaximumDelay="10", InitialOutput="0", PadeOrder="0", ZeroDelay="off")  # fmt: skip
-def variable_delay(site: Site) -> Wired:
+def variable_delay(site: BlockContext) -> SignalOrBus:
     """The input of a time before that changes, or of when it entered a pipe whose passage takes such a time."""
     kind = site.chosen("VariableDelayType", "Variable transport delay", "Variable time delay")
     time = site.discrete(site.input(1))
@@ -102,7 +102,7 @@ def variable_delay(site: Site) -> Wired:
     return site.select(site.call("eq", time, site.constant(0.0)), u, y)
 
 
-def _past(site: Site, time: Signal, late: list[Signal], first: int) -> Signal:
+def _past(site: BlockContext, time: Signal, late: list[Signal], first: int) -> Signal:
     """Between the two steps that a time lies between, of which `late` holds the inputs from the `first` on.
 
     Below the first one the line through the next two goes on; beyond the last one it stays.
@@ -116,7 +116,7 @@ def _past(site: Site, time: Signal, late: list[Signal], first: int) -> Signal:
     return made
 
 
-def _passed(site: Site, time: Signal, late: list[Signal], init: Signal) -> Signal:
+def _passed(site: BlockContext, time: Signal, late: list[Signal], init: Signal) -> Signal:
     """What entered a pipe one passage ago; the way covered is the integral of 1/time, in pipes."""
     zero, one = site.constant(0.0), site.constant(1.0)
     rate = site.call("div", one, time)
@@ -135,25 +135,25 @@ def _passed(site: Site, time: Signal, late: list[Signal], init: Signal) -> Signa
     return site.select(site.call("lt", entered, zero), init, y)
 
 
-def _between(site: Site, x: Signal, xs: tuple[Signal, Signal], ys: tuple[Signal, Signal]) -> Signal:
+def _between(site: BlockContext, x: Signal, xs: tuple[Signal, Signal], ys: tuple[Signal, Signal]) -> Signal:
     share = site.call("div", site.call("sub", x, xs[0]), site.call("sub", xs[1], xs[0]))
     return site.call("add", ys[0], site.call("mul", share, site.call("sub", ys[1], ys[0])))
 
 
-def resetting(site: Site) -> str:
+def resetting(site: BlockContext) -> str:
     """The kind of external reset, "none" where there is none."""
     kind = site.text("ExternalReset")
     return "none" if kind.casefold() == "none" else kind
 
 
-def _integrator_needs(site: Site) -> Iterable[int]:
+def _integrator_needs(site: BlockContext) -> Iterable[int]:
     return range(1, site.count)
 
 
 @block("Integrator", needs=_integrator_needs, InitialCondition="0", InitialConditionSource="internal",
        ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf", LowerSaturationLimit="-inf",
        ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
-def integrator(site: Site) -> Wired | tuple[Wired, ...]:
+def integrator(site: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
     """The integral of the input over time, reset on demand, within limits."""
     if site.on("WrapState"):
         raise UnsupportedError("WrapState is on, which is not supported")
@@ -168,12 +168,12 @@ def integrator(site: Site) -> Wired | tuple[Wired, ...]:
     return with_saturation(site, x if limits is None else site.clip(x, *limits))
 
 
-def with_saturation(site: Site, y: Signal) -> Wired | tuple[Wired, ...]:
+def with_saturation(site: BlockContext, y: Signal) -> SignalOrBus | tuple[SignalOrBus, ...]:
     """The output of an integrator, and on demand whether it is at a limit: 1 the upper, -1 the lower."""
     return (y, _saturated(site, y)) if site.on("ShowSaturationPort") else y
 
 
-def _saturated(site: Site, y: Signal) -> Signal:
+def _saturated(site: BlockContext, y: Signal) -> Signal:
     if not site.on("LimitOutput"):
         return site.call("mul", site.constant(0.0), y)
     low, high = site.parameter("LowerSaturationLimit"), site.parameter("UpperSaturationLimit")
@@ -181,7 +181,7 @@ def _saturated(site: Site, y: Signal) -> Signal:
     return site.select(site.call("ge", y, high), site.constant(1.0), below)
 
 
-def reset_signal(site: Site, u: Signal, kind: str, sampled: bool = False) -> Signal:
+def reset_signal(site: BlockContext, u: Signal, kind: str, sampled: bool = False) -> Signal:
     """1 where an external reset takes place; a `sampled` one looks at no more than whether a signal is positive."""
     u, zero = site.discrete(u), site.constant(0.0)
     kind = kind.casefold()
@@ -196,7 +196,7 @@ def reset_signal(site: Site, u: Signal, kind: str, sampled: bool = False) -> Sig
 
 
 @block("TransferFcn", needs=lambda site: _through(site), Numerator="[1]", Denominator="[1 2 1]")
-def transfer_function(site: Site) -> Wired:
+def transfer_function(site: BlockContext) -> SignalOrBus:
     """b(s)/a(s) in controllable form, from zero states."""
     numerator, denominator = site.matrix("Numerator"), site.matrix("Denominator").ravel()
     if numerator.shape[0] != 1:
@@ -204,7 +204,7 @@ def transfer_function(site: Site) -> Wired:
     return rational(site, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
 
 
-def rational(site: Site, numerator: list[int], denominator: list[int]) -> Signal:
+def rational(site: BlockContext, numerator: list[int], denominator: list[int]) -> Signal:
     """The quotient of two polynomials in s, by their coefficients with the highest power first, from zero states."""
     order = len(denominator) - 1
     b = [scaled(site, node, denominator[0]) for node in _padded(site, numerator, order + 1)]
@@ -221,53 +221,53 @@ def rational(site: Site, numerator: list[int], denominator: list[int]) -> Signal
     return _state_space(site, A, B, np.array([gains], dtype=np.int64), np.array([[b[0]]], dtype=np.int64), zeros)
 
 
-def _through(site: Site) -> Iterable[int]:
-    return (0,) if passes(site) else ()
+def _through(site: BlockContext) -> Iterable[int]:
+    return (0,) if has_feedthrough(site) else ()
 
 
-def passes(site: Site) -> bool:
+def has_feedthrough(site: BlockContext) -> bool:
     """Whether a transfer function passes its input through: its numerator has the order of its denominator."""
     numerator = site.matrix("Numerator")
     same_order = numerator.shape[-1] >= site.matrix("Denominator").size
     return same_order and any(site.builder.value(int(node)) != 0 for node in numerator[..., 0])
 
 
-def _padded(site: Site, nodes: list[int], count: int) -> list[int]:
+def _padded(site: BlockContext, nodes: list[int], count: int) -> list[int]:
     if len(nodes) > count:
         raise UnsupportedError("the order of its numerator is above that of its denominator")
     return [site.builder.const(0.0)] * (count - len(nodes)) + nodes
 
 
-def scaled(site: Site, node: int, lead: int) -> int:
+def scaled(site: BlockContext, node: int, lead: int) -> int:
     """A coefficient over the leading one; one that is 0 stays 0 whatever that is."""
     return node if site.builder.value(node) == 0 else site.builder.call("div", node, lead)
 
 
 @block("StateSpace", needs=lambda site: fed_through(site), A="1", B="1", C="1", D="1", InitialCondition="0",
        X0="0")  # fmt: skip
-def state_space(site: Site) -> Wired:
+def state_space(site: BlockContext) -> SignalOrBus:
     """The state space model x' = A x + B u, y = C x + D u."""
     A, B, C, D, first = matrices(site)
     return _state_space(site, A, B, C, D, first)
 
 
-def fed_through(site: Site) -> tuple[int, ...]:
+def fed_through(site: BlockContext) -> tuple[int, ...]:
     """The input of a state space model, where its output depends on it within the step."""
     return (0,) if any(site.builder.value(int(node)) != 0 for node in site.matrix("D").ravel()) else ()
 
 
-def _state_space(site: Site, A: Nodes, B: Nodes, C: Nodes, D: Nodes, init: Signal) -> Signal:
+def _state_space(site: BlockContext, A: Nodes, B: Nodes, C: Nodes, D: Nodes, init: Signal) -> Signal:
     def slope(x: Signal) -> Signal:
-        return site.call("add", applied(site, A, x), applied(site, B, site.input()))
+        return site.call("add", matrix_times_vector(site, A, x), matrix_times_vector(site, B, site.input()))
 
     x = site.integrate(init, slope, None, None)
-    y = applied(site, C, x)
+    y = matrix_times_vector(site, C, x)
     if all(site.builder.value(int(node)) == 0 for node in D.ravel()):
         return y
-    return site.call("add", y, applied(site, D, site.input()))
+    return site.call("add", y, matrix_times_vector(site, D, site.input()))
 
 
-def matrices(site: Site) -> tuple[Nodes, Nodes, Nodes, Nodes, Signal]:
+def matrices(site: BlockContext) -> tuple[Nodes, Nodes, Nodes, Nodes, Signal]:
     """The matrices A, B, C and D of a state space model, and its initial values."""
     A, B, C, D = (site.matrix(name) for name in "ABCD")
     key = "InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0"
@@ -278,19 +278,21 @@ def matrices(site: Site) -> tuple[Nodes, Nodes, Nodes, Nodes, Signal]:
     return A, B, C, D, first
 
 
-def applied(site: Site, matrix: Nodes, x: Signal) -> Signal:
+def matrix_times_vector(site: BlockContext, matrix: Nodes, x: Signal) -> Signal:
     """A matrix times a vector."""
     if matrix.shape[1] != x.size:
         raise UnsupportedError(f"a matrix of {matrix.shape} does not fit a vector of {x.size}")
     rows = [
-        fold(site.builder, "add", [site.builder.call("mul", int(a), b) for a, b in zip(row, x.flat, strict=True)])
+        reduce_nodes(
+            site.builder, "add", [site.builder.call("mul", int(a), b) for a, b in zip(row, x.flat, strict=True)]
+        )
         for row in matrix
     ]
     return Signal(np.array(rows, dtype=np.int64), x.period)
 
 
 @block("Derivative", CoefficientInTFapproximation="inf")
-def derivative(site: Site) -> Wired:
+def derivative(site: BlockContext) -> SignalOrBus:
     """The change of the input since the major step before over the time between; 0 at first."""
     u = site.discrete(site.input())
     before = site.remember(u, lambda _: u)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.models.simulink.blocks.continuous import reset_signal, resetting
-from kennfeld.models.simulink.lowering.block_context import Site, Then
+from kennfeld.models.simulink.lowering.block_context import BlockContext, Then
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import block, nothing
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.lowering.registry import block, no_feedthrough
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
 
 _MOST_STEPS = 2000  # of a delay whose every step is a memory of its own
 
@@ -42,7 +42,7 @@ class _Ports:
     init: int | None
 
 
-def _ports(site: Site) -> _Ports:
+def _ports(site: BlockContext) -> _Ports:
     has = (
         site.chosen("DelayLengthSource", "Dialog", "Input port") == "Input port",
         site.on("ShowEnablePort"),
@@ -53,21 +53,21 @@ def _ports(site: Site) -> _Ports:
     return _Ports(*numbers)
 
 
-def _delay_needs(site: Site) -> Iterable[int]:
+def _delay_needs(site: BlockContext) -> Iterable[int]:
     ports = _ports(site)
     others = [at for at in (ports.length, ports.enable, ports.reset, ports.init) if at is not None]
     through = site.text("DelayLength").strip() == "0" if ports.length is None else _shortest(site) == 0
     return [0, *others] if through else others
 
 
-def _shortest(site: Site) -> int:
+def _shortest(site: BlockContext) -> int:
     return 1 if site.on("PreventDirectFeedthrough") else 0
 
 
 @block("Delay", needs=_delay_needs, DelayLength="2", DelayLengthSource="Dialog", DelayLengthUpperLimit="100",
        InitialCondition="0.0", InitialConditionSource="Dialog", ExternalReset="None", ShowEnablePort="off",
        PreventDirectFeedthrough="off", SampleTime="-1")  # fmt: skip
-def delay(site: Site) -> Wired:
+def delay(site: BlockContext) -> SignalOrBus:
     """The input of some hits before."""
     ports = _ports(site)
     init = site.parameter("InitialCondition") if ports.init is None else site.input(ports.init)
@@ -82,18 +82,20 @@ def delay(site: Site) -> Wired:
     return _controlled(site, ports, init, steps, site.call("floor", site.input(ports.length)))
 
 
-@block("Integer Delay", "IntegerDelay", needs=nothing, sample="samptime", NumDelays="4", vinit="0.0", samptime="-1",
-       InitialCondition="0.0")  # fmt: skip
-def integer_delay(site: Site) -> Wired:
+@block(
+    "Integer Delay", "IntegerDelay", needs=no_feedthrough,
+    sample="samptime", NumDelays="4", vinit="0.0", samptime="-1", InitialCondition="0.0",
+)  # fmt: skip
+def integer_delay(site: BlockContext) -> SignalOrBus:
     """The input of some hits before, as older files have it."""
     key = "vinit" if site.atom.block.value("InitialCondition") is None else "InitialCondition"
     return _delayed(site, site.parameter(key), site.whole("NumDelays", 0, 100_000))
 
 
-def _delayed(site: Site, init: Signal, steps: int) -> Signal:
+def _delayed(site: BlockContext, init: Signal, steps: int) -> Signal:
     if steps == 0:
         return site.input()
-    if init.size == 1 and site.weaver.gates.every_step(site.atom):
+    if init.size == 1 and site.compiler.gates.every_step(site.atom):
         return site.remember(init, lambda _: site.input(), steps)
     return _taps(site, init, steps, None, None)[-1]
 
@@ -107,7 +109,7 @@ def _first(init: Signal, steps: int) -> list[Signal]:
     return init.elements[::-1]
 
 
-def _taps(site: Site, init: Signal, steps: int, runs: Signal | None, anew: Signal | None) -> list[Signal]:
+def _taps(site: BlockContext, init: Signal, steps: int, runs: Signal | None, anew: Signal | None) -> list[Signal]:
     """The inputs of the last hits, the youngest first. They move on where `runs` holds, and begin `anew` before."""
     if steps > _MOST_STEPS:
         raise UnsupportedError(f"a delay of {steps} steps that are memories of their own; {_MOST_STEPS} is the most")
@@ -126,7 +128,7 @@ def _taps(site: Site, init: Signal, steps: int, runs: Signal | None, anew: Signa
     return taps
 
 
-def _controlled(site: Site, ports: _Ports, init: Signal, steps: int, length: Signal | None) -> Signal:
+def _controlled(site: BlockContext, ports: _Ports, init: Signal, steps: int, length: Signal | None) -> Signal:
     """A delay with inputs that say whether it runs, when it begins anew, and how long it is."""
     if ports.enable is not None and ports.reset is not None:
         raise UnsupportedError("it has both an enable and a reset port")
@@ -142,7 +144,7 @@ def _controlled(site: Site, ports: _Ports, init: Signal, steps: int, length: Sig
     return y if runs is None else _held(site, runs, y)
 
 
-def _chosen(site: Site, taps: Sequence[Signal], length: Signal) -> Signal:
+def _chosen(site: BlockContext, taps: Sequence[Signal], length: Signal) -> Signal:
     """The tap that a length asks for, within those there are."""
     y = taps[-1]
     for steps in range(len(taps) - 1, _shortest(site) - 1, -1):
@@ -151,7 +153,7 @@ def _chosen(site: Site, taps: Sequence[Signal], length: Signal) -> Signal:
     return y
 
 
-def _held(site: Site, runs: Signal, y: Signal) -> Signal:
+def _held(site: BlockContext, runs: Signal, y: Signal) -> Signal:
     """The output of a block that keeps it while it does not run; 0 before it has."""
     made: list[Signal] = []
     before = site.remember(site.constant(0.0), lambda _: made[0])
@@ -159,13 +161,13 @@ def _held(site: Site, runs: Signal, y: Signal) -> Signal:
     return made[0]
 
 
-def _tapped_needs(site: Site) -> Iterable[int]:
+def _tapped_needs(site: BlockContext) -> Iterable[int]:
     return (0,) if site.on("includeCurrent") else ()
 
 
 @block("Tapped Delay Line", "Tapped Delay", needs=_tapped_needs, sample="samptime", linked=True, NumDelays="4",
        vinit="0.0", samptime="-1", DelayOrder="Oldest", includeCurrent="off")  # fmt: skip
-def tapped_delay(site: Site) -> Wired:
+def tapped_delay(site: BlockContext) -> SignalOrBus:
     """The inputs of the last hits in a vector, the oldest or the newest first."""
     init, steps = site.parameter("vinit"), site.whole("NumDelays", 1, _MOST_STEPS)
     if init.size != 1:
@@ -177,19 +179,19 @@ def tapped_delay(site: Site) -> Wired:
         raise UnsupportedError("its input is a vector")
     newest = site.chosen("DelayOrder", "Oldest", "Newest") == "Newest"
     nodes = [tap.flat[0] for tap in (taps if newest else reversed(taps))]
-    return Signal(np.array(nodes, dtype=np.int64), fastest([tap.period for tap in taps]))
+    return Signal(np.array(nodes, dtype=np.int64), fastest_sample_time([tap.period for tap in taps]))
 
 
-def _inputs(site: Site) -> dict[str, int]:
+def _inputs(site: BlockContext) -> dict[str, int]:
     return {name: at for at, name in enumerate(_INPUTS[site.atom.kind].split())}
 
 
-def _initial_needs(site: Site) -> Iterable[int]:
+def _initial_needs(site: BlockContext) -> Iterable[int]:
     return [at for name, at in _inputs(site).items() if name == "IC"]
 
 
 @block(*_DELAYS, needs=_initial_needs, sample="tsamp", linked=True, vinit="0.0", tsamp="-1")
-def unit_delay_variant(site: Site) -> Wired:
+def unit_delay_variant(site: BlockContext) -> SignalOrBus:
     """The input of the hit before; kept while it is not enabled, the initial value after a reset."""
     ports = _inputs(site)
     init = site.input(ports["IC"]) if "IC" in ports else site.parameter("vinit")
@@ -197,7 +199,7 @@ def unit_delay_variant(site: Site) -> Wired:
 
 
 @block(*_PREVIEWS, sample="tsamp", linked=True, vinit="0.0", tsamp="-1")
-def unit_delay_with_preview(site: Site) -> tuple[Wired, ...]:
+def unit_delay_with_preview(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """What a delay of one hit will hold, and what it holds."""
     ports, init, made = _inputs(site), site.parameter("vinit"), list[Signal]()
     anew = site.input(ports["RV"]) if "RV" in ports else init
@@ -206,7 +208,7 @@ def unit_delay_with_preview(site: Site) -> tuple[Wired, ...]:
     return made[0], y
 
 
-def _guarded(site: Site, ports: dict[str, int], y: Signal, init: Signal) -> Signal:
+def _guarded(site: BlockContext, ports: dict[str, int], y: Signal, init: Signal) -> Signal:
     """The next content: the input while it is enabled, the initial value on a reset."""
     zero, new = site.constant(0.0), site.discrete(site.input(0))
     if "E" in ports:

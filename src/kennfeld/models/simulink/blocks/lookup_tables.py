@@ -16,16 +16,21 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.node_arrays import Numbers, fold
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.imperative.node_arrays import Numbers, reduce_nodes
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.parameter_fields import Named, given_table, named, named_text
+from kennfeld.models.simulink.lowering.parameter_fields import (
+    ParameterField,
+    calibrated_table,
+    named_text,
+    parameter_field,
+)
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, Wired, fastest
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
 from kennfeld.models.simulink.variables.mask_scope import Variable
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["Method", "axis_of", "fixed_curve", "looked_up", "method_of", "numbered", "shape_of"]
+__all__ = ["Method", "breakpoint_axis", "constant_curve", "lookup_field", "method_of", "numbered", "shape_of"]
 
 _LINEAR = (
     "Linear",
@@ -112,7 +117,7 @@ def _bends(builder: GraphBuilder, values: list[int], points: Numbers) -> list[in
         terms = [
             builder.call("mul", builder.const(float(share)), v) for share, v in zip(row, values, strict=True) if share
         ]
-        made.append(fold(builder, "add", terms))
+        made.append(reduce_nodes(builder, "add", terms))
     return made
 
 
@@ -137,7 +142,7 @@ class Method(NamedTuple):
        ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
        BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
-def lookup_nd(site: Site) -> Wired:
+def lookup_nd(site: BlockContext) -> SignalOrBus:
     """A table of any number of dimensions."""
     if site.chosen("DataSpecification", "Table and breakpoints", "Lookup table object") == "Lookup table object":
         return _object(site)
@@ -151,14 +156,14 @@ def lookup_nd(site: Site) -> Wired:
         axes = [_even(site, i + 1, size) for i, size in enumerate(shape_of(site, "Table", count))]
     else:
         axes = _axes(site, "Table", names)
-    return looked_up(site, "Table", axes, _coordinates(site, count), method)
+    return lookup_field(site, "Table", axes, _coordinates(site, count), method)
 
 
-def _object(site: Site) -> Wired:
+def _object(site: BlockContext) -> SignalOrBus:
     """A table whose values and breakpoints are in one variable."""
     whole = site.text("LookupTableObject")
     method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
-    if (given := given_table(site, whole)) is not None:
+    if (given := calibrated_table(site, whole)) is not None:
         axes = list(given.variable.axes)
         return _looked_up(site, given, axes, _coordinates(site, len(axes)), method)
     table = named_text(site, f"{whole}.Table")
@@ -196,7 +201,7 @@ def _beyond_spline(beyond: str) -> str:
     return "linear" if beyond == "Linear" else "clip"
 
 
-def _coordinates(site: Site, count: int) -> list[Signal]:
+def _coordinates(site: BlockContext, count: int) -> list[Signal]:
     if not site.on("UseOneInputPortForAllInputData"):
         return [site.input(at) for at in range(count)]
     u = site.input()
@@ -205,27 +210,27 @@ def _coordinates(site: Site, count: int) -> list[Signal]:
     return u.elements
 
 
-def _even(site: Site, number: int, size: int) -> Axis:
+def _even(site: BlockContext, number: int, size: int) -> Axis:
     first = site.number(f"BreakpointsForDimension{number}FirstPoint", "1")
     spacing = site.number(f"BreakpointsForDimension{number}Spacing", "1")
     return Axis(first + spacing * np.arange(size))
 
 
-def shape_of(site: Site, name: str, count: int) -> tuple[int, ...]:
+def shape_of(site: BlockContext, name: str, count: int) -> tuple[int, ...]:
     """The sizes of a table along its dimensions."""
     found = site.numbers(name)
     return (found.size,) if count == 1 else found.shape
 
 
-def _axes(site: Site, table: str, names: list[str]) -> list[Axis]:
+def _axes(site: BlockContext, table: str, names: list[str]) -> list[Axis]:
     """The axes of a table: those of a calibration file, which come with its values, else the fields' breakpoints."""
-    own = named(site, table).variable.axes
-    return list(own) if len(own) == len(names) else [axis_of(site, name) for name in names]
+    own = parameter_field(site, table).variable.axes
+    return list(own) if len(own) == len(names) else [breakpoint_axis(site, name) for name in names]
 
 
-def axis_of(site: Site, name: str) -> Axis:
+def breakpoint_axis(site: BlockContext, name: str) -> Axis:
     """The breakpoints of a dimension; a variable by its name, so that tables share it."""
-    found = named(site, name)
+    found = parameter_field(site, name)
     group = found.name if found.is_variable else ""
     try:
         return Axis(found.values.ravel(), name=group, unit=found.variable.unit)
@@ -233,26 +238,32 @@ def axis_of(site: Site, name: str) -> Axis:
         raise UnsupportedError(f"its {name}: {error}") from None
 
 
-def looked_up(site: Site, table: str, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
+def lookup_field(site: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
     """The table of a field at coordinates, element by element."""
-    return _looked_up(site, named(site, table), axes, coordinates, method)
+    return _looked_up(site, parameter_field(site, table), axes, coordinates, method)
 
 
-def fixed_curve(site: Site, field: str, x: Signal, points: Numbers, values: Numbers, method: Method) -> Signal:
+def constant_curve(
+    site: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+) -> Signal:
     """A curve through points that no one fits, called by the field that they come from."""
     held = Variable(values, source="a literal of the block")
-    return _looked_up(site, Named(f"{site.atom.path}:{field}", values, held, False), [Axis(points)], [x], method)
+    return _looked_up(
+        site, ParameterField(f"{site.atom.path}:{field}", values, held, False), [Axis(points)], [x], method
+    )
 
 
-def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
+def _looked_up(
+    site: BlockContext, found: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+) -> Signal:
     table = found.name
     values = _fitted(found.values, tuple(len(axis) for axis in axes), table)
     if any(len(axis) < 2 for axis in axes):
         raise UnsupportedError(f"its {table} has a dimension with a single breakpoint")
-    locked = not (found.is_variable or found.name in site.weaver.declared.promoted)
+    locked = not (found.is_variable or found.name in site.compiler.declared.promoted)
     axes = [axis.changed(input=_quantity(site, at)) if not axis.name else axis for at, axis in enumerate(axes)]
     kept = method.beyond if method.between != "spline" else "clip"
-    made = site.weaver.declared.table(found.name, values, axes, found.variable, locked, kept)
+    made = site.compiler.declared.table(found.name, values, axes, found.variable, locked, kept)
     spread = site.spread(*coordinates)
     if method.between == "spline":
         return _splined(site, made, spread, method.beyond)
@@ -260,11 +271,11 @@ def _looked_up(site: Site, found: Named, axes: list[Axis], coordinates: list[Sig
         spread = [_snapped(site, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
     columns = [one.nodes.ravel() for one in spread]
     nodes = [site.builder.lookup(made.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)]
-    period = fastest([one.period for one in spread])
+    period = fastest_sample_time([one.period for one in spread])
     return Signal(np.array(nodes, dtype=np.int64).reshape(spread[0].shape), period)
 
 
-def _splined(site: Site, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+def _splined(site: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
     """A spline through the values of a table, element by element."""
     points = [axis.breakpoints for axis in table.axes]
     shape = [len(axis) for axis in points]
@@ -280,11 +291,11 @@ def _splined(site: Site, table: Parameter, coordinates: list[Signal], beyond: st
 
     columns = zip(*(one.nodes.ravel() for one in coordinates), strict=True)
     nodes = [spline(builder, value, points, [int(node) for node in place], beyond) for place in columns]
-    period = fastest([one.period for one in coordinates])
+    period = fastest_sample_time([one.period for one in coordinates])
     return Signal(np.array(nodes, dtype=np.int64).reshape(coordinates[0].shape), period)
 
 
-def _quantity(site: Site, at: int) -> str:
+def _quantity(site: BlockContext, at: int) -> str:
     return site.atom.taken.get(at, "")
 
 
@@ -298,7 +309,7 @@ def _fitted(values: Numbers, shape: tuple[int, ...], table: str) -> Numbers:
     return values
 
 
-def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
+def _snapped(site: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
     """The breakpoint that stands for a coordinate: the nearest one, the upper of two equally near, or the one below."""
     points = axis.breakpoints
     made = site.constant(float(points[0]))
@@ -310,23 +321,23 @@ def _snapped(site: Site, x: Signal, axis: Axis, how: str) -> Signal:
 
 @block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
-def lookup(site: Site) -> Wired:
+def lookup(site: BlockContext) -> SignalOrBus:
     """A curve, as files before R2011a have it."""
     table = "Table" if site.atom.block.value("Table") is not None else "OutputValues"
-    return looked_up(site, table, _axes(site, table, ["InputValues"]), [site.input()], _old_method(site))
+    return lookup_field(site, table, _axes(site, table, ["InputValues"]), [site.input()], _old_method(site))
 
 
 @block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
-def lookup_2d(site: Site) -> Wired:
+def lookup_2d(site: BlockContext) -> SignalOrBus:
     """A map, as files before R2011a have it; the first input is along the rows."""
     rows = "RowIndex" if site.atom.block.value("RowIndex") is not None else "x"
     columns = "ColumnIndex" if site.atom.block.value("ColumnIndex") is not None else "y"
     table = "Table" if site.atom.block.value("Table") is not None else "t"
-    return looked_up(site, table, _axes(site, table, [rows, columns]), site.inputs[:2], _old_method(site))
+    return lookup_field(site, table, _axes(site, table, [rows, columns]), site.inputs[:2], _old_method(site))
 
 
-def _old_method(site: Site) -> Method:
+def _old_method(site: BlockContext) -> Method:
     written = site.text("LookUpMeth")
     if written not in (*_LINEAR, *_NEAREST, *_FLAT):
         raise UnsupportedError(f"LookUpMeth is {written!r}, which is not supported")
@@ -336,7 +347,7 @@ def _old_method(site: Site) -> Method:
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
-def direct_lookup(site: Site) -> Wired:
+def direct_lookup(site: BlockContext) -> SignalOrBus:
     """An element or a column of a table by its places, counted from 0; those beyond the ends take the ends."""
     wanted = site.chosen("InputsSelectThisObjectFromTable", "Element", "Column")
     if site.on("TableIsInput"):
@@ -349,11 +360,11 @@ def direct_lookup(site: Site) -> Wired:
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
         raise UnsupportedError(f"its inputs do not choose an {wanted.lower()} of a table of {count} dimensions")
     axes = numbered(site, "Table", shape)
-    return looked_up(site, "Table", axes, places, Method("linear", "clip"))
+    return lookup_field(site, "Table", axes, places, Method("linear", "clip"))
 
 
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")
-def lookup_dynamic(site: Site) -> Wired:
+def lookup_dynamic(site: BlockContext) -> SignalOrBus:
     """A curve whose breakpoints and values are inputs."""
     method = _old_method(site)
     if site.count != 3:
@@ -371,17 +382,17 @@ def lookup_dynamic(site: Site) -> Wired:
     return site.select(site.call("gt", x, points[0][-1]), points[1][-1], low)
 
 
-def _line(site: Site, x: Signal, points: list[list[Signal]], at: int) -> Signal:
+def _line(site: BlockContext, x: Signal, points: list[list[Signal]], at: int) -> Signal:
     (x0, x1), (y0, y1) = (one[at : at + 2] for one in points)
     share = site.call("div", site.call("sub", x, x0), site.call("sub", x1, x0))
     return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
 
 
-def numbered(site: Site, table: str, shape: tuple[int, ...]) -> list[Axis]:
+def numbered(site: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
     """Axes that count from 0; raises `UnsupportedError` where a calibration file gives the table others."""
     axes = [Axis(np.arange(size)) for size in shape]
-    own = named(site, table).variable.axes
+    own = parameter_field(site, table).variable.axes
     if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):
-        what = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
-        raise UnsupportedError(what, "Give its values in a script or as a value block.")
+        message = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
+        raise UnsupportedError(message, "Give its values in a script or as a value block.")
     return axes

@@ -4,14 +4,14 @@ import re
 
 import numpy as np
 
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, without_rest
-from kennfeld.models.imperative.node_arrays import Nodes, fold, matrix_product, towards_zero
+from kennfeld.models.imperative.node_arrays import Nodes, matrix_product, reduce_nodes, truncate
 from kennfeld.models.simulink.blocks.matrix_operations import as_matrix, inverse_of
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, Wired, as_vector, fastest, scalar
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, as_vector, fastest_sample_time, scalar
 
 _TURNS = {"degree": 360.0, "revolution": 1.0}
 
@@ -19,7 +19,7 @@ _INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")
 
 
 @block("Gain", Gain="1", Multiplication="Element-wise(K.*u)", SampleTime="-1")
-def gain(site: Site) -> Wired:
+def gain(site: BlockContext) -> SignalOrBus:
     """The input times K, element by element or as matrices."""
     kind = site.text("Multiplication")
     u = site.input()
@@ -39,7 +39,7 @@ def _as_input(made: Nodes, u: Signal) -> Signal:
     return Signal(made.ravel() if u.nodes.ndim == 1 and 1 in made.shape else made, u.period)
 
 
-def _product(site: Site, left: Nodes, right: Nodes) -> Nodes:
+def _product(site: BlockContext, left: Nodes, right: Nodes) -> Nodes:
     if left.size == 1 or right.size == 1:
         spread = np.broadcast_arrays(left, right)
         made = [
@@ -51,7 +51,7 @@ def _product(site: Site, left: Nodes, right: Nodes) -> Nodes:
     return matrix_product(site.builder, left, right)
 
 
-def _signs(site: Site, plus: str, minus: str) -> str:
+def _signs(site: BlockContext, plus: str, minus: str) -> str:
     """The signs of the inputs: as listed, or as many of the first as there are."""
     written = site.text("Inputs").replace("|", "").replace(" ", "")
     if written and set(written) <= {plus, minus}:
@@ -60,7 +60,7 @@ def _signs(site: Site, plus: str, minus: str) -> str:
 
 
 @block("Sum", Inputs="++", SampleTime="-1", CollapseMode="All dimensions", CollapseDim="1")
-def sum_of(site: Site) -> Wired:
+def sum_of(site: BlockContext) -> SignalOrBus:
     """The inputs added and subtracted; a single one has its elements added up."""
     signs = _signs(site, "+", "-")
     if len(signs) == 1:
@@ -72,20 +72,20 @@ def sum_of(site: Site) -> Wired:
     return made
 
 
-def _collapsed(site: Site, op: str) -> Signal:
+def _collapsed(site: BlockContext, op: str) -> Signal:
     """The elements of the only input joined by an operation."""
     u = site.input()
     if u.nodes.ndim == 2 and site.text("CollapseMode") != "All dimensions":
         axis = site.whole("CollapseDim", 1, 2) - 1
         lines = u.nodes if axis == 1 else u.nodes.T
-        made = np.array([fold(site.builder, op, [int(n) for n in line]) for line in lines], dtype=np.int64)
+        made = np.array([reduce_nodes(site.builder, op, [int(n) for n in line]) for line in lines], dtype=np.int64)
         return Signal(made.reshape((1, -1) if axis == 0 else (-1, 1)), u.period)
-    return scalar(fold(site.builder, op, u.flat), u.period)
+    return scalar(reduce_nodes(site.builder, op, u.flat), u.period)
 
 
 @block("Product", Inputs="2", Multiplication="Element-wise(.*)", SampleTime="-1", CollapseMode="All dimensions",
        CollapseDim="1")  # fmt: skip
-def product(site: Site) -> Wired:
+def product(site: BlockContext) -> SignalOrBus:
     """The inputs multiplied and divided; a single one has its elements multiplied."""
     signs = _signs(site, "*", "/")
     if site.text("Multiplication").startswith("Matrix"):
@@ -102,7 +102,7 @@ def product(site: Site) -> Wired:
     return made
 
 
-def _matrices(site: Site, signs: str) -> Signal:
+def _matrices(site: BlockContext, signs: str) -> Signal:
     """The inputs multiplied as matrices, those with a slash inverted; vectors are columns."""
     made: Nodes | None = None
     for at, sign in enumerate(signs):
@@ -110,60 +110,60 @@ def _matrices(site: Site, signs: str) -> Signal:
         other = inverse_of(site, other) if sign == "/" else other
         made = other if made is None else _product(site, made, other)
     assert made is not None
-    period = fastest([one.period for one in site.inputs])
+    period = fastest_sample_time([one.period for one in site.inputs])
     flat = all(one.nodes.ndim == 1 for one in site.inputs) or made.size == 1
     return Signal(as_vector(made) if flat else made, period)
 
 
 @block("DotProduct")
-def dot_product(site: Site) -> Wired:
+def dot_product(site: BlockContext) -> SignalOrBus:
     """The sum of the products of two vectors' elements."""
     made = site.call("mul", site.input(0), site.input(1))
-    return scalar(fold(site.builder, "add", made.flat), made.period)
+    return scalar(reduce_nodes(site.builder, "add", made.flat), made.period)
 
 
 @block("Bias", Bias="0")
-def bias(site: Site) -> Wired:
+def bias(site: BlockContext) -> SignalOrBus:
     """The input plus a constant."""
     return site.call("add", site.input(), site.parameter("Bias"))
 
 
 @block("Slider Gain", "SliderGain", linked=True, low="0", gain="1", high="2")
-def slider_gain(site: Site) -> Wired:
+def slider_gain(site: BlockContext) -> SignalOrBus:
     """The input times where a slider stands."""
     return site.call("mul", site.parameter("gain"), site.input())
 
 
 @block("UnaryMinus", "Unary Minus")
-def unary_minus(site: Site) -> Wired:
+def unary_minus(site: BlockContext) -> SignalOrBus:
     """The input with the other sign."""
     return site.call("neg", site.input())
 
 
 @block("Abs", SampleTime="-1")
-def absolute(site: Site) -> Wired:
+def absolute(site: BlockContext) -> SignalOrBus:
     """The absolute value."""
     return site.call("abs", site.input())
 
 
 @block("Signum", SampleTime="-1")
-def signum(site: Site) -> Wired:
+def signum(site: BlockContext) -> SignalOrBus:
     """The sign: 1, 0 or -1."""
     return site.call("sign", site.input())
 
 
 @block("MinMax", Function="min", Inputs="1", SampleTime="-1")
-def minmax(site: Site) -> Wired:
+def minmax(site: BlockContext) -> SignalOrBus:
     """The least or greatest of the inputs; of a single one, of its elements."""
     op = site.chosen("Function", "min", "max")
     if site.count == 1:
         u = site.input()
-        return scalar(fold(site.builder, op, u.flat), u.period)
+        return scalar(reduce_nodes(site.builder, op, u.flat), u.period)
     return site.fold(op, site.inputs)
 
 
 @block("Math", Operator="exp", SampleTime="-1")
-def math(site: Site) -> Wired:
+def math(site: BlockContext) -> SignalOrBus:
     """An elementary function of one or two inputs."""
     operator = site.text("Operator")
     u = site.input()
@@ -196,22 +196,22 @@ def math(site: Site) -> Wired:
     raise UnsupportedError(f"Operator is {operator!r}, which is not supported")
 
 
-def _remainder(site: Site, u: Signal, v: Signal) -> Signal:
+def _remainder(site: BlockContext, u: Signal, v: Signal) -> Signal:
     """What is left of u after whole steps of v towards 0; u itself where v is 0."""
     ratio = site.call("div", u, v)
-    whole = Signal(towards_zero(site.builder, ratio.nodes), ratio.period)
+    whole = Signal(truncate(site.builder, ratio.nodes), ratio.period)
     rest = _rounded_rest(site, site.call("sub", u, site.call("mul", whole, v)), u, v)
     return site.select(site.call("eq", v, site.constant(0.0)), u, rest)
 
 
-def _rounded_rest(site: Site, rest: Signal, u: Signal, v: Signal) -> Signal:
+def _rounded_rest(site: BlockContext, rest: Signal, u: Signal, v: Signal) -> Signal:
     """A remainder that is 0 where u is a multiple of v but for rounding."""
     spread = site.spread(rest, u, v)
     return Signal(without_rest(site.builder, *(signal.nodes for signal in spread)), rest.period)
 
 
 @block("Sqrt", Operator="sqrt", SampleTime="-1")
-def sqrt(site: Site) -> Wired:
+def sqrt(site: BlockContext) -> SignalOrBus:
     """The square root, of the absolute value with the sign kept, or its reciprocal."""
     u = site.input()
     match site.chosen("Operator", "sqrt", "signedSqrt", "rSqrt"):
@@ -225,15 +225,15 @@ def sqrt(site: Site) -> Wired:
 
 
 @block("Rounding", Operator="floor")
-def rounding(site: Site) -> Wired:
+def rounding(site: BlockContext) -> SignalOrBus:
     """A whole number near the input."""
     operator = site.chosen("Operator", "floor", "ceil", "round", "fix")
     u = site.input()
-    return Signal(towards_zero(site.builder, u.nodes), u.period) if operator == "fix" else site.call(operator, u)
+    return Signal(truncate(site.builder, u.nodes), u.period) if operator == "fix" else site.call(operator, u)
 
 
 @block("Trigonometry", Operator="sin", AngleUnit="radian", SampleTime="-1")
-def trigonometry(site: Site) -> Wired | tuple[Wired, ...]:
+def trigonometry(site: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
     """A trigonometric or hyperbolic function."""
     operator, u = site.text("Operator"), site.input()
     unit = site.chosen("AngleUnit", "radian", "degree", "revolution")
@@ -242,7 +242,7 @@ def trigonometry(site: Site) -> Wired | tuple[Wired, ...]:
     return _trigonometric(site, operator, u)
 
 
-def _in_unit(site: Site, operator: str, turn: float, u: Signal) -> Wired | tuple[Wired, ...]:
+def _in_unit(site: BlockContext, operator: str, turn: float, u: Signal) -> SignalOrBus | tuple[SignalOrBus, ...]:
     """A function of an angle that is counted in parts of a turn, or that gives one."""
     if operator in ("sin", "cos", "tan", "sincos", "cos + jsin"):
         scale = site.constant(2 * np.pi / turn)
@@ -253,7 +253,7 @@ def _in_unit(site: Site, operator: str, turn: float, u: Signal) -> Wired | tuple
     return site.call("mul", made, site.constant(turn / (2 * np.pi)))
 
 
-def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired, ...]:
+def _trigonometric(site: BlockContext, operator: str, u: Signal) -> SignalOrBus | tuple[SignalOrBus, ...]:
     match operator:
         case "sin" | "cos" | "tan" | "asin" | "acos" | "atan" | "sinh" | "cosh" | "tanh":
             return site.call(operator, u)
@@ -267,7 +267,7 @@ def _trigonometric(site: Site, operator: str, u: Signal) -> Wired | tuple[Wired,
 
 
 @block("Polyval", Coefs="[1,2]", SampleTime="-1")
-def polynomial(site: Site) -> Wired:
+def polynomial(site: BlockContext) -> SignalOrBus:
     """A polynomial by its coefficients, the highest power first."""
     u, coefficients = site.input(), site.parameter("Coefs")
     made: Signal | None = None
@@ -279,14 +279,14 @@ def polynomial(site: Site) -> Wired:
 
 
 @block("Fcn", Expr="sin(u[1])", SampleTime="-1")
-def function(site: Site) -> Wired:
+def function(site: BlockContext) -> SignalOrBus:
     """An expression of the elements of its input, u or u[1], u[2], ..."""
     text = _INDEX.sub(r"u(\1)", site.text("Expr"))
     text = re.sub(r"!(?!=)", "~", text)
     u = site.input()
     try:
-        made = site.weaver.expressions.array(text, site.atom.scope, names={"u": u.nodes.reshape(-1, 1)})
-    except NoValueError as error:
+        made = site.compiler.expressions.array(text, site.atom.scope, names={"u": u.nodes.reshape(-1, 1)})
+    except EvaluationError as error:
         raise UnsupportedError(
             f"its expression {text[:80]} cannot be built: {error}", undefined=error.undefined
         ) from None

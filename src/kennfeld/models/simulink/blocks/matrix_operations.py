@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.models.imperative.node_arrays import Nodes, fold
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.parameter_fields import listed, positions
+from kennfeld.models.simulink.lowering.parameter_fields import listed, selected_indices
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, Wired, fastest, scalar
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time, scalar
 
 __all__ = ["as_matrix", "inverse_of"]
 
@@ -19,7 +19,7 @@ _LARGEST_INVERSE = 3
 
 @block("Assignment", NumberOfDimensions="1", IndexMode="One-based", Indices="", IndexParamArray="", OutputSizes="",
        OutputInitialize="Initialize using input port <Y0>", IndexOptions="", SampleTime="-1")  # fmt: skip
-def assignment(site: Site) -> Wired:
+def assignment(site: BlockContext) -> SignalOrBus:
     """The first input with some of its elements replaced by those of the second; places may be inputs of their own."""
     how = site.text("OutputInitialize")
     if not how.startswith("Initialize using input port"):
@@ -40,7 +40,7 @@ def assignment(site: Site) -> Wired:
             text = given[axis] if axis < len(given) else ""
             axes.append(_fixed(site, option, text, nodes, axis, values))
     made = _assigned(site, nodes, values, axes)
-    period = fastest([one.period for one in site.inputs])
+    period = fastest_sample_time([one.period for one in site.inputs])
     return Signal(made.reshape(into.shape, order="F") if dimensions == 1 else made, period)
 
 
@@ -52,15 +52,19 @@ def _extent(values: Signal, axis: int, dimensions: int) -> int:
 
 
 def _fixed(
-    site: Site, option: str, text: str, nodes: Nodes, axis: int, values: Signal
+    site: BlockContext, option: str, text: str, nodes: Nodes, axis: int, values: Signal
 ) -> list[tuple[int, int]] | Signal:
     """The places along a dimension with those of the values, both counted from 0."""
     option = "Select all" if option == "Assign all" else option
     count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
-    return [(at, place) for at, place in enumerate(positions(site, option, text, nodes.shape[axis], axis, count))]
+    return [
+        (at, place) for at, place in enumerate(selected_indices(site, option, text, nodes.shape[axis], axis, count))
+    ]
 
 
-def _running(site: Site, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int, before: int) -> Signal:
+def _running(
+    site: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int, before: int
+) -> Signal:
     """The places that a signal gives, counted from 0; of a starting index, as many as there are values."""
     first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
     places = site.call("sub", site.call("floor", index), site.constant(first))
@@ -74,7 +78,9 @@ def _running(site: Site, index: Signal, option: str, values: Signal, nodes: Node
     return places
 
 
-def _assigned(site: Site, nodes: Nodes, values: Signal, axes: Sequence[list[tuple[int, int]] | Signal]) -> Nodes:
+def _assigned(
+    site: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[tuple[int, int]] | Signal]
+) -> Nodes:
     counts = [axis.size if isinstance(axis, Signal) else len(axis) for axis in axes]
     given = _shaped(values, tuple(counts))
     made = nodes.copy()
@@ -94,7 +100,7 @@ def _shaped(values: Signal, counts: tuple[int, ...]) -> Nodes:
 
 
 def _targets(
-    site: Site, shape: tuple[int, ...], axes: Sequence[list[tuple[int, int]] | Signal], source: tuple[int, ...]
+    site: BlockContext, shape: tuple[int, ...], axes: Sequence[list[tuple[int, int]] | Signal], source: tuple[int, ...]
 ) -> list[tuple[tuple[int, ...], int | None]]:
     """The elements that one value may go to, each with the condition under which it does; None for always."""
     found: list[tuple[tuple[int, ...], int | None]] = [((), None)]
@@ -107,12 +113,12 @@ def _targets(
             ]
         else:
             along = [(places[at][1], None)]
-        found = [((*head, k), site.weaver.gates.both(was, now)) for head, was in found for k, now in along]
+        found = [((*head, k), site.compiler.gates.both(was, now)) for head, was in found for k, now in along]
     return found
 
 
 @block("Squeeze", "PermuteDimensions", Order="[2,1]", SampleTime="-1")
-def permuted(site: Site) -> Wired:
+def permuted(site: BlockContext) -> SignalOrBus:
     """The input with its dimensions in another order, or without those of a single element."""
     x = site.input()
     if site.atom.kind == "Squeeze":
@@ -126,7 +132,7 @@ def permuted(site: Site) -> Wired:
 
 
 @block("Convert 1-D to 2-D", linked=True, M="1", N="1")
-def as_two_dimensional(site: Site) -> Wired:
+def as_two_dimensional(site: BlockContext) -> SignalOrBus:
     """The elements of a vector as a matrix of M rows and N columns."""
     x, shape = site.input(), (site.whole("M", 1), site.whole("N", 1))
     if shape[0] * shape[1] != x.size:
@@ -135,7 +141,7 @@ def as_two_dimensional(site: Site) -> Wired:
 
 
 @block("Transpose", linked=True)
-def transposed(site: Site) -> Wired:
+def transposed(site: BlockContext) -> SignalOrBus:
     """Rows and columns exchanged; a vector becomes a row."""
     x = site.input()
     return Signal(as_matrix(x).T, x.period)
@@ -147,25 +153,25 @@ def as_matrix(x: Signal) -> Nodes:
 
 
 @block("Cross Product", "3x3 Cross Product", linked=True)
-def cross_product(site: Site) -> Wired:
+def cross_product(site: BlockContext) -> SignalOrBus:
     """The cross product of two vectors of three elements."""
     a, b = site.input(0), site.input(1)
     if a.size != 3 or b.size != 3:
         raise UnsupportedError(f"its inputs have {a.size} and {b.size} elements, not 3")
     p, q, call = a.flat, b.flat, site.builder.call
     made = [call("sub", call("mul", p[i], q[j]), call("mul", p[j], q[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
-    return Signal(np.array(made, dtype=np.int64).reshape(a.shape), fastest([a.period, b.period]))
+    return Signal(np.array(made, dtype=np.int64).reshape(a.shape), fastest_sample_time([a.period, b.period]))
 
 
 @block("Determinant of 3x3 Matrix", linked=True)
-def determinant(site: Site) -> Wired:
+def determinant(site: BlockContext) -> SignalOrBus:
     """The determinant of a matrix."""
     x = site.input()
     return scalar(determinant_of(site, _square(as_matrix(x))), x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
-def inverse(site: Site) -> Wired:
+def inverse(site: BlockContext) -> SignalOrBus:
     """The inverse of a matrix."""
     x = site.input()
     return Signal(inverse_of(site, as_matrix(x)), x.period)
@@ -181,22 +187,22 @@ def _square(matrix: Nodes) -> Nodes:
     return matrix
 
 
-def determinant_of(site: Site, matrix: Nodes) -> int:
+def determinant_of(site: BlockContext, matrix: Nodes) -> int:
     """The determinant of a small matrix, along its first row."""
     if matrix.shape == (1, 1):
         return int(matrix[0, 0])
     terms = [
         site.builder.call("mul", int(matrix[0, at]), _cofactor(site, matrix, 0, at)) for at in range(matrix.shape[1])
     ]
-    return fold(site.builder, "add", terms)
+    return reduce_nodes(site.builder, "add", terms)
 
 
-def _cofactor(site: Site, matrix: Nodes, row: int, column: int) -> int:
+def _cofactor(site: BlockContext, matrix: Nodes, row: int, column: int) -> int:
     minor = determinant_of(site, np.delete(np.delete(matrix, row, axis=0), column, axis=1))
     return minor if (row + column) % 2 == 0 else site.builder.call("neg", minor)
 
 
-def inverse_of(site: Site, matrix: Nodes) -> Nodes:
+def inverse_of(site: BlockContext, matrix: Nodes) -> Nodes:
     """The inverse of a matrix of up to three rows, by its cofactors; infinite or NaN where it has none."""
     whole = determinant_of(site, _square(matrix))
     if matrix.shape == (1, 1):

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 from kennfeld.models.simulink.blocks.continuous import reset_signal, resetting
 from kennfeld.models.simulink.flattening.flat_model import is_triggered
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.reader.model_tree import Block
-from kennfeld.models.simulink.signals import Signal, Wired
+from kennfeld.models.simulink.reader.model_tree import ModelBlock
+from kennfeld.models.simulink.signals import Signal, SignalOrBus
 
 _DEFAULTS = {
     "Controller": "PID", "TimeDomain": "Continuous-time", "Form": "Parallel", "P": "1", "I": "1", "D": "0", "N": "100",
@@ -35,17 +35,17 @@ _PLAIN = {
 }
 
 
-def _sample(one: Block) -> str:
+def _sample(one: ModelBlock) -> str:
     """A continuous controller keeps the sample time of a discrete one, which does not count."""
     return "SampleTime" if one.value("TimeDomain") == "Discrete-time" else ""
 
 
-def _ports(site: Site, errors: int) -> dict[str, int]:
+def _ports(site: BlockContext, errors: int) -> dict[str, int]:
     """The inputs behind those of the error, by name."""
     return {name: errors + at for at, name in enumerate(_names(site))}
 
 
-def _names(site: Site) -> Iterator[str]:
+def _names(site: BlockContext) -> Iterator[str]:
     parts = _parts(site)
     filtered = "D" in parts and site.on("UseFilter")
     if site.chosen("ControllerParametersSource", "internal", "external") == "external":
@@ -60,14 +60,14 @@ def _names(site: Site) -> Iterator[str]:
         yield "TR"
 
 
-def _parts(site: Site) -> str:
+def _parts(site: BlockContext) -> str:
     return site.chosen("Controller", "PID", "PI", "PD", "P", "I")
 
 
-def _needs(errors: int) -> Callable[[Site], Iterable[int]]:
+def _needs(errors: int) -> Callable[[BlockContext], Iterable[int]]:
     """All inputs but the one that is tracked, which only moves the integral."""
 
-    def needed(site: Site) -> Iterable[int]:
+    def needed(site: BlockContext) -> Iterable[int]:
         tracked = _ports(site, errors).get("TR")
         return [at for at in range(site.count) if at != tracked]
 
@@ -75,25 +75,25 @@ def _needs(errors: int) -> Callable[[Site], Iterable[int]]:
 
 
 @block("PID 1dof", needs=_needs(1), sample=_sample, **_DEFAULTS)  # type: ignore[arg-type]
-def pid(site: Site) -> Wired:
+def pid(site: BlockContext) -> SignalOrBus:
     """A PID controller of one degree of freedom."""
     e = site.input()
-    return _Controller(site, _ports(site, 1)).output(e, e, e)
+    return _PidController(site, _ports(site, 1)).output(e, e, e)
 
 
 @block("PID 2dof", needs=_needs(2), sample=_sample, b="1", c="1", **_DEFAULTS)  # type: ignore[arg-type]
-def pid_with_set_point(site: Site) -> Wired:
+def pid_with_set_point(site: BlockContext) -> SignalOrBus:
     """A PID controller of two degrees of freedom: b r - y for P, r - y for I, c r - y for D."""
     if site.text("ControllerParametersSource") == "external":
         raise UnsupportedError("its gains are inputs")
     r, y = site.input(0), site.input(1)
     weighted = [site.call("sub", site.call("mul", site.parameter(name), r), y) for name in ("b", "c")]
-    return _Controller(site, _ports(site, 2)).output(weighted[0], site.call("sub", r, y), weighted[1])
+    return _PidController(site, _ports(site, 2)).output(weighted[0], site.call("sub", r, y), weighted[1])
 
 
 @dataclass
-class _Controller:
-    site: Site
+class _PidController:
+    site: BlockContext
     ports: dict[str, int]
 
     def __post_init__(self) -> None:
@@ -257,12 +257,12 @@ class _Controller:
         return site.call("sub", u, site.remember(site.parameter("DifferentiatorICPrevScaledInput"), lambda _: u))
 
 
-def _slope(site: Site, n: Signal, u: Signal, x: Signal) -> Signal:
+def _slope(site: BlockContext, n: Signal, u: Signal, x: Signal) -> Signal:
     return site.call("mul", n, site.call("sub", u, x))
 
 
 @block("PID Controller", linked=True, P="1", I="1", D="0")
-def old_pid(site: Site) -> Wired:
+def old_pid(site: BlockContext) -> SignalOrBus:
     """The controller of Simulink's extras: P e + I integral(e) + D times the change of e over a major step."""
     e = site.input()
     u = site.discrete(e)
@@ -271,14 +271,14 @@ def old_pid(site: Site) -> Wired:
 
 
 @block("PID Controller (with Approximate Derivative)", linked=True, P="1", I="1", D="0", N="100")
-def old_pid_with_filter(site: Site) -> Wired:
+def old_pid_with_filter(site: BlockContext) -> SignalOrBus:
     """As `old_pid`, with the derivative D s / (s/N + 1)."""
     e, n = site.input(), site.parameter("N")
     x = site.integrate(site.constant(0.0), lambda x: _slope(site, n, e, x), None, None)
     return _old_sum(site, e, site.call("mul", site.parameter("D"), _slope(site, n, e, x)))
 
 
-def _old_sum(site: Site, e: Signal, derivative: Signal) -> Signal:
+def _old_sum(site: BlockContext, e: Signal, derivative: Signal) -> Signal:
     scaled = site.call("mul", site.parameter("I"), e)
     integral = site.integrate(site.constant(0.0), lambda _: scaled, None, None)
     return site.fold("add", [site.call("mul", site.parameter("P"), e), integral, derivative])

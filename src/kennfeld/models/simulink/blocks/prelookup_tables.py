@@ -3,12 +3,19 @@
 import numpy as np
 
 from kennfeld.models.imperative.node_arrays import Numbers
-from kennfeld.models.simulink.blocks.lookup_tables import Method, axis_of, looked_up, method_of, numbered, shape_of
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.blocks.lookup_tables import (
+    Method,
+    breakpoint_axis,
+    lookup_field,
+    method_of,
+    numbered,
+    shape_of,
+)
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.parameter_fields import named
+from kennfeld.models.simulink.lowering.parameter_fields import parameter_field
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Bus, Signal, Wired
+from kennfeld.models.simulink.signals import Bus, Signal, SignalOrBus
 from kennfeld.parameters import Axis
 
 _MOST_POINTS = 2000  # that are compared with the input one by one
@@ -18,7 +25,7 @@ _MOST_POINTS = 2000  # that are compared with the input one by one
        BreakpointsDataSource="Dialog", ExtrapMethod="Clip", OutputSelection="Index and fraction", IndexSearchMethod="",
        BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11",
        UseLastBreakpoint="off")  # fmt: skip
-def prelookup(site: Site) -> Wired | tuple[Wired, ...]:
+def prelookup(site: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
     """The cell that holds the input, counted from 0, and where within it."""
     selection = site.chosen("OutputSelection", "Index and fraction", "Index only", "Index and fraction as bus")
     beyond = site.chosen("ExtrapMethod", "Clip", "None - Clip", "Linear")
@@ -32,13 +39,13 @@ def prelookup(site: Site) -> Wired | tuple[Wired, ...]:
     return (index,) if selection == "Index only" else (index, fraction)
 
 
-def _last_one(site: Site, index: Signal, fraction: Signal) -> tuple[Signal, Signal]:
+def _last_one(site: BlockContext, index: Signal, fraction: Signal) -> tuple[Signal, Signal]:
     """The last breakpoint as a cell of its own."""
     at_end = site.call("ge", fraction, site.constant(1.0))
     return site.call("add", index, at_end), site.select(at_end, site.constant(0.0), fraction)
 
 
-def _cell(site: Site, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
+def _cell(site: BlockContext, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
     index, low, high = site.constant(0.0), points[0], points[1]
     for at in range(1, len(points) - 1):
         within = site.call("ge", u, points[at])
@@ -47,7 +54,7 @@ def _cell(site: Site, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
     return index, site.call("div", site.call("sub", u, low), site.call("sub", high, low))
 
 
-def _breakpoints(site: Site) -> list[Signal]:
+def _breakpoints(site: BlockContext) -> list[Signal]:
     """The breakpoints, which may come from an input."""
     if site.chosen("BreakpointsDataSource", "Dialog", "Input port") == "Input port":
         found = site.input(1).elements
@@ -61,7 +68,7 @@ def _breakpoints(site: Site) -> list[Signal]:
     return found
 
 
-def _points(site: Site) -> Numbers:
+def _points(site: BlockContext) -> Numbers:
     if site.text("BreakpointsSpecification") == "Even spacing":
         count = site.whole("BreakpointsNumPoints", 2, 100_000)
         first, spacing = site.number("BreakpointsFirstPoint"), site.number("BreakpointsSpacing")
@@ -72,7 +79,7 @@ def _points(site: Site) -> Numbers:
 @block("Interpolation_n-D", NumberOfTableDimensions="2", Table="sqrt([1:11]' * [1:11])", InterpMethod="Linear",
        ExtrapMethod="Clip", NumSelectionDims="0", TableSource="Dialog", RequireIndexFractionAsBus="off",
        TableSpecification="Explicit values")  # fmt: skip
-def interpolation(site: Site) -> Wired:
+def interpolation(site: BlockContext) -> SignalOrBus:
     """A table at cells and fractions: the table of the prelookups' breakpoints where they come from such blocks.
 
     Of others, the axes are the numbers of the breakpoints. The last dimensions may be chosen by number alone. The flat
@@ -94,10 +101,10 @@ def interpolation(site: Site) -> Wired:
         index, fraction, port = _cell_at(site, port)
         places.append(index if method.between == "flat" else site.call("add", index, fraction))
     places += [_within(site, site.input(port + at), shape[count - chosen + at]) for at in range(chosen)]
-    return looked_up(site, "Table", numbered(site, "Table", shape), places, method)
+    return lookup_field(site, "Table", numbered(site, "Table", shape), places, method)
 
 
-def _cell_at(site: Site, port: int) -> tuple[Signal, Signal, int]:
+def _cell_at(site: BlockContext, port: int) -> tuple[Signal, Signal, int]:
     """The cell along a dimension and the fraction within it, of the inputs from a port on, and the port behind them."""
     if not site.on("RequireIndexFractionAsBus"):
         return site.input(port), site.input(port + 1), port + 2
@@ -109,40 +116,40 @@ def _cell_at(site: Site, port: int) -> tuple[Signal, Signal, int]:
     return index, fraction, port + 1
 
 
-def _within(site: Site, number: Signal, size: int) -> Signal:
+def _within(site: BlockContext, number: Signal, size: int) -> Signal:
     """The number of a part of the table, within those there are."""
     return site.clip(site.call("floor", number), site.constant(0.0), site.constant(size - 1.0))
 
 
-def _prelookup_of(site: Site, at: int) -> Site | None:
+def _prelookup_of(site: BlockContext, at: int) -> BlockContext | None:
     """The prelookup that gives both the cell and the fraction of a dimension, in every step; None where none does."""
     sources = site.atom.inputs[2 * at : 2 * at + 2]
     if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].atom is not sources[1].atom:
         return None
-    before = site.weaver.site(sources[0].atom)
+    before = site.compiler.site(sources[0].atom)
     paired = before.atom.kind == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
     plain = paired and before.text("BreakpointsDataSource") == "Dialog" and not before.on("UseLastBreakpoint")
-    return before if plain and site.weaver.timing.rate(before.atom) is None else None
+    return before if plain and site.compiler.timing.rate(before.atom) is None else None
 
 
-def _at_prelookups(site: Site, before: list[Site], method: Method) -> Wired:
+def _at_prelookups(site: BlockContext, before: list[BlockContext], method: Method) -> SignalOrBus:
     """The table over the breakpoints of prelookups, at their inputs."""
-    own = named(site, "Table").variable.axes
+    own = parameter_field(site, "Table").variable.axes
     axes = list(own) if len(own) == len(before) else [_axis_of(one) for one in before]
     ends = [method.beyond if one.text("ExtrapMethod") == "Linear" else "clip" for one in before]
     places = [
         _between(site, one.input(), axis) if end == "clip" and "linear" in ends else one.input()
         for one, axis, end in zip(before, axes, ends, strict=True)
     ]
-    return looked_up(site, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
+    return lookup_field(site, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
 
 
-def _between(site: Site, x: Signal, axis: Axis) -> Signal:
+def _between(site: BlockContext, x: Signal, axis: Axis) -> Signal:
     """A coordinate within the ends of an axis."""
     first, last = (site.constant(float(axis.breakpoints[end])) for end in (0, -1))
     return site.clip(x, first, last)
 
 
-def _axis_of(before: Site) -> Axis:
+def _axis_of(before: BlockContext) -> Axis:
     even = before.text("BreakpointsSpecification") == "Even spacing"
-    return Axis(_points(before)) if even else axis_of(before, "BreakpointsData")
+    return Axis(_points(before)) if even else breakpoint_axis(before, "BreakpointsData")

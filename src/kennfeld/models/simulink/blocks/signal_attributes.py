@@ -17,13 +17,13 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from kennfeld.models.simulink.flattening.flat_model import Atom
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import KINDS, block
-from kennfeld.models.simulink.lowering.scheduling import IN_TIME, Rate
-from kennfeld.models.simulink.reader.model_tree import Block
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, OpenBus, Signal, Wired, leaves
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, block
+from kennfeld.models.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES, SampleTime
+from kennfeld.models.simulink.reader.model_tree import ModelBlock
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, leaf_signals
 
 _Scale: TypeAlias = "Mapping[str, Fraction | float]"
 
@@ -71,7 +71,7 @@ _NEAR = 1e-6  # of a sample time, as far as it may be rounded
 _OPTIONS = ("Specify", "Inherit", "Multiple of input port sample time")
 
 
-def _unit(site: Site, name: str, known: Mapping[str, object]) -> str:
+def _unit(site: BlockContext, name: str, known: Mapping[str, object]) -> str:
     written = site.text(name).replace("G''s", "G's")
     if written not in known:
         raise UnsupportedError(
@@ -81,7 +81,7 @@ def _unit(site: Site, name: str, known: Mapping[str, object]) -> str:
 
 
 @block(*(f"{quantity} Conversion" for quantity in _SCALES), linked=True)
-def conversion(site: Site) -> Wired:
+def conversion(site: BlockContext) -> SignalOrBus:
     """The input in another unit of the same quantity."""
     scale = _SCALES[site.atom.kind.removesuffix(" Conversion")]
     ratio = scale[_unit(site, "IU", scale)] / scale[_unit(site, "OU", scale)]
@@ -89,42 +89,42 @@ def conversion(site: Site) -> Wired:
 
 
 @block("Temperature Conversion", linked=True)
-def temperature(site: Site) -> Wired:
+def temperature(site: BlockContext) -> SignalOrBus:
     """A temperature in another unit."""
     (factor, offset), (other, beyond) = (_KELVIN[_unit(site, name, _KELVIN)] for name in ("IU", "OU"))
     return site.call("add", _times(site, factor / other), site.constant((offset - beyond) / other))
 
 
-def _times(site: Site, factor: float) -> Signal:
+def _times(site: BlockContext, factor: float) -> Signal:
     return site.call("mul", site.input(), site.constant(factor))
 
 
 @block("DegreesToRadians", "Degrees to Radians", linked=True)
-def degrees_to_radians(site: Site) -> Wired:
+def degrees_to_radians(site: BlockContext) -> SignalOrBus:
     """An angle in rad."""
     return _times(site, math.pi / 180)
 
 
 @block("RadiansToDegrees", "Radians to Degrees", linked=True)
-def radians_to_degrees(site: Site) -> Wired:
+def radians_to_degrees(site: BlockContext) -> SignalOrBus:
     """An angle in degrees."""
     return _times(site, 180 / math.pi)
 
 
 @block("Fahrenheit to Celsius", linked=True)
-def fahrenheit_to_celsius(site: Site) -> Wired:
+def fahrenheit_to_celsius(site: BlockContext) -> SignalOrBus:
     """A temperature in degrees Celsius."""
     return site.call("mul", site.call("sub", site.input(), site.constant(32.0)), site.constant(5 / 9))
 
 
 @block("Celsius to Fahrenheit", linked=True)
-def celsius_to_fahrenheit(site: Site) -> Wired:
+def celsius_to_fahrenheit(site: BlockContext) -> SignalOrBus:
     """A temperature in degrees Fahrenheit."""
     return site.call("add", _times(site, 9 / 5), site.constant(32.0))
 
 
 @block("Cartesian to Polar", linked=True)
-def cartesian_to_polar(site: Site) -> tuple[Wired, ...]:
+def cartesian_to_polar(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """The radius and the angle of x and y."""
     x, y = site.input(0), site.input(1)
     squares = site.call("add", site.call("mul", x, x), site.call("mul", y, y))
@@ -132,14 +132,14 @@ def cartesian_to_polar(site: Site) -> tuple[Wired, ...]:
 
 
 @block("Polar to Cartesian", linked=True)
-def polar_to_cartesian(site: Site) -> tuple[Wired, ...]:
+def polar_to_cartesian(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """The x and y of a radius and an angle."""
     radius, angle = site.input(0), site.input(1)
     return site.call("mul", radius, site.call("cos", angle)), site.call("mul", radius, site.call("sin", angle))
 
 
 @block("UnitConversion", refused=True)
-def by_ports(site: Site) -> Wired:
+def by_ports(site: BlockContext) -> SignalOrBus:
     """The input in the unit of what it leads to."""
     raise UnsupportedError(
         "it converts between the units of ports, which are left aside", "Put a Gain in its place, or bind it."
@@ -147,46 +147,46 @@ def by_ports(site: Site) -> Wired:
 
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)
-def like_another(site: Site) -> Wired:
+def like_another(site: BlockContext) -> SignalOrBus:
     """The second input; the first one only lends its type."""
     return site.wired(1)
 
 
 @block("Scaling Strip", "Data Type Scaling Strip", linked=True, refused=True)
-def stripped(site: Site) -> Wired:
+def stripped(site: BlockContext) -> SignalOrBus:
     """The stored number of a fixed-point number, which is not known."""
     raise UnsupportedError("it takes the scaling of a fixed-point number away, and number types are left aside")
 
 
 @block("Environment Controller", linked=True)
-def environment(site: Site) -> Wired:
+def environment(site: BlockContext) -> SignalOrBus:
     """The first input, which counts where a model is simulated."""
     return site.wired(0)
 
 
 @block("BusToVector")
-def bus_to_vector(site: Site) -> Wired:
+def bus_to_vector(site: BlockContext) -> SignalOrBus:
     """The signals of a bus behind each other."""
     wired = site.wired(0)
-    nodes = [node for _, signal in leaves(wired) for node in signal.flat]
+    nodes = [node for _, signal in leaf_signals(wired) for node in signal.flat]
     return Signal(np.array(nodes, dtype=np.int64), wired.period)
 
 
 @block("Width")
-def width(site: Site) -> Wired:
+def width(site: BlockContext) -> SignalOrBus:
     """How many elements the input has."""
-    return site.constant(float(sum(signal.size for _, signal in leaves(site.wired(0)))))
+    return site.constant(float(sum(signal.size for _, signal in leaf_signals(site.wired(0)))))
 
 
 @block("Probe", ProbeWidth="on", ProbeSampleTime="on", ProbeComplexSignal="on", ProbeSignalDimensions="on",
        ProbeFramedSignal="off")  # fmt: skip
-def probe(site: Site) -> tuple[Wired, ...]:
+def probe(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """What is known of the input: its width, its sample time and offset, that it is real, its dimensions."""
     asked = [name for name in _ASKED if site.on(name)]
     return tuple(_told(site, name, site.input()) for name in asked)
 
 
-def _told(site: Site, name: str, u: Signal) -> Signal:
+def _told(site: BlockContext, name: str, u: Signal) -> Signal:
     match name:
         case "ProbeWidth":
             return site.constant(float(u.size))
@@ -197,14 +197,14 @@ def _told(site: Site, name: str, u: Signal) -> Signal:
     return site.constant(0.0)
 
 
-def _sample_time(site: Site, u: Signal) -> Signal:
+def _sample_time(site: BlockContext, u: Signal) -> Signal:
     if u.period == CONTINUOUS:
         raise UnsupportedError("it asks for the sample time of a signal that states none")
     return site.constant(math.inf if u.period == CONSTANT else u.period, 0.0)
 
 
 @block("ComplexToRealImag", Output="Real and imag")
-def real_and_imaginary(site: Site) -> tuple[Wired, ...]:
+def real_and_imaginary(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """The real and the imaginary part of a signal, which is real."""
     u = site.input()
     parts = {"Real": u, "Imag": site.call("mul", site.constant(0.0), u)}
@@ -212,26 +212,26 @@ def real_and_imaginary(site: Site) -> tuple[Wired, ...]:
 
 
 @block("ComplexToMagnitudeAngle", Output="Magnitude and angle")
-def magnitude_and_angle(site: Site) -> tuple[Wired, ...]:
+def magnitude_and_angle(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """The magnitude and the angle of a signal, which is real."""
     u = site.input()
     angle = site.select(site.call("lt", u, site.constant(0.0)), site.constant(math.pi), site.constant(0.0))
     return _parts(site, {"Magnitude": site.call("abs", u), "Angle": angle}, "Magnitude and angle")
 
 
-def _parts(site: Site, parts: dict[str, Signal], both: str) -> tuple[Wired, ...]:
+def _parts(site: BlockContext, parts: dict[str, Signal], both: str) -> tuple[SignalOrBus, ...]:
     wanted = site.chosen("Output", both, *parts)
     return tuple(part for name, part in parts.items() if wanted in (name, both))
 
 
 @block("RealImagToComplex", "MagnitudeAngleToComplex", refused=True)
-def to_complex(site: Site) -> Wired:
+def to_complex(site: BlockContext) -> SignalOrBus:
     """A complex signal, which the graph does not know."""
     raise UnsupportedError("its output is complex, and the graph is real", "Bind what is computed from it.")
 
 
 @block("Algebraic Constraint", "AlgebraicConstraint", refused=True)
-def algebraic_constraint(site: Site) -> Wired:
+def algebraic_constraint(site: BlockContext) -> SignalOrBus:
     """A value that makes another one 0, which would have to be searched for in each step."""
     raise UnsupportedError(
         "it searches for a value that makes its input 0, in each step", "Solve for it, and bind that."
@@ -239,7 +239,7 @@ def algebraic_constraint(site: Site) -> Wired:
 
 
 @block(*_CHECKS, linked=True, needs=lambda site: (), sink=True, export="off")
-def check(site: Site) -> Wired:
+def check(site: BlockContext) -> SignalOrBus:
     """Nothing: it only checks."""
     if site.on("export"):
         raise UnsupportedError("it gives out what it has checked")
@@ -247,13 +247,13 @@ def check(site: Site) -> Wired:
 
 
 @block("CMBlock", "XY scope.", "Record", linked=True, needs=lambda site: (), sink=True)
-def note(site: Site) -> Wired:
+def note(site: BlockContext) -> SignalOrBus:
     """Nothing: it only shows."""
     return site.constant()
 
 
 @block("HitCross", refused=True)
-def hit_crossing(site: Site) -> Wired:
+def hit_crossing(site: BlockContext) -> SignalOrBus:
     """Whether a signal crosses a value, which depends on the steps that a solver takes to find that."""
     raise UnsupportedError(
         "it makes the solver search for a crossing between two steps", "Put a Detect block in its place, or bind it."
@@ -261,7 +261,7 @@ def hit_crossing(site: Site) -> Wired:
 
 
 @block("MATLABFcn", "Interpreted MATLAB Function", refused=True, MATLABFcn="sin")
-def interpreted(site: Site) -> Wired:
+def interpreted(site: BlockContext) -> SignalOrBus:
     """A function that MATLAB would run in each step."""
     called = re.sub(r"\s+", " ", site.text("MATLABFcn"))[:60]
     raise UnsupportedError(
@@ -269,14 +269,14 @@ def interpreted(site: Site) -> Wired:
     )
 
 
-def _sample_of_output(one: Block) -> str:
+def _sample_of_output(one: ModelBlock) -> str:
     """The parameter with the sample time of the output, where one may be stated."""
     return "OutPortSampleTime" if (one.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
 
 
 @block("RateTransition", sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
        OutPortSampleTimeOpt="Specify", OutPortSampleTime="-1", OutPortSampleTimeMultiple="1")  # fmt: skip
-def rate_transition(site: Site) -> Wired:
+def rate_transition(site: BlockContext) -> SignalOrBus:
     """The signal itself; a slower sample time holds it, a faster one sees it a hit of its own late.
 
     Where no sample time is stated for the output, it is the shortest one that the blocks behind it state.
@@ -284,8 +284,8 @@ def rate_transition(site: Site) -> Wired:
     return _passed(site, site.wired(0))
 
 
-def _passed(site: Site, wired: Wired) -> Wired:
-    if isinstance(wired, OpenBus):
+def _passed(site: BlockContext, wired: SignalOrBus) -> SignalOrBus:
+    if isinstance(wired, ExternalBus):
         return wired
     if isinstance(wired, Bus):
         return Bus({name: _passed(site, member) for name, member in wired.members.items()})
@@ -293,7 +293,7 @@ def _passed(site: Site, wired: Wired) -> Wired:
         return wired
     wanted = _stated(site, wired)
     if wanted is not None and wanted > wired.period * (1 + _NEAR):
-        return site.weaver.timing.held(site.atom, wired, Rate(wanted))
+        return site.compiler.timing.held(site.atom, wired, SampleTime(wanted))
     wanted = min(_behind(site), default=wired.period) if wanted is None else wanted
     if wanted >= wired.period * (1 - _NEAR):
         return wired
@@ -302,9 +302,9 @@ def _passed(site: Site, wired: Wired) -> Wired:
     return _at_own_hits(site, _as_tasks_leave_it(site, wired), wanted)
 
 
-def _as_tasks_leave_it(site: Site, u: Signal) -> Signal:
+def _as_tasks_leave_it(site: BlockContext, u: Signal) -> Signal:
     """A slower signal as a faster task reads it, which runs before the slower one where both are hit."""
-    tasks = site.weaver.clock.multitasking
+    tasks = site.compiler.clock.multitasking
     if tasks is None:
         site.remark(
             "passes on what a slower sample time makes in the same step, as in a single task; the file does not say "
@@ -314,32 +314,32 @@ def _as_tasks_leave_it(site: Site, u: Signal) -> Signal:
     return site.remember(_initial(site), lambda _: u) if tasks else u
 
 
-def _at_own_hits(site: Site, u: Signal, period: float) -> Signal:
+def _at_own_hits(site: BlockContext, u: Signal, period: float) -> Signal:
     """A signal that changes at the hits of a sample time only."""
     if period == CONTINUOUS:
         return replace(u, period=period)
-    return site.weaver.timing.held(site.atom, u, Rate(period))
+    return site.compiler.timing.held(site.atom, u, SampleTime(period))
 
 
-def _stated(site: Site, u: Signal) -> float | None:
+def _stated(site: BlockContext, u: Signal) -> float | None:
     """The sample time that is stated for the output; None where it is inherited."""
     if site.chosen("OutPortSampleTimeOpt", *_OPTIONS) != "Multiple of input port sample time":
-        return site.weaver.timing.stated_period(site.atom)
+        return site.compiler.timing.stated_period(site.atom)
     if u.period == CONTINUOUS:
         raise UnsupportedError("its sample time is a multiple of that of its input, which states none")
     return u.period * site.number("OutPortSampleTimeMultiple")
 
 
-def _behind(site: Site) -> Iterator[float]:
+def _behind(site: BlockContext) -> Iterator[float]:
     """The sample times that blocks behind it state, those that come first on each way."""
-    seen, waiting = set[Atom](), [site.atom]
+    seen, waiting = set[FlatBlock](), [site.atom]
     while waiting:
-        for reader in site.weaver.flat.readers.get(waiting.pop(), ()):
-            kind, period = KINDS.get(reader.kind), site.weaver.timing.stated_period(reader)
+        for reader in site.compiler.flat.readers.get(waiting.pop(), ()):
+            kind, period = BLOCK_TYPES.get(reader.kind), site.compiler.timing.stated_period(reader)
             if reader in seen or (kind is not None and kind.sink) or reader.kind == "RateTransition":
                 continue
             seen.add(reader)
-            if reader.kind in IN_TIME:
+            if reader.kind in CONTINUOUS_BLOCK_TYPES:
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:
                 waiting.append(reader)
@@ -347,15 +347,15 @@ def _behind(site: Site) -> Iterator[float]:
                 yield period
 
 
-def _late(site: Site, u: Signal) -> Signal:
+def _late(site: BlockContext, u: Signal) -> Signal:
     """What a signal was before the last hit of its own sample time; an initial value before the first."""
     init = _initial(site)
     made: list[Signal] = []
     before, shown = site.remember(init, lambda _: u), site.remember(init, lambda _: made[0])
-    made.append(site.select(site.weaver.timing.hits(u.period), before, shown))
+    made.append(site.select(site.compiler.timing.hits(u.period), before, shown))
     return made[0]
 
 
-def _initial(site: Site) -> Signal:
+def _initial(site: BlockContext) -> Signal:
     """What a faster sample time sees before the first hit of the slower one."""
     return site.parameter("InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0")

@@ -2,20 +2,20 @@
 
 from collections.abc import Iterable
 
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Wired
+from kennfeld.models.simulink.signals import SignalOrBus
 
 
 @block("MATLAB Function")
-def matlab_function(site: Site) -> tuple[Wired, ...]:
+def matlab_function(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """What the function's results are, in the order in which it names them."""
     from kennfeld.models.simulink import matlab_function as lowering
 
     return lowering.matlab_function(site)
 
 
-def _early(site: Site) -> Iterable[int]:
+def _early(site: BlockContext) -> Iterable[int]:
     """The inputs that a chart needs before it runs."""
     from kennfeld.models.simulink.stateflow import chart_block
 
@@ -23,7 +23,7 @@ def _early(site: Site) -> Iterable[int]:
 
 
 @block("Chart", needs=_early, held=False)
-def chart(site: Site) -> tuple[Wired, ...]:
+def chart(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """One execution of a chart in each hit of its sample time, or at its events."""
     from kennfeld.models.simulink.stateflow import chart_block
 

@@ -8,18 +8,25 @@ import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import way_of
-from kennfeld.models.imperative.evaluation_errors import BeyondGraphError, NoValueError
+from kennfeld.matlab.traversal import field_path
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, NotLowerableError
 from kennfeld.models.imperative.graph_operators import BINARY, KNOWN, applied
-from kennfeld.models.imperative.node_arrays import Nodes, each, matrix_product
-from kennfeld.models.simulink.variables.mask_scope import Coded, Masked, Scope, Value, Variable, part_of
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product
+from kennfeld.models.simulink.variables.mask_scope import (
+    MaskCodeVariable,
+    MaskVariable,
+    ParameterValue,
+    Scope,
+    Variable,
+    nested_field,
+)
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
 
 __all__ = ["FieldValue", "Walk", "array_of"]
 
-FieldValue: TypeAlias = "Nodes | str | Mapping[str, Value] | tuple[Value, ...]"
+FieldValue: TypeAlias = "Nodes | str | Mapping[str, ParameterValue] | tuple[ParameterValue, ...]"
 
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}
 _ASKING: Final = ("get_param", "eval", "str2num", "str2double")
@@ -57,7 +64,7 @@ class Walk:
             case m.Call():
                 return self._call(tree)
         word = "`end`" if isinstance(tree, m.End) else f"a {type(tree).__name__}"
-        raise BeyondGraphError(f"{word} in it is evaluated as a number")
+        raise NotLowerableError(f"{word} in it is evaluated as a number")
 
     def nodes(self, tree: m.Expression) -> Nodes:
         """The nodes of an expression, Int[rows, columns]."""
@@ -66,25 +73,25 @@ class Walk:
     def _unary(self, operator: str, operand: Nodes) -> Nodes:
         if operator == "+":
             return operand
-        return each(self.builder, "neg" if operator == "-" else "not", operand)
+        return elementwise(self.builder, "neg" if operator == "-" else "not", operand)
 
     def _binary(self, operator: str, left: Nodes, right: Nodes) -> Nodes:
         single = left.size == 1 or right.size == 1
         if operator == "*" and not single:
             return self._product(left, right)
         if (operator == "/" and right.size != 1) or (operator == "^" and max(left.size, right.size) > 1):
-            raise BeyondGraphError("it divides by a matrix or raises one to a power")
+            raise NotLowerableError("it divides by a matrix or raises one to a power")
         operator = {"*": ".*", "/": "./", "^": ".^"}.get(operator, operator)
         if operator not in BINARY:
-            raise BeyondGraphError(f"the operator {operator} is for numbers")
+            raise NotLowerableError(f"the operator {operator} is for numbers")
         try:
-            return each(self.builder, BINARY[operator], left, right)
+            return elementwise(self.builder, BINARY[operator], left, right)
         except ValueError:
-            raise NoValueError(f"arrays of {left.shape} and {right.shape} do not fit each other") from None
+            raise EvaluationError(f"arrays of {left.shape} and {right.shape} do not fit each other") from None
 
     def _product(self, left: Nodes, right: Nodes) -> Nodes:
         if left.shape[1] != right.shape[0]:
-            raise NoValueError(f"a matrix of {left.shape} cannot be multiplied with one of {right.shape}")
+            raise EvaluationError(f"a matrix of {left.shape} cannot be multiplied with one of {right.shape}")
         return matrix_product(self.builder, left, right)
 
     def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> Nodes:
@@ -93,14 +100,14 @@ class Walk:
             lines = [np.concatenate(full, axis=1) for row in made if (full := [part for part in row if part.size])]
             return np.concatenate(lines, axis=0) if lines else np.zeros((0, 0), dtype=np.int64)
         except ValueError:
-            raise NoValueError("the rows of a matrix have different lengths") from None
+            raise EvaluationError("the rows of a matrix have different lengths") from None
 
     def _range(self, tree: m.Range) -> Nodes:
         """Evenly spaced numbers; rounding does not take the last one away."""
         first, step, last = (self._number(part) for part in (tree.first, tree.step or m.Number(1.0), tree.last))
         steps = (last - first) / step if step else -1.0
         if not abs(steps) < _LONGEST:
-            raise NoValueError(f"a range of {steps:g} steps is too long")
+            raise EvaluationError(f"a range of {steps:g} steps is too long")
         count = math.floor(steps * (1 + 1e-12) + 1e-10) + 1
         numbers = first + step * np.arange(max(count, 0))
         return np.array([[self.builder.const(float(n)) for n in numbers]], dtype=np.int64).reshape(1, -1)
@@ -109,33 +116,33 @@ class Walk:
         """One number that is fixed."""
         found = self.of.values(Walk(self.of, self.scope, False, self.names).nodes(tree))
         if found.size != 1:
-            raise NoValueError(f"{found.size} numbers stand where one is expected")
+            raise EvaluationError(f"{found.size} numbers stand where one is expected")
         return float(found.item())
 
     def _field(self, tree: m.Field) -> FieldValue:
         """A part of a struct: a variable of its own, called by the way to it."""
-        way = way_of(tree)
+        way = field_path(tree)
         if way is None:
-            raise BeyondGraphError("it takes a part of a computed struct")
+            raise NotLowerableError("it takes a part of a computed struct")
         found: Any = self.scope.find(way[0])
-        if isinstance(found, Masked):
+        if isinstance(found, MaskVariable):
             return self._masked_field(found, way[1:])
         if (part := self.scope.part(way)) is not None:
             return self.of.variable(".".join(way), part, self.live)
-        if isinstance(found, Coded):
-            raise BeyondGraphError("a mask's code makes the struct")
+        if isinstance(found, MaskCodeVariable):
+            raise NotLowerableError("a mask's code makes the struct")
         if found is None:
-            raise NoValueError(f"{way[0]} is defined nowhere", ".".join(way))
+            raise EvaluationError(f"{way[0]} is defined nowhere", ".".join(way))
         if found.fixed and way[1] not in found.value:
-            raise NoValueError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
-        value = part_of(found.value, way)
+            raise EvaluationError(f"{way[0]} has no member {way[1]}, but {', '.join(list(found.value)[:8])}")
+        value = nested_field(found.value, way)
         return self.of.variable(".".join(way), _like(found, value), self.live)
 
-    def _masked_field(self, found: Masked, way: list[str]) -> FieldValue:
+    def _masked_field(self, found: MaskVariable, way: list[str]) -> FieldValue:
         inner = parse_expression(found.text)
-        names = way_of(inner)
+        names = field_path(inner)
         if names is None:
-            raise BeyondGraphError("it takes a part of a mask's struct")
+            raise NotLowerableError("it takes a part of a mask's struct")
         tree: m.Expression = inner
         for name in way:
             tree = m.Field(tree, name)
@@ -146,12 +153,12 @@ class Walk:
         if name != "get_param":
             text = self.value(arguments[0]) if len(arguments) == 1 else None
             if not isinstance(text, str):
-                raise NoValueError(f"{name} is only followed for one text")
+                raise EvaluationError(f"{name} is only followed for one text")
             return self.of.held(text, self.scope, self.live)
         holder, key = map(self.value, arguments) if len(arguments) == 2 else ({}, "")
         said = holder.get(key) if isinstance(holder, Mapping) and isinstance(key, str) else None
         if not isinstance(said, str):
-            raise NoValueError(f"get_param asks for {str(key)[:40] or 'nothing'}, which only Simulink can tell")
+            raise EvaluationError(f"get_param asks for {str(key)[:40] or 'nothing'}, which only Simulink can tell")
         return said
 
     def _call(self, tree: m.Call) -> FieldValue:
@@ -173,11 +180,11 @@ class Walk:
         if name not in KNOWN:
             for argument in tree.arguments:  # a variable without a value is told by its name
                 self.value(argument)
-            raise BeyondGraphError(f"the function {name} is for numbers", name)
+            raise NotLowerableError(f"the function {name} is for numbers", name)
         args = [self.nodes(argument) for argument in tree.arguments]
         made = applied(self.builder, name, args)
         if made is None:
-            raise BeyondGraphError(f"the function {name} is for numbers", name)
+            raise NotLowerableError(f"the function {name} is for numbers", name)
         return made
 
     def _shaped(self, name: str, arguments: tuple[m.Expression, ...]) -> Nodes:
@@ -187,7 +194,7 @@ class Walk:
         if name == "linspace":
             first, last, count = (*map(self._number, arguments), 100.0)[:3]
             if not 1 <= count <= _LONGEST:
-                raise NoValueError(f"linspace of {count:g} numbers")
+                raise EvaluationError(f"linspace of {count:g} numbers")
             return np.array(
                 [[self.builder.const(float(n)) for n in np.linspace(first, last, int(count))]], dtype=np.int64
             )
@@ -196,14 +203,14 @@ class Walk:
             shape = [-1 if part == m.Matrix(()) else _whole(self._number(part), "a size") for part in arguments[1:]]
             shape = sizes if len(arguments) == 2 else shape
             if min(shape, default=-2) < -1 or array.size > _LONGEST:
-                raise NoValueError(f"reshape to {shape}")
+                raise EvaluationError(f"reshape to {shape}")
             try:
                 return array.reshape(shape, order="F")
             except ValueError:
-                raise NoValueError(f"{array.size} elements do not fit the shape {shape}") from None
+                raise EvaluationError(f"{array.size} elements do not fit the shape {shape}") from None
         shape = sizes * 2 if len(sizes) == 1 else sizes or [1, 1]
         if min(shape) < 0 or math.prod(shape) > _LONGEST:
-            raise NoValueError(f"{name} of the size {shape}")
+            raise EvaluationError(f"{name} of the size {shape}")
         return np.full(shape, self.builder.const(_SHAPES[name]), dtype=np.int64)
 
     def _sizes(self, tree: m.Expression) -> list[int]:
@@ -222,7 +229,7 @@ class Walk:
         fixed = Walk(self.of, self.scope, False, self.names)
         places = [self.of.values(fixed.nodes(argument)) for argument in tree.arguments]
         if any(place.size != 1 for place in places):
-            raise BeyondGraphError("it takes several elements of an array")
+            raise NotLowerableError("it takes several elements of an array")
         if not places:
             return array
         at = [_whole(place.item(), "an index") - 1 for place in places]
@@ -231,17 +238,19 @@ class Walk:
                 raise IndexError
             element = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
         except IndexError:
-            raise NoValueError(f"the element {[a + 1 for a in at]} is outside of an array of {array.shape}") from None
+            raise EvaluationError(
+                f"the element {[a + 1 for a in at]} is outside of an array of {array.shape}"
+            ) from None
         return np.array([[element]], dtype=np.int64)
 
 
-def _whole(number: float, what: str) -> int:
+def _whole(number: float, message: str) -> int:
     if not math.isfinite(number) or number != round(number):
-        raise NoValueError(f"{what} is {number:g}, which is no whole number")
+        raise EvaluationError(f"{message} is {number:g}, which is no whole number")
     return int(number)
 
 
-def _like(found: Variable, value: Value) -> Variable:
+def _like(found: Variable, value: ParameterValue) -> Variable:
     return Variable(value, source=found.source, fixed=found.fixed)
 
 
@@ -250,4 +259,4 @@ def array_of(held: FieldValue, text: str) -> Nodes:
     if isinstance(held, np.ndarray):
         return held
     kind = "a text" if isinstance(held, str) else "a struct" if isinstance(held, Mapping) else "a list"
-    raise NoValueError(f"{text.strip()[:60]} is {kind}, not a number")
+    raise EvaluationError(f"{text.strip()[:60]} is {kind}, not a number")

@@ -14,24 +14,34 @@ from dataclasses import dataclass, field
 from functools import cached_property, cmp_to_key
 from typing import NamedTuple, TypeAlias
 
-from kennfeld.models.simulink.reader.model_tree import Block
+from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["SHOWING", "STATE", "Atom", "Flat", "Source", "Stores", "begins_anew", "is_triggered", "resets"]
+__all__ = [
+    "SINK_TYPES",
+    "STATE_PORT",
+    "DataStoreOrder",
+    "FlatBlock",
+    "FlatModel",
+    "SignalSource",
+    "is_triggered",
+    "resets",
+    "resets_with_subsystem",
+]
 
-STATE = -1  # the number of a state port among the outputs of its block
-SHOWING = ("Scope", "Display", "ToFile", "XYGraph")
+STATE_PORT = -1  # the number of a state port among the outputs of its block
+SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph")
 
 
-class Source(NamedTuple):
+class SignalSource(NamedTuple):
     """Where a wire begins: a block and its output, counted from 0, or its state port."""
 
-    atom: "Atom"
+    atom: "FlatBlock"
     port: int
 
 
 @dataclass(eq=False)
-class Atom:
+class FlatBlock:
     """A block that computes something, or one that stands for a conditional subsystem.
 
     `kind` is its type as the registry of blocks knows it, `path` leads to it from where the import begins. `inputs` are
@@ -49,24 +59,24 @@ class Atom:
     """
 
     kind: str
-    block: Block
+    block: ModelBlock
     path: str
     scope: Scope
-    control: "Atom | None" = None
-    inputs: list[Source | None] = field(default_factory=list)
+    control: "FlatBlock | None" = None
+    inputs: list[SignalSource | None] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
     taken: dict[int, str] = field(default_factory=dict)
-    special: dict[str, Block] = field(default_factory=dict)
+    special: dict[str, ModelBlock] = field(default_factory=dict)
     why: str = ""
     undefined: str = ""
     places: tuple[tuple[str, int | None], ...] = ()
-    store: "Atom | None" = None
+    store: "FlatBlock | None" = None
     shared: tuple[str, ...] = ()
     made: bool = False
     passes: tuple[int, ...] = ()
     element: int = 0
-    earlier: "Atom | None" = None
-    later: "Atom | None" = None
+    earlier: "FlatBlock | None" = None
+    later: "FlatBlock | None" = None
     begins: bool = False
     hidden: bool = False
     ways: tuple[str, ...] = ()
@@ -77,7 +87,7 @@ class Atom:
         return self.earlier is not None or self.later is not None
 
     @property
-    def first(self) -> "Atom":
+    def first(self) -> "FlatBlock":
         """The same block in the first pass."""
         here = self
         while here.earlier is not None:
@@ -85,7 +95,7 @@ class Atom:
         return here
 
     @property
-    def last(self) -> "Atom":
+    def last(self) -> "FlatBlock":
         """The same block in the last pass."""
         here = self
         while here.later is not None:
@@ -97,39 +107,39 @@ class Atom:
 
 
 @dataclass
-class Flat:
+class FlatModel:
     """All blocks of what is imported; `inports` and `outports` in the order of their ports.
 
     `chosen` says which variants are active, `counts` are the passes of subsystems by their paths.
     """
 
-    atoms: list[Atom]
-    inports: list[Atom]
-    outports: list[Atom]
+    atoms: list[FlatBlock]
+    inports: list[FlatBlock]
+    outports: list[FlatBlock]
     chosen: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
 
     @cached_property
-    def readers(self) -> dict[Atom, list[Atom]]:
+    def readers(self) -> dict[FlatBlock, list[FlatBlock]]:
         """The blocks that read the outputs of a block."""
-        found: dict[Atom, list[Atom]] = {}
+        found: dict[FlatBlock, list[FlatBlock]] = {}
         for atom in self.atoms:
             for before in {source.atom for source in atom.inputs if source is not None}:
                 found.setdefault(before, []).append(atom)
         return found
 
     @property
-    def recorded(self) -> list[Atom]:
+    def recorded(self) -> list[FlatBlock]:
         """The blocks that record a signal."""
         return [atom for atom in self.atoms if atom.kind == "ToWorkspace"]
 
     @property
-    def results(self) -> list[Atom]:
+    def results(self) -> list[FlatBlock]:
         """The blocks whose signals are the outputs: outports, else what records, else what shows or writes signals."""
-        return self.outports or self.recorded or [a for a in self.atoms if a.kind in SHOWING and any(a.inputs)]
+        return self.outports or self.recorded or [a for a in self.atoms if a.kind in SINK_TYPES and any(a.inputs)]
 
 
-def controls(atom: Atom) -> Iterator[Atom]:
+def enclosing_conditions(atom: FlatBlock) -> Iterator[FlatBlock]:
     """The conditional subsystems around a block, from the inside."""
     here = atom.control
     while here is not None:
@@ -137,7 +147,7 @@ def controls(atom: Atom) -> Iterator[Atom]:
         here = here.control
 
 
-def resets(control: Atom) -> bool:
+def resets(control: FlatBlock) -> bool:
     """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
     for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
         if port in control.special and (control.special[port].value(key) or "held") == "reset":
@@ -150,20 +160,20 @@ def resets(control: Atom) -> bool:
     )
 
 
-def begins_anew(atom: Atom) -> bool:
+def resets_with_subsystem(atom: FlatBlock) -> bool:
     """Whether the memory of a block may begin anew with a subsystem around it."""
-    return any(resets(control) or "reset" in control.special for control in controls(atom))
+    return any(resets(control) or "reset" in control.special for control in enclosing_conditions(atom))
 
 
-def is_triggered(atom: Atom) -> bool:
+def is_triggered(atom: FlatBlock) -> bool:
     """Whether a block is in a subsystem that runs at triggers."""
-    return any("trigger" in control.special for control in controls(atom))
+    return any("trigger" in control.special for control in enclosing_conditions(atom))
 
 
-Order: TypeAlias = Callable[[Atom, Atom], int]
+Order: TypeAlias = Callable[[FlatBlock, FlatBlock], int]
 
 
-def _by_priority(one: Atom, other: Atom) -> int:
+def _by_priority(one: FlatBlock, other: FlatBlock) -> int:
     """-1 where the first block runs before the second by their priorities, 1 where after, 0 where none decides."""
     for (place, priority), (place_2, priority_2) in zip(one.places, other.places, strict=False):
         if place != place_2:
@@ -173,16 +183,16 @@ def _by_priority(one: Atom, other: Atom) -> int:
     return 0
 
 
-class Stores:
+class DataStoreOrder:
     """The writers of each data store in the order in which they run; `undecided` are pairs that nothing orders.
 
     `by_task` is -1 where the task of the first of two blocks runs before that of the second, 1 where after, else 0.
     """
 
-    def __init__(self, atoms: Iterable[Atom], by_task: Order = lambda one, other: 0) -> None:
+    def __init__(self, atoms: Iterable[FlatBlock], by_task: Order = lambda one, other: 0) -> None:
         self._by_task = by_task
-        self.writers: dict[Atom, list[Atom]] = {}
-        readers: list[Atom] = []
+        self.writers: dict[FlatBlock, list[FlatBlock]] = {}
+        readers: list[FlatBlock] = []
         for atom in atoms:
             if atom.store is not None and atom.kind == "DataStoreWrite":
                 self.writers.setdefault(atom.store, []).append(atom)
@@ -194,17 +204,17 @@ class Stores:
             (writer, reader) for reader in readers for writer in self._of(reader) if self._open(writer, reader)
         ]
 
-    def _order(self, one: Atom, other: Atom) -> int:
+    def _order(self, one: FlatBlock, other: FlatBlock) -> int:
         return self._by_task(one, other) or _by_priority(one, other)
 
-    def _open(self, writer: Atom, reader: Atom) -> bool:
+    def _open(self, writer: FlatBlock, reader: FlatBlock) -> bool:
         """Whether nothing says which runs first; code reads what it writes itself before it does."""
         return not self._order(writer, reader) and writer.places != reader.places
 
-    def _of(self, reader: Atom) -> list[Atom]:
+    def _of(self, reader: FlatBlock) -> list[FlatBlock]:
         return self.writers.get(reader.store, []) if reader.store is not None else []
 
-    def before(self, reader: Atom) -> list[Atom]:
+    def before(self, reader: FlatBlock) -> list[FlatBlock]:
         """The writers that have run when a block reads; none of a block that writes."""
         if reader.kind != "DataStoreRead":
             return []

@@ -9,26 +9,26 @@ A chart or MATLAB Function by itself: a system of that block between ports of it
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import (
-    active,
-    in_use,
+    active_choice,
+    choice_labels,
+    describe_choice,
     is_variant,
-    labels_of,
     member,
-    said,
-    with_choice,
+    system_with_choice,
+    without_commented_blocks,
 )
-from kennfeld.models.simulink.flattening.connections import Connecting
-from kennfeld.models.simulink.flattening.flat_model import Flat
-from kennfeld.models.simulink.flattening.hierarchy import SPECIAL, Level, Placed, tag_of
-from kennfeld.models.simulink.flattening.iterated_subsystems import Repetition, iterator_of, planned
+from kennfeld.models.simulink.flattening.connections import ConnectionResolver
+from kennfeld.models.simulink.flattening.flat_model import FlatModel
+from kennfeld.models.simulink.flattening.hierarchy import SPECIAL, FlatteningState, SystemInstance, goto_tag
+from kennfeld.models.simulink.flattening.iterated_subsystems import IterationUnroller, iterator_block, plan_iterations
 from kennfeld.models.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.models.simulink.reader.library_links import is_of_simulink
-from kennfeld.models.simulink.reader.model_tree import Block, Endpoint, Line, System, joined, split
+from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, SignalLine, System, join_path, split_path
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["flatten", "single"]
+__all__ = ["flatten", "standalone_system"]
 
 _NESTED = ("SubSystem", "ModelReference")
 
@@ -41,7 +41,7 @@ def flatten(
     models: Mapping[str, Scope] | None = None,
     known: Mapping[str, bool] = MappingProxyType({}),
     counts: Mapping[str, int] | None = None,
-) -> Flat:
+) -> FlatModel:
     """The blocks of a system and of all below it.
 
     `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
@@ -50,21 +50,23 @@ def flatten(
     that is not among them goes by the name that the block has there; one to another library is no block of Simulink.
     `counts` are the passes that subsystems were found to need, by path.
     """
-    placed = Placed()
-    system = in_use(system)
-    root = _Placing(placed, cuts, opaque, models or {}, known, counts or {}).level(Level(system, (), scope, None))
-    Connecting(placed).connect()
+    placed = FlatteningState()
+    system = without_commented_blocks(system)
+    root = _Flattener(placed, cuts, opaque, models or {}, known, counts or {}).level(
+        SystemInstance(system, (), scope, None)
+    )
+    ConnectionResolver(placed).connect()
     ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
     inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
-    return Flat(placed.atoms, inports, outports, placed.chosen, placed.built)
+    return FlatModel(placed.atoms, inports, outports, placed.chosen, placed.built)
 
 
-class _Placing:
+class _Flattener:
     """Places the blocks of systems: those that stay, and the systems below them."""
 
     def __init__(
         self,
-        placed: Placed,
+        placed: FlatteningState,
         cuts: Mapping[str, str],
         opaque: frozenset[str],
         models: Mapping[str, Scope],
@@ -77,9 +79,11 @@ class _Placing:
         self.models = models
         self.known = known
         self.counts = counts
-        self.repetition = Repetition(placed, self._place)
+        self.repetition = IterationUnroller(placed, self._place)
 
-    def level(self, made: Level, parent: Level | None = None, holder: Block | None = None) -> Level:
+    def level(
+        self, made: SystemInstance, parent: SystemInstance | None = None, holder: ModelBlock | None = None
+    ) -> SystemInstance:
         """Place the blocks of a level within another one."""
         made.within(parent, holder)
         self.placed.levels.append(made)
@@ -87,8 +91,8 @@ class _Placing:
             self._place(made, block)
         return made
 
-    def _place(self, level: Level, block: Block) -> None:
-        path = joined(*level.path, block.name)
+    def _place(self, level: SystemInstance, block: ModelBlock) -> None:
+        path = join_path(*level.path, block.name)
         if path in self.cuts:
             self.placed.atom(level, block, "Bound")
         elif is_variant(block):
@@ -98,7 +102,7 @@ class _Placing:
         elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
             self._enter(level, block, block.system)
         elif block.type == "Goto":
-            self.placed.gotos.setdefault(tag_of(block), []).append((level, block))
+            self.placed.gotos.setdefault(goto_tag(block), []).append((level, block))
         elif block.type == "Inport" and level.parent is not None:
             self._inport(level, block)
         elif block.type in ("From", "GotoTagVisibility", "InportShadow") or block.type in SPECIAL:
@@ -110,24 +114,24 @@ class _Placing:
             closed = block.type in _NESTED and block.system is not None
             self.placed.atom(level, block, _kind(block, self.known), why if closed else "")
 
-    def _variant(self, level: Level, block: Block) -> None:
+    def _variant(self, level: SystemInstance, block: ModelBlock) -> None:
         """A block of variants: only the active one is left of it."""
-        labels = labels_of(block)
+        labels = choice_labels(block)
         scope = level.scope.within(block)
         try:
-            at = active(block, labels, scope)
+            at = active_choice(block, labels, scope)
             if block.type == "SubSystem":
                 choice = member(block, at) if at is not None else None
-                self._enter(level, block, with_choice(block, choice))
+                self._enter(level, block, system_with_choice(block, choice))
                 level.below[block.sid].variant = True
-        except NoValueError as error:
+        except EvaluationError as error:
             self.placed.atom(level, block, block.type, f"a block of variants, and {error}").undefined = error.undefined
             return
         if block.type != "SubSystem":
             self._passed(level, block, at)
-        self.placed.chosen.append(f"{joined(*level.path, block.name)}: {said(labels, at, scope)}")
+        self.placed.chosen.append(f"{join_path(*level.path, block.name)}: {describe_choice(labels, at, scope)}")
 
-    def _passed(self, level: Level, block: Block, at: int | None) -> None:
+    def _passed(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
         """A variant source or sink that passes on one signal; what reads another one is told."""
         number = 1 if at is None else at + 1
         ends = (1, number) if block.type == "VariantSource" else (number, 1)
@@ -135,7 +139,7 @@ class _Placing:
             level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
         self.placed.atom(level, block, "Inactive")
 
-    def _element(self, level: Level, block: Block) -> None:
+    def _element(self, level: SystemInstance, block: ModelBlock) -> None:
         """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
         why = ""
         if level.repeated is not None:
@@ -147,7 +151,7 @@ class _Placing:
         elif block is elements(level.system, "Outport", port_number(block))[0]:
             self.placed.atom(level, block, "BusElements", why)
 
-    def _closed(self, block: Block) -> str:
+    def _closed(self, block: ModelBlock) -> str:
         """Why a subsystem is not looked into; empty where it is."""
         assert block.system is not None
         chart = block.value("SFBlockType") or "NONE"
@@ -157,14 +161,14 @@ class _Placing:
             return block.mask.type
         return ""
 
-    def _enter(self, level: Level, block: Block, system: System) -> None:
-        system = in_use(system)
+    def _enter(self, level: SystemInstance, block: ModelBlock, system: System) -> None:
+        system = without_commented_blocks(system)
         path = (*level.path, block.name)
         scope = level.scope.inside(block, self.models)
-        iterator = iterator_of(system)
+        iterator = iterator_block(system)
         try:
-            plan = planned(iterator, block, path, scope, self.counts) if iterator is not None else None
-        except NoValueError as error:
+            plan = plan_iterations(iterator, block, path, scope, self.counts) if iterator is not None else None
+        except EvaluationError as error:
             why = f"a subsystem that runs several times in a step, and {error}"
             self.placed.atom(level, block, block.type, why).undefined = error.undefined
             return
@@ -173,7 +177,7 @@ class _Placing:
         if special:
             control = self.placed.atom(level, block, "Control")
             control.special = special
-        made = Level(system, path, scope, control)
+        made = SystemInstance(system, path, scope, control)
         if plan is None:
             level.below[block.sid] = self.level(made, level, block)
         else:
@@ -181,7 +185,7 @@ class _Placing:
             level.below[block.sid] = made
             self.repetition.place(level, made, plan)
 
-    def _inport(self, level: Level, block: Block) -> None:
+    def _inport(self, level: SystemInstance, block: ModelBlock) -> None:
         """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
         plan = level.repeated
         number = port_number(block)
@@ -195,14 +199,14 @@ class _Placing:
         self.placed.joints.append((found, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
 
 
-def _kind(block: Block, known: Mapping[str, bool]) -> str:
+def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
     if block.script and (block.value("SFBlockType") or "") == "MATLAB Function":
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
         link = block.reference
-        last = (split(link.source) or ("",))[-1]
+        last = (split_path(link.source) or ("",))[-1]
         if is_of_simulink(link.source):
             return last if link.type not in known and last in known else f"{link.type or link.source}"
         return link.type if link.type and known.get(link.type, True) else link.source
@@ -211,36 +215,39 @@ def _kind(block: Block, known: Mapping[str, bool]) -> str:
     return block.type
 
 
-def single(block: Block, inside: System) -> System:
+def standalone_system(block: ModelBlock, inside: System) -> System:
     """The system of a block whose content is no system of blocks, with ports as those that stand in it.
 
     Each event from outside is an input of its own.
     """
-    made: list[tuple[Block, Line | None]] = [*_ports(block, inside, "Inport"), *_ports(block, inside, "Outport")]
+    made: list[tuple[ModelBlock, SignalLine | None]] = [
+        *_ports(block, inside, "Inport"),
+        *_ports(block, inside, "Outport"),
+    ]
     if any(True for _ in inside.of("TriggerPort")):
         made += _events(block, len([port for port, _ in made if port.type == "Inport"]))
     return System((block, *(port for port, _ in made)), tuple(line for _, line in made if line is not None))
 
 
-def _ports(block: Block, inside: System, kind: str) -> Iterator[tuple[Block, Line]]:
+def _ports(block: ModelBlock, inside: System, kind: str) -> Iterator[tuple[ModelBlock, SignalLine]]:
     for port in inside.of(kind):
         number = port_number(port)
         made = _port(kind, port.name.removesuffix("()"), number)
         if kind == "Inport":
-            yield made, Line(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))
+            yield made, SignalLine(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))
         else:
-            yield made, Line(Endpoint(block.sid, "out", number), (Endpoint(made.sid, "in"),))
+            yield made, SignalLine(Endpoint(block.sid, "out", number), (Endpoint(made.sid, "in"),))
 
 
-def _port(kind: str, name: str, number: int) -> Block:
-    return Block(kind, name, f"{kind} {number}", name, {"Port": str(number)})
+def _port(kind: str, name: str, number: int) -> ModelBlock:
+    return ModelBlock(kind, name, f"{kind} {number}", name, {"Port": str(number)})
 
 
-def _events(block: Block, before: int) -> Iterator[tuple[Block, Line | None]]:
+def _events(block: ModelBlock, before: int) -> Iterator[tuple[ModelBlock, SignalLine | None]]:
     """An input for each event, joined to the vector that triggers the chart."""
     events = [one.name for one in block.chart.events if one.scope == "INPUT_EVENT"] if block.chart is not None else []
-    joint = Block("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
-    yield joint, Line(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
+    joint = ModelBlock("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
+    yield joint, SignalLine(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
     for at, name in enumerate(events, 1):
         made = _port("Inport", name, before + at)
-        yield made, Line(Endpoint(made.sid, "out"), (Endpoint(joint.sid, "in", at),))
+        yield made, SignalLine(Endpoint(made.sid, "out"), (Endpoint(joint.sid, "in", at),))

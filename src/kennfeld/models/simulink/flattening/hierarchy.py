@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from kennfeld.models.simulink.flattening.flat_model import Atom, Source
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.models.simulink.reader.block_ports import port_number
-from kennfeld.models.simulink.reader.model_tree import Block, Endpoint, System, joined
+from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["SPECIAL", "Level", "Placed", "Plan", "around", "tag_of"]
+__all__ = ["SPECIAL", "FlatteningState", "IterationPlan", "SystemInstance", "enclosing_systems", "goto_tag"]
 
 SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 
@@ -26,10 +26,10 @@ _MOST = 100_000  # blocks, all instances of libraries counted
 
 
 @dataclass(frozen=True)
-class Plan:
+class IterationPlan:
     """The passes of a subsystem: the block that counts them, how many, whether memories begin anew in each step."""
 
-    block: Block
+    block: ModelBlock
     count: int
     reset: bool = False
 
@@ -49,23 +49,23 @@ class Plan:
         return self.decides and (self.block.value("WhileBlockType") or "while") == "while"
 
 
-class Level:
+class SystemInstance:
     """One system on the way: what is in it, and what is around it."""
 
-    def __init__(self, system: System, path: tuple[str, ...], scope: Scope, control: Atom | None) -> None:
+    def __init__(self, system: System, path: tuple[str, ...], scope: Scope, control: FlatBlock | None) -> None:
         self.system = system
         self.path = path
         self.scope = scope
         self.control = control
-        self.parent: Level | None = None
-        self.holder: Block | None = None
+        self.parent: SystemInstance | None = None
+        self.holder: ModelBlock | None = None
         self.variant = False
         self.passes: tuple[int, ...] = ()
         self.element = 0
-        self.repeated: Plan | None = None
+        self.repeated: IterationPlan | None = None
         self.places: tuple[tuple[str, int | None], ...] = ()
-        self.below: dict[str, Level] = {}
-        self.atoms: dict[str, Atom] = {}
+        self.below: dict[str, SystemInstance] = {}
+        self.atoms: dict[str, FlatBlock] = {}
         self.sources: dict[Endpoint, Endpoint] = {}
         self.labels: dict[Endpoint, str] = {}
         self.passing: dict[Endpoint, Endpoint] = {}
@@ -83,41 +83,43 @@ class Level:
                 if line.source.port == "out":
                     self.named.setdefault(line.source.block, {})[line.source.number - 1] = line.name
 
-    def within(self, parent: "Level | None", holder: Block | None) -> None:
+    def within(self, parent: "SystemInstance | None", holder: ModelBlock | None) -> None:
         """Put it into another level, as the content of one of its blocks."""
         self.parent, self.holder = parent, holder
         if parent is not None and holder is not None:
-            self.places = (*parent.places, (holder.sid, priority_of(holder)))
+            self.places = (*parent.places, (holder.sid, block_priority(holder)))
             self.passes, self.element = parent.passes, parent.element
 
-    def port(self, kind: str, number: int) -> Block | None:
+    def port(self, kind: str, number: int) -> ModelBlock | None:
         """The Inport or Outport block of a number."""
         return next((b for b in self.system.of(kind) if port_number(b) == number), None)
 
 
-def around(level: Level) -> Iterator[Level]:
+def enclosing_systems(level: SystemInstance) -> Iterator[SystemInstance]:
     """A system and those around it, from the inside."""
-    here: Level | None = level
+    here: SystemInstance | None = level
     while here is not None:
         yield here
         here = here.parent
 
 
-def tag_of(block: Block) -> str:
+def goto_tag(block: ModelBlock) -> str:
     """The tag of a Goto or From, or of the mark of its visibility."""
     return (block.value("GotoTag") or "A").strip()
 
 
-def priority_of(block: Block) -> int | None:
+def block_priority(block: ModelBlock) -> int | None:
     """The priority that a block is given; None where it has none."""
     written = (block.parameters.get("Priority") or "").strip()
     return int(written) if re.fullmatch(r"-?\d{1,9}", written) else None
 
 
-Joint: TypeAlias = tuple[Atom, list[tuple[Level, Endpoint] | Source]]  # a block, and where its inputs come from
+Joint: TypeAlias = tuple[
+    FlatBlock, list[tuple[SystemInstance, Endpoint] | SignalSource]
+]  # a block, and where its inputs come from
 
 
-class Placed:
+class FlatteningState:
     """The blocks and systems that are placed.
 
     `joints` are blocks whose inputs do not come from their own ports, `gotos` the Goto blocks by their tags. `chosen`
@@ -125,21 +127,21 @@ class Placed:
     """
 
     def __init__(self) -> None:
-        self.atoms: list[Atom] = []
-        self.levels: list[Level] = []
+        self.atoms: list[FlatBlock] = []
+        self.levels: list[SystemInstance] = []
         self.joints: list[Joint] = []
-        self.gotos: dict[str, list[tuple[Level, Block]]] = {}
+        self.gotos: dict[str, list[tuple[SystemInstance, ModelBlock]]] = {}
         self.chosen: list[str] = []
         self.built: dict[str, int] = {}
 
-    def atom(self, level: Level, block: Block, kind: str, why: str = "") -> Atom:
+    def atom(self, level: SystemInstance, block: ModelBlock, kind: str, why: str = "") -> FlatBlock:
         """Place what a block of a level leaves behind; `why` says why it cannot be built."""
-        made = Atom(kind, block, joined(*level.path, block.name), level.scope, level.control, why=why)
+        made = FlatBlock(kind, block, join_path(*level.path, block.name), level.scope, level.control, why=why)
         made.passes, made.element = level.passes, level.element
         self.atoms.append(made)
         if kind != "Control":
             level.atoms[block.sid] = made
         if len(self.atoms) > _MOST:
             raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries and all passes counted")
-        made.places = (*level.places, (block.sid, priority_of(block)))
+        made.places = (*level.places, (block.sid, block_priority(block)))
         return made

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-from kennfeld.models.imperative.integer_types import Word, word_named
-from kennfeld.models.simulink.flattening.flat_model import Atom, Source
+from kennfeld.models.imperative.integer_types import IntegerType, word_named
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 
-__all__ = ["converting", "stated_word", "word_of"]
+__all__ = ["converting", "integer_type_of", "stated_word"]
 
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _LONGEST_WAY = 200
@@ -36,12 +36,12 @@ _ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStore
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
 
 
-def word_of(source: Source | None) -> Word | None:
+def integer_type_of(source: SignalSource | None) -> IntegerType | None:
     """The integer type of a signal; None where the file does not say it, or says that it is no integer.
 
     It is looked for back along the wires, as far as blocks pass on the type of their input.
     """
-    waiting, found, seen = [source], set[Word | None](), set[Atom]()
+    waiting, found, seen = [source], set[IntegerType | None](), set[FlatBlock]()
     while waiting:
         one = waiting.pop()
         if one is None or len(seen) > _LONGEST_WAY:
@@ -59,23 +59,23 @@ def word_of(source: Source | None) -> Word | None:
     return _common(found)
 
 
-def _common(found: set[Word | None]) -> Word | None:
+def _common(found: set[IntegerType | None]) -> IntegerType | None:
     """The type that all of them are; blocks that make it in different ways are taken as rounding down and wrapping."""
     if len(found) == 1:
         return found.pop()
     plain = {(one.bits, one.signed) if one is not None else None for one in found}
     only = plain.pop() if len(plain) == 1 else None
-    return Word(*only) if only is not None else None
+    return IntegerType(*only) if only is not None else None
 
 
-def _passing(atom: Atom) -> tuple[int, ...]:
+def _passing(atom: FlatBlock) -> tuple[int, ...]:
     """The inputs whose type the output has."""
     if (atom.block.value("OutDataTypeStr") or "").strip() in _SAME:
         return (0,)
     return _LIKE_INPUT.get(atom.kind, ())
 
 
-def stated_word(atom: Atom) -> Word | None:
+def stated_word(atom: FlatBlock) -> IntegerType | None:
     """The integer type that a block states for its output."""
     for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
         written = (atom.block.value(key) or "").strip()
@@ -89,12 +89,12 @@ def stated_word(atom: Atom) -> Word | None:
     return word_named(cast[1]) if cast is not None else None
 
 
-def converting(atoms: Iterable[Atom]) -> tuple[str, ...]:
+def converting(atoms: Iterable[FlatBlock]) -> tuple[str, ...]:
     """The paths of the blocks that make integers of other numbers, which is left aside: values stay physical."""
     return tuple(dict.fromkeys(one.path for one in atoms if _converts(one)))
 
 
-def _converts(atom: Atom) -> bool:
+def _converts(atom: FlatBlock) -> bool:
     """Whether a block makes integers: as it states, in its code by a cast, or in a variable of a chart."""
     if atom.kind in _ONLY_STATING:
         return False

@@ -11,15 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import NoValueError
-from kennfeld.models.simulink.calibration_parameters import Declared
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.simulink.calibration_parameters import DeclaredParameters
 from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
-from kennfeld.models.simulink.flattening.flat_model import Atom, Source
-from kennfeld.models.simulink.flattening.hierarchy import Level, Placed, Plan
-from kennfeld.models.simulink.reader.model_tree import Block, Endpoint, System, joined
-from kennfeld.models.simulink.variables.mask_scope import Masked, Scope, Variable
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
+from kennfeld.models.simulink.flattening.hierarchy import FlatteningState, IterationPlan, SystemInstance
+from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path
+from kennfeld.models.simulink.variables.mask_scope import MaskVariable, Scope, Variable
 
-__all__ = ["LOOPS", "Repetition", "iterator_of", "planned"]
+__all__ = ["LOOPS", "IterationUnroller", "iterator_block", "plan_iterations"]
 
 LOOPS = ("ForIterator", "WhileIterator", "ForEach")
 _MOST = 1000  # passes of one subsystem
@@ -27,31 +27,33 @@ _UNUSUAL = ("NeedActiveIterationSignal", "ShowActiveIterationCount", "ShowActive
 _SEPARATE = "Separate states for each iteration"
 
 
-def iterator_of(system: System) -> Block | None:
+def iterator_block(system: System) -> ModelBlock | None:
     """The block that makes a subsystem run several times; None where there is none."""
     return next(system.of(*LOOPS), None)
 
 
-def planned(block: Block, holder: Block, names: Sequence[str], scope: Scope, counts: Mapping[str, int]) -> Plan:
+def plan_iterations(
+    block: ModelBlock, holder: ModelBlock, names: Sequence[str], scope: Scope, counts: Mapping[str, int]
+) -> IterationPlan:
     """The passes of a subsystem, by its iterator. `names` lead to it, `scope` is what its blocks see.
 
     `counts` are the passes that an earlier attempt has found by path. Raises `NoValueError` where their number is not
     known, or too large.
     """
-    path = joined(*names)
+    path = join_path(*names)
     reset = (block.value("ResetStates") or "held") == "reset"
     if block.type == "ForEach":
-        return Plan(block, _elements(block, holder, path, scope, counts))
-    field = f"{joined(*names, block.name)}:"
+        return IterationPlan(block, _elements(block, holder, path, scope, counts))
+    field = f"{join_path(*names, block.name)}:"
     if block.type == "WhileIterator":
         if (block.value("WhileBlockType") or "while") not in ("while", "do-while"):
-            raise NoValueError(f"WhileBlockType is {block.value('WhileBlockType')!r}, which is not supported")
-        return Plan(block, _number(field + "MaxIters", block.value("MaxIters") or "5", scope), reset)
+            raise EvaluationError(f"WhileBlockType is {block.value('WhileBlockType')!r}, which is not supported")
+        return IterationPlan(block, _number(field + "MaxIters", block.value("MaxIters") or "5", scope), reset)
     if (block.value("ExternalIncrement") or "off") == "on":
-        raise NoValueError(f"{block.name} takes its next iteration from outside, which is not supported")
+        raise EvaluationError(f"{block.name} takes its next iteration from outside, which is not supported")
     if (block.value("IterationSource") or "internal") == "external":
-        return Plan(block, _bounded(counts.get(path, 1), path), reset)
-    return Plan(block, _number(field + "IterationLimit", block.value("IterationLimit") or "5", scope), reset)
+        return IterationPlan(block, _bounded(counts.get(path, 1), path), reset)
+    return IterationPlan(block, _number(field + "IterationLimit", block.value("IterationLimit") or "5", scope), reset)
 
 
 def _number(field: str, text: str, scope: Scope) -> int:
@@ -60,30 +62,30 @@ def _number(field: str, text: str, scope: Scope) -> int:
     if isinstance(given, Variable) and isinstance(given.value, np.ndarray):
         numbers = given.value
     else:
-        numbers = Expressions(GraphBuilder(), Declared()).numbers(text, scope)
+        numbers = Expressions(GraphBuilder(), DeclaredParameters()).numbers(text, scope)
     if numbers.size != 1 or not float(numbers.item()).is_integer():
-        raise NoValueError(f"the number of its passes is {text[:60]}, which is no whole number")
+        raise EvaluationError(f"the number of its passes is {text[:60]}, which is no whole number")
     if numbers.item() < 0 and field.endswith("MaxIters"):
-        raise NoValueError(f'it may run without end; set "{field}" to the passes that it needs at most')
+        raise EvaluationError(f'it may run without end; set "{field}" to the passes that it needs at most')
     return _bounded(int(numbers.item()), field)
 
 
 def _bounded(count: int, field: str) -> int:
     if not 1 <= count <= _MOST:
-        raise NoValueError(f"{field} asks for {count} passes in a step; 1 to {_MOST} are possible")
+        raise EvaluationError(f"{field} asks for {count} passes in a step; 1 to {_MOST} are possible")
     return count
 
 
 # for each
 
 
-def _elements(block: Block, holder: Block, path: str, scope: Scope, counts: Mapping[str, int]) -> int:
+def _elements(block: ModelBlock, holder: ModelBlock, path: str, scope: Scope, counts: Mapping[str, int]) -> int:
     """The number of elements: as stated, as its mask's parameters have, or as an attempt has found in its inputs."""
     for unusual in _UNUSUAL:
         if (block.value(unusual) or "off") == "on":
-            raise NoValueError(f"{unusual} of {block.name} is on, which is not supported")
+            raise EvaluationError(f"{unusual} of {block.name} is on, which is not supported")
     if (block.value("StateHandling") or _SEPARATE) != _SEPARATE:
-        raise NoValueError(f"the elements of {block.name} share their states, which is not supported")
+        raise EvaluationError(f"the elements of {block.name} share their states, which is not supported")
     parts = _parts(block, holder, scope)
     stated = (block.value("SpecifiedNumIters") or "-1").strip()
     if stated != "-1":
@@ -91,7 +93,7 @@ def _elements(block: Block, holder: Block, path: str, scope: Scope, counts: Mapp
     return _bounded(parts if parts is not None else counts.get(path, 1), path)
 
 
-def element_scope(block: Block, holder: Block, inside: Scope, number: int) -> Scope:
+def element_scope(block: ModelBlock, holder: ModelBlock, inside: Scope, number: int) -> Scope:
     """The names that an element sees, counted from 1: of a mask's parameters that are partitioned, its own part."""
     parts = partitioned(block, holder)
     if not parts:
@@ -99,46 +101,46 @@ def element_scope(block: Block, holder: Block, inside: Scope, number: int) -> Sc
     scope = Scope(inside.variables, {}, inside)
     for name in parts:
         found = inside.find(name)
-        if isinstance(found, Masked):
-            scope.masked[name] = Masked(f"({found.text})({number})", found.outside, found.evaluated, found.field)
+        if isinstance(found, MaskVariable):
+            scope.masked[name] = MaskVariable(f"({found.text})({number})", found.outside, found.evaluated, found.field)
     return scope
 
 
-def partitioned(block: Block, holder: Block) -> tuple[str, ...]:
+def partitioned(block: ModelBlock, holder: ModelBlock) -> tuple[str, ...]:
     """The parameters of a mask of which each element has a part."""
     on = block.listed("SubsysMaskParameterPartition")
     names = [one.name for one in holder.mask.parameters] if holder.mask is not None else []
     return tuple(name for name, switched in zip(names, on, strict=False) if switched == "on")
 
 
-def _parts(block: Block, holder: Block, inside: Scope) -> int | None:
+def _parts(block: ModelBlock, holder: ModelBlock, inside: Scope) -> int | None:
     """The number of elements that the parameters of the mask have; None where none is partitioned."""
     widths = set(block.listed("SubsysMaskParameterPartitionWidth")) - {"1"}
     sizes = set()
     for name in partitioned(block, holder):
-        numbers = Expressions(GraphBuilder(), Declared()).numbers(name, inside)
+        numbers = Expressions(GraphBuilder(), DeclaredParameters()).numbers(name, inside)
         if widths or 1 not in np.atleast_2d(numbers).shape:
-            raise NoValueError(f"the parameter {name} is partitioned otherwise than a vector into its elements")
+            raise EvaluationError(f"the parameter {name} is partitioned otherwise than a vector into its elements")
         sizes.add(numbers.size)
     if len(sizes) > 1:
-        raise NoValueError(f"its partitioned parameters have {' and '.join(map(str, sorted(sizes)))} elements")
+        raise EvaluationError(f"its partitioned parameters have {' and '.join(map(str, sorted(sizes)))} elements")
     return next(iter(sizes), None)
 
 
-class Repetition:
+class IterationUnroller:
     """Places passes. `inside` places a block within one of them."""
 
-    def __init__(self, placed: Placed, inside: Callable[[Level, Block], None]) -> None:
+    def __init__(self, placed: FlatteningState, inside: Callable[[SystemInstance, ModelBlock], None]) -> None:
         self.placed = placed
         self._inside = inside
 
-    def place(self, level: Level, face: Level, plan: Plan) -> None:
+    def place(self, level: SystemInstance, face: SystemInstance, plan: IterationPlan) -> None:
         """Place the blocks of a subsystem once for each pass; `face` is what is seen of it from outside."""
         assert face.holder is not None
-        self.placed.built[joined(*face.path)] = plan.count
-        made: list[Level] = []
-        passing: list[Atom] = []
-        before: list[Atom] = []
+        self.placed.built[join_path(*face.path)] = plan.count
+        made: list[SystemInstance] = []
+        passing: list[FlatBlock] = []
+        before: list[FlatBlock] = []
         for number in range(1, plan.count + 1):
             start = len(self.placed.atoms)
             inner = self._pass(level, face, plan, number, made, passing)
@@ -152,12 +154,18 @@ class Repetition:
             self._result(face, outport, plan, made, passing)
 
     def _pass(
-        self, level: Level, face: Level, plan: Plan, number: int, made: list[Level], passing: list[Atom]
-    ) -> Level:
+        self,
+        level: SystemInstance,
+        face: SystemInstance,
+        plan: IterationPlan,
+        number: int,
+        made: list[SystemInstance],
+        passing: list[FlatBlock],
+    ) -> SystemInstance:
         """One pass, or one element."""
         assert face.holder is not None
         scope = element_scope(plan.block, face.holder, face.scope, number) if plan.each else face.scope
-        inner = Level(face.system, face.path, scope, face.control)
+        inner = SystemInstance(face.system, face.path, scope, face.control)
         inner.within(level, face.holder)
         inner.repeated = plan
         inner.element = number if plan.each else level.element
@@ -171,7 +179,7 @@ class Repetition:
             self._inside(inner, block)
         return inner
 
-    def _decision(self, inner: Level, plan: Plan, made: list[Level]) -> Atom:
+    def _decision(self, inner: SystemInstance, plan: IterationPlan, made: list[SystemInstance]) -> FlatBlock:
         """What says whether a pass takes place: the condition of the pass before, for the first one that to begin."""
         found = self.placed.atom(inner, plan.block, "Pass")
         condition = Endpoint(plan.block.sid, "in", 1 if made else 2)
@@ -179,21 +187,32 @@ class Repetition:
             self.placed.joints.append((found, [(made[-1] if made else inner, condition)]))
         return found
 
-    def _result(self, face: Level, outport: Block, plan: Plan, made: list[Level], passing: list[Atom]) -> None:
+    def _result(
+        self,
+        face: SystemInstance,
+        outport: ModelBlock,
+        plan: IterationPlan,
+        made: list[SystemInstance],
+        passing: list[FlatBlock],
+    ) -> None:
         """An output: that of the last pass that took place, or of all elements side by side."""
         found = self.placed.atom(face, outport, "Joined" if plan.each else "Iterated")
         found.special = {"each": plan.block} if plan.each else {}
         end = Endpoint(outport.sid, "in")
-        ends: list[tuple[Level, Endpoint] | Source] = [(inner, end) for inner in (made if plan.each else made[-1:])]
+        ends: list[tuple[SystemInstance, Endpoint] | SignalSource] = [
+            (inner, end) for inner in (made if plan.each else made[-1:])
+        ]
         if plan.decides:
-            ends = [one for inner, say in zip(made, passing, strict=True) for one in ((inner, end), Source(say, 0))]
+            ends = [
+                one for inner, say in zip(made, passing, strict=True) for one in ((inner, end), SignalSource(say, 0))
+            ]
         self.placed.joints.append((found, ends))
         if face.control is not None and face.control.block is face.holder:
             held = self.placed.atom(face, outport, "Held")
-            held.inputs = [Source(found, 0)]
+            held.inputs = [SignalSource(found, 0)]
 
 
-def _behind(before: list[Atom], atoms: list[Atom]) -> None:
+def _behind(before: list[FlatBlock], atoms: list[FlatBlock]) -> None:
     """Note which block of a pass is which one of the pass before; those that begin anew have none before them."""
     heads = [(one.last, other) for one, other in zip(before, atoms, strict=False) if other.earlier is None]
     for last, other in heads:
@@ -203,13 +222,13 @@ def _behind(before: list[Atom], atoms: list[Atom]) -> None:
         one.hidden = True
 
 
-def _beside(before: list[Atom], atoms: list[Atom]) -> None:
+def _beside(before: list[FlatBlock], atoms: list[FlatBlock]) -> None:
     """Note that the blocks of an element stand for those of the others."""
     for atom in atoms if before else ():
         atom.hidden = True
 
 
-def _begin(atoms: list[Atom]) -> None:
+def _begin(atoms: list[FlatBlock]) -> None:
     """Note that the memories of a first pass begin anew in each step."""
     for atom in atoms:
         if atom.earlier is None:

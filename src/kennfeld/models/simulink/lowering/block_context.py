@@ -7,47 +7,47 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import NoValueError
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers, each, towards_zero
-from kennfeld.models.simulink.flattening.flat_model import STATE, Atom, Source
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, elementwise, truncate
+from kennfeld.models.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
     Bus,
-    OpenBus,
+    ExternalBus,
     Signal,
-    Wired,
+    SignalOrBus,
     as_vector,
     common_shape,
-    fastest,
-    resized,
+    fastest_sample_time,
+    fit_to_shape,
     scalar,
 )
 
 if TYPE_CHECKING:
-    from kennfeld.models.simulink.lowering.compiler import Weaver
+    from kennfeld.models.simulink.lowering.compiler import BlockCompiler
 
-__all__ = ["Site", "Then"]
+__all__ = ["BlockContext", "Then"]
 
 Then = Callable[[Signal], Signal]
 
 _GIVE = "Give its variables among the parameters: a script, a .mat, .sldd or calibration file."
 
 
-class Site:
+class BlockContext:
     """One block while it is built."""
 
-    def __init__(self, weaver: "Weaver", atom: Atom) -> None:
-        self.weaver = weaver
+    def __init__(self, compiler: "BlockCompiler", atom: FlatBlock) -> None:
+        self.compiler = compiler
         self.atom = atom
-        self.kind = weaver.kind(atom)
+        self.kind = compiler.kind(atom)
         self.memories = self.before = 0
 
     @property
     def builder(self) -> GraphBuilder:
         """The graph under construction."""
-        return self.weaver.builder
+        return self.compiler.builder
 
     # parameters
 
@@ -90,12 +90,12 @@ class Site:
         field = f"{self.atom.path}:{name}"
         try:
             given = self.atom.scope.variables.get(field)
-            if field in self.weaver.declared.promoted:
-                return self.weaver.promoted(field, text, self.atom.scope, given)
+            if field in self.compiler.declared.promoted:
+                return self.compiler.promoted(field, text, self.atom.scope, given)
             if given is not None:
-                return self.weaver.expressions.fixed(given.value)
-            return self.weaver.expressions.array(text, self.atom.scope)
-        except NoValueError as error:
+                return self.compiler.expressions.fixed(given.value)
+            return self.compiler.expressions.array(text, self.atom.scope)
+        except EvaluationError as error:
             raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def numbers(self, name: str, otherwise: str | None = None) -> Numbers:
@@ -105,15 +105,15 @@ class Site:
         if given is not None and isinstance(given.value, np.ndarray):
             return np.atleast_2d(given.value)
         try:
-            return self.weaver.expressions.numbers(text, self.atom.scope)
-        except NoValueError as error:
+            return self.compiler.expressions.numbers(text, self.atom.scope)
+        except EvaluationError as error:
             raise UnsupportedError(f"its {name} ({text[:60]}) has no value: {error}", _GIVE, error.undefined) from None
 
     def evaluated(self, text: str) -> Numbers:
         """The numbers of an expression that is part of a parameter."""
         try:
-            return self.weaver.expressions.numbers(text, self.atom.scope)
-        except NoValueError as error:
+            return self.compiler.expressions.numbers(text, self.atom.scope)
+        except EvaluationError as error:
             raise UnsupportedError(f"{text[:60]} has no value: {error}", _GIVE, error.undefined) from None
 
     def number(self, name: str, otherwise: str | None = None) -> float:
@@ -136,23 +136,23 @@ class Site:
 
     def remark(self, sentence: str) -> None:
         """Tell what somebody should know of the block; the sentence continues its path."""
-        self.weaver.remarks[f"{self.atom.path} {sentence}"] = None
+        self.compiler.remarks[f"{self.atom.path} {sentence}"] = None
 
     # inputs
 
-    def source(self, index: int = 0) -> Source | None:
+    def source(self, index: int = 0) -> SignalSource | None:
         """Where the wire at an input begins, counted from 0; None where nothing is connected."""
         return self.atom.inputs[index] if index < len(self.atom.inputs) else None
 
-    def wired(self, index: int) -> Wired:
+    def wired(self, index: int) -> SignalOrBus:
         """What arrives at an input, counted from 0; 0 where nothing is connected."""
         source = self.source(index)
-        return self.weaver.value(source) if source is not None else self.constant(0.0)
+        return self.compiler.value(source) if source is not None else self.constant(0.0)
 
     def input(self, index: int = 0) -> Signal:
         """The signal at an input, counted from 0."""
         found = self.wired(index)
-        if isinstance(found, OpenBus):
+        if isinstance(found, ExternalBus):
             found = found.signal
         if isinstance(found, Signal) and index == 0:
             self._check_frame(found)
@@ -166,16 +166,16 @@ class Site:
     def _check_frame(self, found: Signal) -> None:
         """Raise `UnsupportedError` where the rows of an input are samples one after the other."""
         if found.shape[0] > 1 and self.text("InputProcessing", "").startswith("Columns"):
-            mend = "Set its input processing to elements as channels, or bind it."
-            raise UnsupportedError(f"its input is a frame of {found.shape[0]} samples, which is not supported", mend)
+            remedy = "Set its input processing to elements as channels, or bind it."
+            raise UnsupportedError(f"its input is a frame of {found.shape[0]} samples, which is not supported", remedy)
 
-    def bus(self, index: int = 0) -> Wired:
+    def bus(self, index: int = 0) -> SignalOrBus:
         """What arrives at an input that takes a bus: of a port from outside, signals are picked by their names."""
         source = self.source(index)
         found = self.wired(index)
         if isinstance(found, Bus) or source is None or source.atom.kind not in ("Inport", "From"):
             return found
-        return self.weaver.inputs.opened(source.atom)
+        return self.compiler.inputs.opened(source.atom)
 
     @property
     def inputs(self) -> list[Signal]:
@@ -196,8 +196,8 @@ class Site:
     def call(self, op: str, *args: Signal) -> Signal:
         """An operation of the graph, element by element; scalars expand."""
         spread = self.spread(*args)
-        period = fastest([arg.period for arg in args])
-        return Signal(each(self.builder, op, *(arg.nodes for arg in spread)), period)
+        period = fastest_sample_time([arg.period for arg in args])
+        return Signal(elementwise(self.builder, op, *(arg.nodes for arg in spread)), period)
 
     def spread(self, *args: Signal) -> list[Signal]:
         """The signals in their common shape; raises `UnsupportedError` where they do not fit each other."""
@@ -205,7 +205,7 @@ class Site:
         if shape is None:
             sizes = ", ".join("x".join(map(str, arg.shape)) for arg in args)
             raise UnsupportedError(f"its inputs have the sizes {sizes}, which do not fit each other")
-        return [Signal(resized(arg.nodes, shape), arg.period) for arg in args]
+        return [Signal(fit_to_shape(arg.nodes, shape), arg.period) for arg in args]
 
     def select(self, condition: Signal, yes: Signal, no: Signal) -> Signal:
         """One signal where a condition holds, else the other."""
@@ -229,7 +229,7 @@ class Site:
 
     def truncated(self, x: Signal) -> Signal:
         """A signal without what is behind its decimal point."""
-        return Signal(towards_zero(self.builder, x.nodes), x.period)
+        return Signal(truncate(self.builder, x.nodes), x.period)
 
     def among(self, x: Signal, values: Iterable[float]) -> Signal:
         """1 where a signal is one of several values."""
@@ -257,14 +257,14 @@ class Site:
 
     def period(self) -> float:
         """The block's own sample time: as stated, or that of its inputs as far as it is known by now."""
-        stated = self.weaver.timing.stated_period(self.atom)
+        stated = self.compiler.timing.stated_period(self.atom)
         if stated is not None:
             return stated
-        return self.weaver.timing.guessed_period(self.atom)
+        return self.compiler.timing.guessed_period(self.atom)
 
     def discrete(self, x: Signal) -> Signal:
         """A signal as a block that only runs at major steps sees it."""
-        return self.weaver.timing.at_major(x)
+        return self.compiler.timing.at_major(x)
 
     # memory
 
@@ -274,7 +274,7 @@ class Site:
         The memory that is `ported` is what the block's state port shows.
         """
         self.memories += 1
-        return self.weaver.memories.remember(self, STATE if ported else self.memories, init, then, latency)
+        return self.compiler.memories.remember(self, STATE_PORT if ported else self.memories, init, then, latency)
 
     def integrate(
         self,
@@ -286,13 +286,15 @@ class Site:
     ) -> Signal:
         """A continuous state, advanced by the solver; one that is `ported` is what the block's state port shows."""
         self.memories += 1
-        return self.weaver.continuous.integrate(self, STATE if ported else self.memories, init, slope, reset, limits)
+        return self.compiler.continuous.integrate(
+            self, STATE_PORT if ported else self.memories, init, slope, reset, limits
+        )
 
     def wish(self, index: int, shape: tuple[int, ...]) -> None:
         """Say which shape an input has to have, in case that the memory or inport before it has none of its own."""
         source = self.source(index)
         if source is not None:
-            self.weaver.shapes.wish(source.atom, shape)
+            self.compiler.shapes.wish(source.atom, shape)
 
     def edge(self, x: Signal, kind: str) -> Signal:
         """1 where a signal crosses zero in the way of a trigger: rising, falling, either.

@@ -8,51 +8,60 @@ Where blocks wait for each other, the loop is noted, and a signal that stands in
 from collections.abc import Callable, Iterable
 
 from kennfeld.graph.bounded_builder import BoundedGraphBuilder
-from kennfeld.models.simulink.flattening.flat_model import Atom, Source, Stores, begins_anew
-from kennfeld.models.simulink.lowering.block_context import Site
-from kennfeld.models.simulink.lowering.diagnostics import Failures, stand_ins
-from kennfeld.models.simulink.lowering.pass_state import Agenda
-from kennfeld.models.simulink.lowering.registry import KINDS
-from kennfeld.models.simulink.signals import Wired
+from kennfeld.models.simulink.flattening.flat_model import (
+    DataStoreOrder,
+    FlatBlock,
+    SignalSource,
+    resets_with_subsystem,
+)
+from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, stand_ins
+from kennfeld.models.simulink.lowering.pass_state import PendingCompletions
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from kennfeld.models.simulink.signals import SignalOrBus
 
-__all__ = ["Needs", "Visits"]
+__all__ = ["BlockDependencies", "BuildOrder"]
 
 _CONTROLLED = ("Held", "Control", "Pass", "DataStoreWrite")  # they ask themselves whether they run
 
 
-class Needs:
+class BlockDependencies:
     """What blocks need. `built` are the outputs of those that are there; `ahead` tells sources that always are."""
 
     def __init__(
-        self, site: Callable[[Atom], Site], stores: Stores, ahead: Callable[[Source], bool], failures: Failures
+        self,
+        site: Callable[[FlatBlock], BlockContext],
+        stores: DataStoreOrder,
+        ahead: Callable[[SignalSource], bool],
+        failures: BlockFailures,
     ) -> None:
-        self.built: dict[Atom, tuple[Wired, ...]] = {}
+        self.built: dict[FlatBlock, tuple[SignalOrBus, ...]] = {}
         self._site = site
         self._stores = stores
         self._ahead = ahead
         self._failures = failures
 
-    def ever(self, atom: Atom) -> list[Atom]:
+    def ever(self, atom: FlatBlock) -> list[FlatBlock]:
         """The blocks that a block depends on in this step or in later ones."""
         found = [source.atom for source in atom.inputs if source is not None]
         found += self._stores.writers.get(atom, ())
         return [*found, atom.control] if atom.control is not None else found
 
-    def now(self, atom: Atom) -> list[Atom]:
+    def now(self, atom: FlatBlock) -> list[FlatBlock]:
         """The blocks that a block's outputs depend on within the step."""
         sources = self._sources(atom)
         if sources is None:
             return []
         found = [source.atom for source in sources if not self._ahead(source)]
-        if atom.control is not None and (atom.kind in _CONTROLLED or begins_anew(atom)):
+        if atom.control is not None and (atom.kind in _CONTROLLED or resets_with_subsystem(atom)):
             found.append(atom.control)
         if atom.earlier is not None:
             found += self._left_by(atom.earlier)
         return [*found, *(self._stores.before(atom) if atom.store is not None else ())]
 
-    def _sources(self, atom: Atom) -> list[Source] | None:
+    def _sources(self, atom: FlatBlock) -> list[SignalSource] | None:
         """The sources at the inputs that a block's outputs depend on; None where that cannot be told."""
-        site, kind = self._site(atom), KINDS.get(atom.kind)
+        site, kind = self._site(atom), BLOCK_TYPES.get(atom.kind)
         with self._failures.noting(atom):
             every = range(len(atom.inputs)) if kind is not None else ()
             wanted = every if kind is None or kind.needs is None else kind.needs(site)
@@ -60,14 +69,14 @@ class Needs:
             return [source for source in sources if source is not None]
         return None
 
-    def _left_by(self, atom: Atom) -> list[Atom]:
+    def _left_by(self, atom: FlatBlock) -> list[FlatBlock]:
         """What has to be there so that the next pass of a block can read its memory."""
         site = self._site(atom)
         remembers = atom in self.built and (site.memories or site.before)
         return [atom, *self.ever(atom)] if remembers else [atom]
 
 
-class Visits:
+class BuildOrder:
     """Builds blocks by `build` behind those that they need; `values` are the outputs of all that are built.
 
     `loops` are the algebraic loops that were met.
@@ -76,21 +85,21 @@ class Visits:
     def __init__(
         self,
         builder: BoundedGraphBuilder,
-        needs: Needs,
-        agenda: Agenda,
-        failures: Failures,
-        build: Callable[[Atom], tuple[Wired, ...]],
+        needs: BlockDependencies,
+        agenda: PendingCompletions,
+        failures: BlockFailures,
+        build: Callable[[FlatBlock], tuple[SignalOrBus, ...]],
     ) -> None:
         self.builder = builder
         self.needs = needs
         self.agenda = agenda
         self.failures = failures
         self.values = needs.built
-        self.loops: list[tuple[Atom, ...]] = []
+        self.loops: list[tuple[FlatBlock, ...]] = []
         self._build = build
-        self._begun: dict[Atom, None] = {}  # those that wait for others, the one that waits for all first
+        self._begun: dict[FlatBlock, None] = {}  # those that wait for others, the one that waits for all first
 
-    def demand(self, atoms: Iterable[Atom]) -> None:
+    def demand(self, atoms: Iterable[FlatBlock]) -> None:
         """Build blocks and all that they need, memories included."""
         for atom in atoms:
             self.visit(atom)
@@ -103,7 +112,7 @@ class Visits:
             with self.failures.noting(atom):
                 complete()
 
-    def visit(self, root: Atom) -> None:
+    def visit(self, root: FlatBlock) -> None:
         """Build a block and what it needs within the step."""
         waiting = len(self._begun)  # not none where a block is built that others are built for
         try:
@@ -112,7 +121,7 @@ class Visits:
             for atom in list(self._begun)[waiting:]:
                 del self._begun[atom]
 
-    def _walk(self, stack: list[Atom]) -> None:
+    def _walk(self, stack: list[FlatBlock]) -> None:
         while stack:
             atom = stack[-1]
             if atom in self.values:
@@ -130,12 +139,14 @@ class Visits:
             else:
                 stack.extend(reversed(missing))
 
-    def _loop(self, atoms: tuple[Atom, ...]) -> None:
+    def _loop(self, atoms: tuple[FlatBlock, ...]) -> None:
         """Note an algebraic loop; one of its blocks gets signals that stand in."""
         self.loops.append(atoms)
         self.values[atoms[0]] = stand_ins(self.builder, atoms[0])
 
-    def meanwhile(self, atom: Atom, outputs: tuple[Wired, ...], goals: Iterable[Atom]) -> list[Atom]:
+    def meanwhile(
+        self, atom: FlatBlock, outputs: tuple[SignalOrBus, ...], goals: Iterable[FlatBlock]
+    ) -> list[FlatBlock]:
         """Build blocks while another one is built that they depend on, with its outputs as they are by then.
 
         The blocks that were built for it.

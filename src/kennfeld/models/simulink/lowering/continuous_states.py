@@ -16,17 +16,17 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.node_arrays import Nodes
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.discrete_states import Memories
+from kennfeld.models.simulink.lowering.discrete_states import DiscreteStates
 from kennfeld.models.simulink.lowering.pass_state import Key
-from kennfeld.models.simulink.lowering.state_ports import Integrated
-from kennfeld.models.simulink.signals import CONTINUOUS, Signal, resized
+from kennfeld.models.simulink.lowering.state_ports import ContinuousState
+from kennfeld.models.simulink.signals import CONTINUOUS, Signal, fit_to_shape
 
 __all__ = ["SOLVERS", "ContinuousStates"]
 
 
-class Tableau(NamedTuple):
+class ButcherTableau(NamedTuple):
     """Nodes, the rows of the matrix below its diagonal, and the weights of an explicit Runge-Kutta method."""
 
     nodes: tuple[float, ...]
@@ -35,11 +35,13 @@ class Tableau(NamedTuple):
 
 
 SOLVERS: Final = {
-    "ode1": Tableau((0.0,), ((),), (1.0,)),
-    "ode2": Tableau((0.0, 1.0), ((), (1.0,)), (0.5, 0.5)),
-    "ode3": Tableau((0.0, 1 / 2, 3 / 4), ((), (1 / 2,), (0.0, 3 / 4)), (2 / 9, 1 / 3, 4 / 9)),
-    "ode4": Tableau((0.0, 0.5, 0.5, 1.0), ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
-    "ode5": Tableau(
+    "ode1": ButcherTableau((0.0,), ((),), (1.0,)),
+    "ode2": ButcherTableau((0.0, 1.0), ((), (1.0,)), (0.5, 0.5)),
+    "ode3": ButcherTableau((0.0, 1 / 2, 3 / 4), ((), (1 / 2,), (0.0, 3 / 4)), (2 / 9, 1 / 3, 4 / 9)),
+    "ode4": ButcherTableau(
+        (0.0, 0.5, 0.5, 1.0), ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+    ),
+    "ode5": ButcherTableau(
         (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0),
         (
             (),
@@ -54,7 +56,7 @@ SOLVERS: Final = {
 }
 
 
-def advance(builder: GraphBuilder, states: Sequence[Integrated], solver: str) -> None:
+def integrate_step(builder: GraphBuilder, states: Sequence[ContinuousState], solver: str) -> None:
     """Close the memories of continuous states with what a solver makes of them in one step of length dt."""
     if not states:
         return
@@ -86,7 +88,7 @@ def _moved(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence
     return builder.call("add", x, builder.call("mul", dt, total))
 
 
-def _limited(builder: GraphBuilder, one: Integrated, slope: int, x: int) -> int:
+def _limited(builder: GraphBuilder, one: ContinuousState, slope: int, x: int) -> int:
     """The slope of a state that rests at a limit as long as it is pushed outwards."""
     zero = builder.const(0.0)
     low, high = one.limits
@@ -97,7 +99,7 @@ def _limited(builder: GraphBuilder, one: Integrated, slope: int, x: int) -> int:
     return slope
 
 
-def _close(builder: GraphBuilder, one: Integrated, new: int) -> None:
+def _close(builder: GraphBuilder, one: ContinuousState, new: int) -> None:
     low, high = one.limits
     if low is not None:
         new = builder.call("max", new, low)
@@ -139,15 +141,15 @@ def _behind(builder: GraphBuilder, roots: Sequence[int], stop: Mapping[int, int]
 class ContinuousStates:
     """The states that are integrated over time."""
 
-    def __init__(self, memories: Memories) -> None:
+    def __init__(self, memories: DiscreteStates) -> None:
         self.builder = memories.builder
         self.memories = memories
         self.shapes = memories.shapes
-        self._found: list[Integrated] = []
+        self._found: list[ContinuousState] = []
 
     def integrate(
         self,
-        site: Site,
+        site: BlockContext,
         number: int,
         init: Signal,
         slope: Callable[[Signal], Signal],
@@ -174,15 +176,15 @@ class ContinuousStates:
         return seen
 
     def _first(
-        self, site: Site, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self, site: BlockContext, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
     ) -> Nodes:
         """The states at first, within their limits; as many as there are resets or limits, if these are several."""
         inside = init if limits is None else site.clip(init, *limits)
         first = site.spread(inside, *(one for one in (reset, *(limits or ())) if one is not None))[0]
         shape = self.shapes.of(key, first)
-        return resized(first.nodes, shape) if first.size in (1, int(np.prod(shape))) else first.nodes
+        return fit_to_shape(first.nodes, shape) if first.size in (1, int(np.prod(shape))) else first.nodes
 
-    def _slopes(self, site: Site, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
+    def _slopes(self, site: BlockContext, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
         """The slopes of a block's states; the next pass takes another shape that they have."""
         rates = replace(seen, nodes=np.full(seen.shape, self.builder.const(0.0), dtype=np.int64))
         try:
@@ -195,11 +197,11 @@ class ContinuousStates:
         if rates.size > 1 and rates.shape != seen.shape:
             self.memories.ask(site, key, rates.shape, seen.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
-        return resized(rates.nodes, seen.shape)
+        return fit_to_shape(rates.nodes, seen.shape)
 
     def _note(
         self,
-        site: Site,
+        site: BlockContext,
         states: Sequence[int],
         first: Nodes,
         seen: Signal,
@@ -207,12 +209,12 @@ class ContinuousStates:
         limits: tuple[Signal, Signal] | None,
     ) -> None:
         """Note the states of a block for the solver."""
-        low, high = (None, None) if limits is None else tuple(resized(x.nodes, seen.shape).ravel() for x in limits)
+        low, high = (None, None) if limits is None else tuple(fit_to_shape(x.nodes, seen.shape).ravel() for x in limits)
         active = self.memories.gates.active(site.atom)
         parts = zip(states, first.ravel(), seen.nodes.ravel(), moving.ravel(), strict=True)
         for at, (state, init, now, rate) in enumerate(parts):
             bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
-            self._found.append(Integrated(state, int(init), int(now), int(rate), bounds, active))
+            self._found.append(ContinuousState(state, int(init), int(now), int(rate), bounds, active))
 
     def settle(self) -> None:
         """Free the first values behind state ports of the states themselves."""
@@ -220,4 +222,4 @@ class ContinuousStates:
 
     def advance(self, solver: str) -> None:
         """Close the states with what a solver makes of them in one step."""
-        advance(self.builder, self._found, solver)
+        integrate_step(self.builder, self._found, solver)

@@ -11,21 +11,30 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.traversal import way_of
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.matlab.traversal import field_path
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.reader.model_tree import parted
-from kennfeld.models.simulink.variables.mask_scope import Coded, Masked, Scope, Variable, part_of
+from kennfeld.models.simulink.reader.model_tree import split_arguments
+from kennfeld.models.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable, nested_field
 
-__all__ = ["Named", "cases_of", "given_table", "length_of", "listed", "named", "named_text", "positions"]
+__all__ = [
+    "ParameterField",
+    "calibrated_table",
+    "case_values",
+    "length_of",
+    "listed",
+    "named_text",
+    "parameter_field",
+    "selected_indices",
+]
 
 _MOST_NUMBERS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class ParameterField:
     """The numbers of a field, and the name that they go by: that of a variable, or "Path:Field" of a literal."""
 
     name: str
@@ -34,7 +43,7 @@ class Named:
     is_variable: bool
 
 
-def named(site: Site, field: str) -> Named:
+def parameter_field(site: BlockContext, field: str) -> ParameterField:
     """What a field holds. Where it is but a variable, through masks or within structs, that gives the name.
 
     A matrix that is transposed on the way is not the variable itself: it goes by the name with a quote behind it.
@@ -43,13 +52,13 @@ def named(site: Site, field: str) -> Named:
     values = site.numbers(field)
     found = _variable(text, site.atom.scope)
     if found is None:
-        return Named(
+        return ParameterField(
             f"{site.atom.path}:{field}", values, Variable(values, source=_source(text, site.atom.scope)), False
         )
     name, variable, transposed = found
     if transposed:
-        return Named(f"{name}'", values, _transposed(variable), True)
-    return Named(name, values, variable, True)
+        return ParameterField(f"{name}'", values, _transposed(variable), True)
+    return ParameterField(name, values, variable, True)
 
 
 def _transposed(variable: Variable) -> Variable:
@@ -66,20 +75,20 @@ def _source(text: str, scope: Scope) -> str:
     return "a literal of the block"
 
 
-def named_text(site: Site, text: str) -> Named:
+def named_text(site: BlockContext, text: str) -> ParameterField:
     """What an expression holds that is nothing but a variable, as `named` says it."""
     found = _variable(text, site.atom.scope)
     if found is None or found[2] or not isinstance(found[1].value, np.ndarray):
         raise UnsupportedError(f"{text[:80]} is no variable with numbers")
-    return Named(found[0], found[1].value, found[1], True)
+    return ParameterField(found[0], found[1].value, found[1], True)
 
 
-def given_table(site: Site, text: str) -> Named | None:
+def calibrated_table(site: BlockContext, text: str) -> ParameterField | None:
     """The table that a calibration file gives in the place of a table object; None where there is none."""
     found = _variable(text, site.atom.scope)
     if found is None or found[2] or not isinstance(found[1].value, np.ndarray) or not found[1].axes:
         return None
-    return Named(found[0], found[1].value, found[1], True)
+    return ParameterField(found[0], found[1].value, found[1], True)
 
 
 def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bool] | None:
@@ -91,11 +100,11 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
         bare, turned = _bare(parse_expression(text))
     except InputError:
         return None
-    way = way_of(bare)
+    way = field_path(bare)
     if way is None or deep > 50:
         return None
     found = scope.find(way[0])
-    if isinstance(found, Masked):
+    if isinstance(found, MaskVariable):
         inner = ".".join([found.text.strip(), *way[1:]])
         further = _variable(inner, found.outside, deep + 1) if found.evaluated else None
         if further is None:
@@ -106,15 +115,15 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
     return (".".join(way), meant, turned and _is_matrix(meant)) if meant is not None else None
 
 
-def _meant(found: Coded | Variable | None, way: list[str], scope: Scope) -> Variable | None:
+def _meant(found: MaskCodeVariable | Variable | None, way: list[str], scope: Scope) -> Variable | None:
     """The variable at the end of a way."""
     if (part := scope.part(way)) is not None:
         return part
     if not isinstance(found, Variable):
         return None
     try:
-        value = part_of(found.value, way)
-    except NoValueError:
+        value = nested_field(found.value, way)
+    except EvaluationError:
         return None
     if way[1:] == ["Table"]:  # the limits and the unit of a table object are those of its table
         return replace(found, value=value)
@@ -139,14 +148,16 @@ def _bare(tree: m.Expression) -> tuple[m.Expression, bool]:
             return tree, turned
 
 
-def listed(site: Site, *names: str) -> list[str]:
+def listed(site: BlockContext, *names: str) -> list[str]:
     """A setting for each dimension, separated by commas or quoted; the first that the file states."""
     written = next((text for name in names if (text := site.text(name, ""))), "")
     quoted = re.findall(r"'([^']*)'", written)
-    return quoted or [part.strip() for part in parted(written) if part.strip()]
+    return quoted or [part.strip() for part in split_arguments(written) if part.strip()]
 
 
-def positions(site: Site, option: str, text: str, size: int, axis: int, count: int | None = None) -> list[int]:
+def selected_indices(
+    site: BlockContext, option: str, text: str, size: int, axis: int, count: int | None = None
+) -> list[int]:
     """The places along a dimension of some size, counted from 0.
 
     From a starting index there are as many as `count`, or as the file says.
@@ -166,7 +177,7 @@ def positions(site: Site, option: str, text: str, size: int, axis: int, count: i
     return places
 
 
-def length_of(site: Site, axis: int) -> int:
+def length_of(site: BlockContext, axis: int) -> int:
     """How many elements the file says to take along a dimension."""
     sizes = listed(site, "OutputSizes", "OutputSizeArray")
     return int(site.evaluated(sizes[axis]).item()) if axis < len(sizes) else 1
@@ -178,7 +189,7 @@ def within(places: list[int], size: int, text: str) -> None:
         raise UnsupportedError(f"it selects {text[:60]} of {size} elements")
 
 
-def cases_of(site: Site, field: str) -> list[list[float]]:
+def case_values(site: BlockContext, field: str) -> list[list[float]]:
     """The numbers in each part of a list in braces, `{1, [2 3], Gear.First}`."""
     text = site.text(field)
     try:
@@ -189,8 +200,8 @@ def cases_of(site: Site, field: str) -> list[list[float]]:
         raise UnsupportedError(f"{field} is {text[:60]}, not a list of cases in braces")
     parts = [part for row in tree.rows for part in row]
     try:
-        found = [site.weaver.expressions.tree_numbers(one, site.atom.scope).ravel().tolist() for one in parts]
-    except NoValueError as error:
+        found = [site.compiler.expressions.tree_numbers(one, site.atom.scope).ravel().tolist() for one in parts]
+    except EvaluationError as error:
         raise UnsupportedError(f"its {field} ({text[:60]}) has no value: {error}", undefined=error.undefined) from None
     if sum(map(len, found)) > _MOST_NUMBERS:
         raise UnsupportedError(f"{field} has {sum(map(len, found))} numbers; {_MOST_NUMBERS} are the most")

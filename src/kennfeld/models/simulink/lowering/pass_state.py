@@ -16,27 +16,27 @@ import numpy as np
 
 from kennfeld.graph import CLOCK
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.simulink.flattening.flat_model import Atom
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.block_ports import port_label
-from kennfeld.models.simulink.signals import CONTINUOUS, OpenBus, Signal
+from kennfeld.models.simulink.signals import CONTINUOUS, ExternalBus, Signal
 
-__all__ = ["Agenda", "Guesses", "Inputs", "Key", "Shape", "Shapes"]
+__all__ = ["DimensionInference", "InferredAttributes", "Key", "ModelInputs", "PendingCompletions", "Shape"]
 
-Key: TypeAlias = tuple[Atom, int]  # a block and the number of its memory
+Key: TypeAlias = tuple[FlatBlock, int]  # a block and the number of its memory
 Shape: TypeAlias = tuple[int, ...]
 
 _WIDEST_WISH = 1000
 
 
 @dataclass
-class Guesses:
+class InferredAttributes:
     """What an earlier pass found: the shapes of memories, the sample times of their blocks, names of two things.
 
     `wished` are shapes that no input gave but a matrix behind the memory asks for.
     """
 
     shapes: dict[Key, Shape] = field(default_factory=dict)
-    periods: dict[Atom, float] = field(default_factory=dict)
+    periods: dict[FlatBlock, float] = field(default_factory=dict)
     taken: frozenset[str] = frozenset()
     wished: dict[Key, Shape] = field(default_factory=dict)
     changed: bool = False
@@ -47,20 +47,20 @@ class Guesses:
             self.shapes[key] = found
             self.changed = True
 
-    def period(self, atom: Atom, found: float) -> None:
+    def period(self, atom: FlatBlock, found: float) -> None:
         """Note the sample time of a block for the next pass."""
         if self.periods.get(atom, CONTINUOUS) != found:
             self.periods[atom] = found
             self.changed = True
 
 
-class Shapes:
+class DimensionInference:
     """The shapes of memories and inputs in one pass; `wishes` are those that blocks ask of scalars before them."""
 
-    def __init__(self, guesses: Guesses) -> None:
+    def __init__(self, guesses: InferredAttributes) -> None:
         self.guesses = guesses
         self.wishes: dict[Key, Shape] = {}
-        self._scalars: dict[Atom, Key] = {}
+        self._scalars: dict[FlatBlock, Key] = {}
 
     def of(self, key: Key, init: Signal) -> Shape:
         """The shape of a memory: as an earlier pass found it, else that of its initial value."""
@@ -68,12 +68,12 @@ class Shapes:
             self._scalars.setdefault(key[0], key)
         return self.guesses.shapes.get(key, init.shape)
 
-    def open(self, atom: Atom) -> Shape:
+    def open(self, atom: FlatBlock) -> Shape:
         """The shape of an input that states none: a scalar, or what is asked of it."""
         self._scalars.setdefault(atom, (atom, 0))
         return self.guesses.shapes.get((atom, 0), (1,))
 
-    def wish(self, atom: Atom, shape: Shape) -> None:
+    def wish(self, atom: FlatBlock, shape: Shape) -> None:
         """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
         if atom in self._scalars and int(np.prod(shape)) <= _WIDEST_WISH:
             self.wishes.setdefault(self._scalars[atom], shape)
@@ -84,15 +84,15 @@ class Shapes:
         return "" if wished is None else f"its input is a scalar where a vector of {wished} is asked of it"
 
 
-class Inputs(dict[str, Atom | None]):
+class ModelInputs(dict[str, FlatBlock | None]):
     """The channels by name, each with the port that takes it; None of those that no port names."""
 
-    def __init__(self, builder: GraphBuilder, guesses: Guesses) -> None:
+    def __init__(self, builder: GraphBuilder, guesses: InferredAttributes) -> None:
         super().__init__()
         self.builder = builder
         self.guesses = guesses
 
-    def name(self, atom: Atom) -> str:
+    def name(self, atom: FlatBlock) -> str:
         """The name of the channel that a port takes."""
         name = port_label(atom.block) if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
         if name in self.guesses.taken or name in CLOCK:
@@ -100,34 +100,34 @@ class Inputs(dict[str, Atom | None]):
         self[name] = atom
         return name
 
-    def opened(self, atom: Atom) -> OpenBus:
+    def opened(self, atom: FlatBlock) -> ExternalBus:
         """The bus that a port takes; each of its signals that is used becomes an input."""
-        return OpenBus(name=self.name(atom), node=self._member)
+        return ExternalBus(name=self.name(atom), node=self._member)
 
     def _member(self, name: str) -> int:
         self.setdefault(name, None)
         return self.builder.input(name)
 
 
-class Agenda:
+class PendingCompletions:
     """What is left to be done for blocks when all blocks in their way are built."""
 
     def __init__(self) -> None:
-        self._open: deque[tuple[Atom, Callable[[], None]]] = deque()
+        self._open: deque[tuple[FlatBlock, Callable[[], None]]] = deque()
 
-    def add(self, atom: Atom, complete: Callable[[], None] = lambda: None) -> None:
+    def add(self, atom: FlatBlock, complete: Callable[[], None] = lambda: None) -> None:
         """Have a block and all that it needs built, and then something done for it."""
         self._open.append((atom, complete))
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def leave(self, atoms: Collection[Atom], since: int) -> None:
+    def leave(self, atoms: Collection[FlatBlock], since: int) -> None:
         """Do nothing for some blocks of what was added behind the first ones; what they need is built all the same."""
         for at in range(since, len(self._open)):
             if self._open[at][0] in atoms:
                 self._open[at] = (self._open[at][0], lambda: None)
 
-    def next(self) -> tuple[Atom, Callable[[], None]] | None:
+    def next(self) -> tuple[FlatBlock, Callable[[], None]] | None:
         """What was added first of all that is left; None of nothing."""
         return self._open.popleft() if self._open else None

@@ -8,20 +8,20 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from kennfeld.models.simulink.lowering.block_context import Site
-from kennfeld.models.simulink.reader.model_tree import Block
-from kennfeld.models.simulink.signals import Wired
+from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.reader.model_tree import ModelBlock
+from kennfeld.models.simulink.signals import SignalOrBus
 
-__all__ = ["KINDS", "Kind", "block", "named_by_masks", "nothing", "opaque"]
+__all__ = ["BLOCK_TYPES", "BlockType", "block", "maskable_types", "no_feedthrough", "opaque_mask_types"]
 
-Rule: TypeAlias = Callable[[Site], Wired | tuple[Wired, ...]]
-Needs: TypeAlias = Callable[[Site], Iterable[int]] | None
-Sample: TypeAlias = str | Callable[[Block], str]
+BlockHandler: TypeAlias = Callable[[BlockContext], SignalOrBus | tuple[SignalOrBus, ...]]
+FeedthroughRule: TypeAlias = Callable[[BlockContext], Iterable[int]] | None
+Sample: TypeAlias = str | Callable[[ModelBlock], str]
 _ONE_WORD = ("Difference", "DocBlock", "EnumeratedConstant", "Ramp")
 
 
 @dataclass(frozen=True)
-class Kind:
+class BlockType:
     """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
 
     `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
@@ -31,58 +31,60 @@ class Kind:
     """
 
     name: str
-    rule: Rule
+    rule: BlockHandler
     defaults: Mapping[str, str]
-    needs: Needs = None
+    needs: FeedthroughRule = None
     sink: bool = False
     sample: Sample = "SampleTime"
     linked: bool = False
     refused: bool = False
     held: bool = True
 
-    def sample_of(self, block: Block) -> str:
+    def sample_of(self, block: ModelBlock) -> str:
         """The parameter that holds a block's sample time."""
         return self.sample if isinstance(self.sample, str) else self.sample(block)
 
 
-KINDS: dict[str, Kind] = {}
+BLOCK_TYPES: dict[str, BlockType] = {}
 
 
-def nothing(_: Site) -> Iterable[int]:
+def no_feedthrough(_: BlockContext) -> Iterable[int]:
     """No input: the output of this step is known before."""
     return ()
 
 
-def opaque() -> frozenset[str]:
+def opaque_mask_types() -> frozenset[str]:
     """The types of masks that are blocks of their own and not looked into.
 
     Those of Simulink's library are several words, but for a few. A mask that is called like a block type, "Integrator",
     is someone else's.
     """
-    return frozenset(name for name, kind in KINDS.items() if not kind.linked and (" " in name or name in _ONE_WORD))
+    return frozenset(
+        name for name, kind in BLOCK_TYPES.items() if not kind.linked and (" " in name or name in _ONE_WORD)
+    )
 
 
-def named_by_masks() -> dict[str, bool]:
+def maskable_types() -> dict[str, bool]:
     """All types, with whether a mask of Simulink's library may be called so."""
-    masks = opaque()
-    return {name: kind.linked or name in masks for name, kind in KINDS.items()}
+    masks = opaque_mask_types()
+    return {name: kind.linked or name in masks for name, kind in BLOCK_TYPES.items()}
 
 
 def block(
     *names: str,
-    needs: Needs = None,
+    needs: FeedthroughRule = None,
     sink: bool = False,
     sample: Sample = "SampleTime",
     linked: bool = False,
     refused: bool = False,
     held: bool = True,
     **defaults: str,
-) -> Callable[[Rule], Rule]:
+) -> Callable[[BlockHandler], BlockHandler]:
     """Enter a function as the rule of block types."""
 
-    def enter(rule: Rule) -> Rule:
+    def enter(rule: BlockHandler) -> BlockHandler:
         for name in names:
-            KINDS[name] = Kind(name, rule, defaults, needs, sink, sample, linked, refused, held)
+            BLOCK_TYPES[name] = BlockType(name, rule, defaults, needs, sink, sample, linked, refused, held)
         return rule
 
     return enter

@@ -14,17 +14,25 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
-from kennfeld.models.simulink.flattening.flat_model import Atom, Source, begins_anew
-from kennfeld.models.simulink.lowering.diagnostics import Failures
-from kennfeld.models.simulink.lowering.pass_state import Guesses
-from kennfeld.models.simulink.lowering.registry import KINDS, Kind
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, OpenBus, Signal, Wired, scalar
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource, resets_with_subsystem
+from kennfeld.models.simulink.lowering.diagnostics import BlockFailures
+from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, BlockType
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, scalar
 
-__all__ = ["IN_TIME", "Clock", "Gates", "Rate", "Timing", "common_step", "stated_rate"]
+__all__ = [
+    "CONTINUOUS_BLOCK_TYPES",
+    "ExecutionConditions",
+    "ModelClock",
+    "SampleTime",
+    "SampleTimes",
+    "common_step",
+    "explicit_sample_time",
+]
 
-IN_TIME: Final = frozenset(  # types of blocks that have continuous states
+CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # types of blocks that have continuous states
     {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
 )
 
@@ -32,14 +40,14 @@ _NEAR = 1e-6  # of a period, as far as times may be rounded
 _SHORTEST = 1e-9  # s, of a sample time
 
 
-class Rate(NamedTuple):
+class SampleTime(NamedTuple):
     """A sample time: the first hit at `offset`, then one every `period`, in s."""
 
     period: float
     offset: float = 0.0
 
 
-def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate | None:
+def explicit_sample_time(atom: FlatBlock, expressions: Expressions, kind: BlockType | None) -> SampleTime | None:
     """The sample time that a block states; None where it inherits. Raises `NoValueError`."""
     key = kind.sample_of(atom.block) if kind is not None else "SampleTime"
     text = _of_chart(atom) or atom.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
@@ -51,15 +59,17 @@ def stated_rate(atom: Atom, expressions: Expressions, kind: Kind | None) -> Rate
     if period == -1.0:
         return None
     if math.isinf(period):
-        return Rate(CONSTANT)
+        return SampleTime(CONSTANT)
     if not period >= 0:
-        raise NoValueError(f"{text.strip()[:40]} is no sample time")
+        raise EvaluationError(f"{text.strip()[:40]} is no sample time")
     if 0 < period < _SHORTEST:
-        raise NoValueError(f"{text.strip()[:40]} is a sample time of {period:g} s, and {_SHORTEST:g} s is the shortest")
-    return Rate(period, offset if period else 0.0)
+        raise EvaluationError(
+            f"{text.strip()[:40]} is a sample time of {period:g} s, and {_SHORTEST:g} s is the shortest"
+        )
+    return SampleTime(period, offset if period else 0.0)
 
 
-def _of_chart(atom: Atom) -> str:
+def _of_chart(atom: FlatBlock) -> str:
     """The sample time of a chart or function that runs by itself."""
     chart = atom.block.chart if atom.kind in ("Chart", "MATLAB Function") else None
     return chart.sample_time if chart is not None and chart.update == "DISCRETE" else ""
@@ -80,7 +90,7 @@ def common_step(periods: Iterable[float]) -> float | None:
 
 
 @dataclass
-class Clock:
+class ModelClock:
     """The steps of a model: `step` in s, None where the data decide; whether there are continuous states.
 
     `multitasking` says whether each sample time is a task of its own, of which the faster run first; None where the
@@ -91,7 +101,7 @@ class Clock:
     continuous: bool = False
     multitasking: bool | None = False
 
-    def hit(self, builder: GraphBuilder, rate: Rate) -> int | None:
+    def hit(self, builder: GraphBuilder, rate: SampleTime) -> int | None:
         """The node that is 1 where a sample time is hit, None where every step hits it."""
         if self.step is not None and rate.offset == 0 and rate.period <= self.step * (1 + _NEAR):
             return None
@@ -108,10 +118,12 @@ class Clock:
         return builder.node("major", (hit,)) if self.continuous else hit
 
 
-class Timing:
+class SampleTimes:
     """The sample times of the blocks in one pass over them."""
 
-    def __init__(self, clock: Clock, expressions: Expressions, guesses: Guesses, failures: Failures) -> None:
+    def __init__(
+        self, clock: ModelClock, expressions: Expressions, guesses: InferredAttributes, failures: BlockFailures
+    ) -> None:
         self.clock = clock
         self.expressions = expressions
         self.builder: GraphBuilder = expressions.builder
@@ -120,28 +132,28 @@ class Timing:
 
     # sample times
 
-    def rate(self, atom: Atom) -> Rate | None:
+    def rate(self, atom: FlatBlock) -> SampleTime | None:
         """The sample time that a block states by itself; None where it inherits."""
         try:
-            return stated_rate(atom, self.expressions, KINDS.get(atom.kind))
-        except NoValueError as error:
+            return explicit_sample_time(atom, self.expressions, BLOCK_TYPES.get(atom.kind))
+        except EvaluationError as error:
             self.failures.note(atom, f"its sample time has no value: {error}", "", error.undefined)
             return None
 
-    def own(self, atom: Atom) -> Rate:
+    def own(self, atom: FlatBlock) -> SampleTime:
         """The sample time of a block: as stated, else as inherited."""
-        return self.rate(atom) or Rate(self.guessed_period(atom))
+        return self.rate(atom) or SampleTime(self.guessed_period(atom))
 
-    def stated_period(self, atom: Atom) -> float | None:
+    def stated_period(self, atom: FlatBlock) -> float | None:
         """The period of the sample time that a block states in s; None where it inherits."""
         found = self.rate(atom)
         return None if found is None else found.period
 
-    def guessed_period(self, atom: Atom) -> float:
+    def guessed_period(self, atom: FlatBlock) -> float:
         """The period that a block inherits from its inputs, as an earlier pass found it."""
         return self.guesses.periods.get(atom, CONTINUOUS)
 
-    def task_order(self, one: Atom, other: Atom) -> int:
+    def task_order(self, one: FlatBlock, other: FlatBlock) -> int:
         """-1 where the first of two blocks is in a faster task, 1 where in a slower one; 0 where both may be in one."""
         if not self.clock.multitasking:
             return 0
@@ -150,21 +162,21 @@ class Timing:
             return 0
         return (periods[0] > periods[1]) - (periods[0] < periods[1])
 
-    def hit(self, rate: Rate) -> int | None:
+    def hit(self, rate: SampleTime) -> int | None:
         """The node that is 1 where a sample time is hit, None where every step of the model hits it."""
         return None if rate.period in (CONTINUOUS, CONSTANT) else self.clock.hit(self.builder, rate)
 
     def hits(self, period: float) -> Signal:
         """1 at the hits of a sample time."""
-        node = self.clock.hit(self.builder, Rate(period)) if period > 0 else None
+        node = self.clock.hit(self.builder, SampleTime(period)) if period > 0 else None
         return scalar(self.builder.const(1.0) if node is None else node, max(period, 0.0))
 
     # signals
 
-    def sampled(self, atom: Atom, wired: Wired, remembers: bool) -> Wired:
+    def sampled(self, atom: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
         """An output as it is with the block's own sample time: held between its hits."""
         rate = self.own(atom) if remembers else self.rate(atom)
-        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, OpenBus):
+        if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, ExternalBus):
             return wired
         if isinstance(wired, Bus):
             return Bus({name: self.sampled(atom, member, remembers) for name, member in wired.members.items()})
@@ -172,15 +184,15 @@ class Timing:
             return replace(wired, period=rate.period)
         return self.held(atom, wired, rate)
 
-    def held(self, atom: Atom, wired: Signal, rate: Rate) -> Signal:
+    def held(self, atom: FlatBlock, wired: Signal, rate: SampleTime) -> Signal:
         """A signal that is held between the hits of a block's sample time."""
         wired = self.at_major(wired)
         hit = self.clock.hit(self.builder, rate)
         if hit is None:
             return replace(wired, period=rate.period)
         if atom.passes:
-            what = "it has a sample time of its own in a subsystem that runs several times in a step"
-            self.failures.note(atom, what)
+            message = "it has a sample time of its own in a subsystem that runs several times in a step"
+            self.failures.note(atom, message)
         made = [self._kept(hit, node) for node in wired.flat]
         nodes = np.array(made, dtype=np.int64).reshape(wired.shape, order="F")
         return Signal(nodes, rate.period)
@@ -206,15 +218,15 @@ class Timing:
         return self.builder.node("major", (node,))
 
 
-class Gates:
+class ExecutionConditions:
     """The conditions of blocks as nodes; `value` gives the signals of what stands for conditional subsystems."""
 
-    def __init__(self, timing: Timing, value: Callable[[Source], Wired]) -> None:
+    def __init__(self, timing: SampleTimes, value: Callable[[SignalSource], SignalOrBus]) -> None:
         self.timing = timing
         self.builder = timing.builder
         self._value = value
 
-    def active(self, atom: Atom) -> int | None:
+    def active(self, atom: FlatBlock) -> int | None:
         """The node that says whether a block runs; None where it always does."""
         if atom.control is None:
             return None
@@ -222,22 +234,22 @@ class Gates:
         always = node is not None and self.builder.value(node) == 1 and not atom.repeats
         return None if always else node
 
-    def restart(self, atom: Atom) -> int | None:
+    def restart(self, atom: FlatBlock) -> int | None:
         """The node that says whether the memory of a block begins anew; None where it never does."""
-        if atom.control is None or not begins_anew(atom):
+        if atom.control is None or not resets_with_subsystem(atom):
             return None
         if any(number > 1 for number in atom.passes[len(atom.control.passes) :]):
             return None  # only the first pass of a step does
         return self._node(atom.control, 1)
 
-    def _node(self, control: Atom, port: int) -> int | None:
-        found = self._value(Source(control, port))
+    def _node(self, control: FlatBlock, port: int) -> int | None:
+        found = self._value(SignalSource(control, port))
         return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
 
-    def written(self, atom: Atom, period: float) -> int | None:
+    def written(self, atom: FlatBlock, period: float) -> int | None:
         """The node that says whether a block's memory is written; None where it always is."""
         active = self.active(atom)
-        return self.both(active, self.timing.hit(self.timing.rate(atom) or Rate(period)))
+        return self.both(active, self.timing.hit(self.timing.rate(atom) or SampleTime(period)))
 
     def both(self, *conditions: int | None) -> int | None:
         """The node that says whether all conditions hold; None where there are none."""
@@ -247,7 +259,7 @@ class Gates:
                 found = condition if found is None else self.builder.call("and", found, condition)
         return found
 
-    def every_step(self, atom: Atom) -> bool:
+    def every_step(self, atom: FlatBlock) -> bool:
         """Whether a block's memory is written in every step of the model."""
         every = self.timing.hit(self.timing.own(atom)) is None
         return atom.control is None and every and not atom.repeats and not atom.begins

@@ -22,19 +22,19 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.models.imperative.node_arrays import Nodes
-from kennfeld.models.simulink.flattening.flat_model import STATE, Atom, Source
-from kennfeld.models.simulink.lowering.block_context import Site
-from kennfeld.models.simulink.lowering.diagnostics import stand_in
-from kennfeld.models.simulink.lowering.pass_state import Agenda, Key, Shapes
-from kennfeld.models.simulink.lowering.scheduling import Timing
+from kennfeld.models.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
+from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.lowering.diagnostics import placeholder_signal
+from kennfeld.models.simulink.lowering.pass_state import DimensionInference, Key, PendingCompletions
+from kennfeld.models.simulink.lowering.scheduling import SampleTimes
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal
 
-__all__ = ["Integrated", "StatePorts", "is_ahead"]
+__all__ = ["ContinuousState", "StatePorts", "is_known_at_step_start"]
 
 _MOST_ROUNDS = 100  # memories that start from one another
 
 
-def at_start(builder: GraphBuilder, state: int, inits: Mapping[int, int]) -> int | None:
+def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int, int]) -> int | None:
     """The node of a state's first value, free of the state itself; None where it does depend on itself.
 
     `inits` are the nodes of first values as they are written, by the nodes of states.
@@ -74,7 +74,7 @@ def _with(builder: GraphBuilder, root: int, behind: set[int], known: Mapping[int
     return made[root]
 
 
-class Integrated(NamedTuple):
+class ContinuousState(NamedTuple):
     """A continuous state: its memory, its first value, how the blocks see it, its slope, limits, and when it runs."""
 
     state: int
@@ -85,9 +85,9 @@ class Integrated(NamedTuple):
     active: int | None = None
 
 
-def is_ahead(source: Source, site: Callable[[Atom], Site]) -> bool:
+def is_known_at_step_start(source: SignalSource, site: Callable[[FlatBlock], BlockContext]) -> bool:
     """Whether a source is the state port of a block whose state is known as the step begins."""
-    if source.port != STATE or source.atom.kind not in ("Integrator", "DiscreteIntegrator"):
+    if source.port != STATE_PORT or source.atom.kind not in ("Integrator", "DiscreteIntegrator"):
         return False
     return source.atom.kind == "Integrator" or "Forward" in site(source.atom).text("IntegratorMethod")
 
@@ -95,23 +95,23 @@ def is_ahead(source: Source, site: Callable[[Atom], Site]) -> bool:
 class StatePorts:
     """The states that state ports may show, and those that they do."""
 
-    def __init__(self, timing: Timing, shapes: Shapes, agenda: Agenda) -> None:
+    def __init__(self, timing: SampleTimes, shapes: DimensionInference, agenda: PendingCompletions) -> None:
         self.timing = timing
         self.builder = timing.builder
         self.failures = timing.failures
         self.shapes = shapes
         self.agenda = agenda
-        self._states: dict[Atom, Nodes] = {}
-        self._shown: dict[Atom, Signal] = {}
+        self._states: dict[FlatBlock, Nodes] = {}
+        self._shown: dict[FlatBlock, Signal] = {}
 
-    def signal(self, atom: Atom) -> Signal:
+    def signal(self, atom: FlatBlock) -> Signal:
         """The state of a block as the step begins; the block itself, which a reset may change, is built later."""
         if atom.passes:
             self.failures.note(atom, "its state port is read in a subsystem that runs several times in a step")
-            return stand_in(self.builder)
+            return placeholder_signal(self.builder)
         if atom not in self._shown:
             if atom not in self._states:
-                shape = self.shapes.guesses.shapes.get((atom, STATE), (1,))
+                shape = self.shapes.guesses.shapes.get((atom, STATE_PORT), (1,))
                 self._states[atom] = np.array([self.builder.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.timing.own(atom)
             port = Signal(self._states[atom], rate.period)
@@ -123,16 +123,16 @@ class StatePorts:
     def states(self, key: Key, first: Nodes, latency: int = 1) -> list[int]:
         """New memories; those of a state port where it has been read before."""
         atom, number = key
-        if number == STATE and atom in self._states:
+        if number == STATE_PORT and atom in self._states:
             if self._states[atom].size == first.size:
                 return [int(node) for node in self._states[atom].ravel()]
             self.shapes.guesses.shape(key, first.shape)
         states = [self.builder.state(latency) for _ in range(first.size)]
-        if number == STATE:
+        if number == STATE_PORT:
             self._states.setdefault(atom, np.array(states, dtype=np.int64).reshape(first.shape))
         return states
 
-    def settled(self, integrated: Sequence[Integrated]) -> list[Integrated]:
+    def settled(self, integrated: Sequence[ContinuousState]) -> list[ContinuousState]:
         """Free the first values behind state ports of the states themselves; continuous states with theirs."""
         reads = [self.builder.node("state", (), which) for which in range(len(self.builder.states))]
         inits = {read: s.init for read, s in zip(reads, self.builder.states, strict=True) if s.init >= 0}
@@ -147,7 +147,7 @@ class StatePorts:
         found: dict[int, int] = {}
         for atom in self._shown:
             for state in map(int, self._states[atom].ravel()):
-                made = at_start(self.builder, state, inits) if state in inits else self.builder.const(0.0)
+                made = resolve_initial_value(self.builder, state, inits) if state in inits else self.builder.const(0.0)
                 if made is None:
                     self.failures.note(atom, "its initial value depends on its own state")
                 elif state in inits:

@@ -5,7 +5,7 @@ Ports that several blocks share, each for one element of a bus: In Bus Element a
 
 import re
 
-from kennfeld.models.simulink.reader.model_tree import Block, Ports, System
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, Ports, System
 
 __all__ = ["element_of", "elements", "port_label", "port_number", "ports_of"]
 
@@ -64,7 +64,7 @@ _USUAL = (
 _ONE_AND_ONE = Ports(1, 1)
 
 
-def port_number(block: Block) -> int:
+def port_number(block: ModelBlock) -> int:
     """The number of an Inport or Outport; 1 where the file says none.
 
     >>> port_number(Block("Inport", "u", "1", "u", {"Port": "3"}))
@@ -74,7 +74,7 @@ def port_number(block: Block) -> int:
     return int(written) if re.fullmatch(r"\d{1,9}", written) else 1
 
 
-def ports_of(block: Block) -> Ports:
+def ports_of(block: ModelBlock) -> Ports:
     """The ports that the file counts, else those of a fresh block of the type.
 
     >>> ports_of(Block("Switch", "S", "1", "S")).inputs
@@ -83,7 +83,7 @@ def ports_of(block: Block) -> Ports:
     return block.ports if block.ports is not None else _USUAL.get(block.type, _ONE_AND_ONE)
 
 
-def element_of(block: Block) -> str | None:
+def element_of(block: ModelBlock) -> str | None:
     """The way to an element, "a.b", of the bus at a port; None of a port that is a block's own."""
     if block.type not in ("Inport", "Outport"):
         return None
@@ -91,12 +91,12 @@ def element_of(block: Block) -> str | None:
     return (block.value("Element") or "").strip() if shared == "on" else None
 
 
-def elements(system: System, kind: str, port: int) -> list[Block]:
+def elements(system: System, kind: str, port: int) -> list[ModelBlock]:
     """The blocks of one kind that share a port, by its number."""
     return [one for one in system.of(kind) if element_of(one) is not None and port_number(one) == port]
 
 
-def port_label(block: Block) -> str:
+def port_label(block: ModelBlock) -> str:
     """What a port at the top is called: as its block, or of an element of a bus as the port and the way to it.
 
     >>> port_label(Block("Inport", "In", "1", "In", {"IsBusElementPort": "on", "PortName": "Bus", "Element": "n"}))

@@ -11,20 +11,20 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from kennfeld.models.simulink.reader.model_tree import (
-    Block,
-    Chart,
     Endpoint,
-    Line,
+    LibraryLink,
     Mask,
     MaskParameter,
+    ModelBlock,
     Ports,
-    Reference,
+    SignalLine,
+    StoredChart,
     System,
-    joined,
+    join_path,
 )
-from kennfeld.models.simulink.reader.section_tree import Section, Trouble, normalised
+from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, normalize_name
 
-__all__ = ["Builder", "mask_of"]
+__all__ = ["BlockReader", "read_mask"]
 
 _BAR = re.compile(r"(?<!\\)\|")  # separates values; one that belongs to a value has a backslash before it
 _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
@@ -57,7 +57,7 @@ _SPECIAL = {"stateport": "state", "action": "ifaction"}
 _MOST_PORTS = 10_000  # of a block
 
 
-def mask_of(block: Section) -> Mask | None:
+def read_mask(block: SectionNode) -> Mask | None:
     """The mask in a block's section; None where it has none."""
     instance = block.first("InstanceData")
     element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
@@ -69,21 +69,21 @@ def mask_of(block: Section) -> Mask | None:
     return _flat(block) if block.keys.get("MaskVariables") or block.keys.get("MaskType") else None
 
 
-def _mask(section: Section, parameters: Iterable[Section]) -> Mask:
+def _mask(section: SectionNode, parameters: Iterable[SectionNode]) -> Mask:
     found = tuple(_parameter(part) for part in parameters)
     return Mask(section.get("Type"), found, section.get("Initialization"))
 
 
-def _parameter_objects(mask: Section) -> list[Section]:
+def _parameter_objects(mask: SectionNode) -> list[SectionNode]:
     """The objects of the parameters: one by itself, or several in an array."""
-    found: list[Section] = []
+    found: list[SectionNode] = []
     for part in mask.parts:
         if part.keys.get("PropName") == "Parameters":
             found += [inner for inner in part.parts if "Name" in inner.keys] if part.kind == "Array" else [part]
     return found
 
 
-def _parameter(section: Section) -> MaskParameter:
+def _parameter(section: SectionNode) -> MaskParameter:
     return MaskParameter(
         section.get("Name"),
         section.get("Value"),
@@ -94,14 +94,14 @@ def _parameter(section: Section) -> MaskParameter:
     )
 
 
-def _options(section: Section) -> tuple[str, ...]:
+def _options(section: SectionNode) -> tuple[str, ...]:
     """The choices of a popup: a list of its own, or an array."""
     arrays = (part for part in section.all("Array") if part.keys.get("PropName") == "TypeOptions")
     found = section.first("TypeOptions") or next(arrays, None)
     return tuple(part.text.strip() for part in found.parts) if found is not None else ()
 
 
-def _flat(block: Section) -> Mask:
+def _flat(block: SectionNode) -> Mask:
     keys = block.keys
     values = _split(keys.get("MaskValueString", ""))
     styles, choices = _styles(keys.get("MaskStyleString", ""))
@@ -150,7 +150,7 @@ def _at(texts: list[str], at: int) -> str:
     return texts[at] if 0 <= at < len(texts) else ""
 
 
-class Builder:
+class BlockReader:
     """Makes systems of sections.
 
     `load` gives the section of a system that is kept in a part of its own, `charts` are by the paths of their blocks,
@@ -159,49 +159,49 @@ class Builder:
 
     def __init__(
         self,
-        trouble: Trouble,
-        load: Callable[[str], Section | None],
-        charts: Mapping[str, Chart],
+        diagnostics: ReadDiagnostics,
+        load: Callable[[str], SectionNode | None],
+        charts: Mapping[str, StoredChart],
         defaults: Mapping[str, Mapping[str, str]],
     ) -> None:
-        self.trouble = trouble
+        self.diagnostics = diagnostics
         self.load = load
         self.charts = charts
         self.defaults = defaults
         self.enumerations: dict[str, None] = {}
         self._used: set[str] = set()  # each holds the content of one block; shared ones could multiply without end
 
-    def system(self, section: Section, path: tuple[str, ...] = ()) -> System:
+    def system(self, section: SectionNode, path: tuple[str, ...] = ()) -> System:
         """The system of a section, with everything below it."""
         name = section.keys.get("Ref")
         if name is not None:
             return self._separate(name, path)
         if len(path) > _DEEPEST:
-            where = joined(*path)[:80]
-            raise self.trouble.refuse(f"({where})", f"has subsystems more than {_DEEPEST} levels deep")
+            where = join_path(*path)[:80]
+            raise self.diagnostics.refuse(f"({where})", f"has subsystems more than {_DEEPEST} levels deep")
         blocks = [self._block(part, number, path) for number, part in enumerate(section.all("Block"))]
         blocks = self._distinct(blocks, path)
         return System(tuple(blocks), self._lines(section, blocks, path))
 
     def _separate(self, name: str, path: tuple[str, ...]) -> System:
-        place = f"({joined(*path)[:80] or 'the root'})"
+        place = f"({join_path(*path)[:80] or 'the root'})"
         if name in self._used:
-            raise self.trouble.refuse(place, f"has its content in {name[:80]}, which is used twice")
+            raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which is used twice")
         self._used.add(name)
         section = self.load(name)
         if section is None:
-            what = f"has its content in {name[:80]}, which is missing or broken"
-            self.trouble.error(place, what, "Take a complete copy of the file.")
+            message = f"has its content in {name[:80]}, which is missing or broken"
+            self.diagnostics.error(place, message, "Take a complete copy of the file.")
             return System()
         if "Ref" in section.keys:
-            raise self.trouble.refuse(place, f"has its content in {name[:80]}, which holds none")
+            raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which holds none")
         return self.system(section, path)
 
-    def _block(self, section: Section, number: int, parents: tuple[str, ...]) -> Block:
+    def _block(self, section: SectionNode, number: int, parents: tuple[str, ...]) -> ModelBlock:
         keys = section.keys
-        kind, name = keys.get("BlockType", ""), normalised(keys.get("Name", ""))
+        kind, name = keys.get("BlockType", ""), normalize_name(keys.get("Name", ""))
         names = (*parents, name)
-        path = joined(*names)
+        path = join_path(*names)
         instance = section.first("InstanceData")
         parameters = {key: value for key, value in keys.items() if key not in _NAMING}
         if instance is not None:
@@ -210,7 +210,7 @@ class Builder:
         self._enumerations(parameters)
         inner = section.first("System")
         chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
-        return Block(
+        return ModelBlock(
             type=kind,
             name=name,
             sid=keys.get("SID") or f"{number + 1}@{path}",
@@ -218,7 +218,7 @@ class Builder:
             parameters=parameters,
             defaults=self.defaults.get(kind, {}),
             ports=self._counted(section, path),
-            mask=mask_of(section),
+            mask=read_mask(section),
             reference=_reference(kind, parameters, instance),
             system=self.system(inner, names) if inner is not None else None,
             script=chart.script if chart is not None else "",
@@ -229,11 +229,11 @@ class Builder:
             lists=_lists(section),
         )
 
-    def _counted(self, section: Section, path: str) -> Ports | None:
+    def _counted(self, section: SectionNode, path: str) -> Ports | None:
         found = _ports(section)
         most = max(found.inputs, found.outputs) if found is not None else 0
         if most > _MOST_PORTS:
-            raise self.trouble.refuse(f"({path[:80]})", f"has {most} ports, and {_MOST_PORTS} is the most")
+            raise self.diagnostics.refuse(f"({path[:80]})", f"has {most} ports, and {_MOST_PORTS} is the most")
         return found
 
     def _enumerations(self, parameters: Mapping[str, str]) -> None:
@@ -241,35 +241,35 @@ class Builder:
         if written.startswith("Enum:"):
             self.enumerations[written[5:].strip()] = None
 
-    def _distinct(self, blocks: list[Block], path: tuple[str, ...]) -> list[Block]:
+    def _distinct(self, blocks: list[ModelBlock], path: tuple[str, ...]) -> list[ModelBlock]:
         """The blocks, each with a SID of its own, as lines that go by names need it."""
         seen: set[str] = set()
         for number, block in enumerate(blocks):
             if block.sid in seen:
-                what = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
-                self.trouble.remark(f"{joined(*path)[:80] or 'the root'} {what}")
+                message = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
+                self.diagnostics.remark(f"{join_path(*path)[:80] or 'the root'} {message}")
                 blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
             seen.add(block.sid)
         return blocks
 
-    def _lines(self, section: Section, blocks: list[Block], path: tuple[str, ...]) -> tuple[Line, ...]:
+    def _lines(self, section: SectionNode, blocks: list[ModelBlock], path: tuple[str, ...]) -> tuple[SignalLine, ...]:
         addresses = _Addresses(blocks)
         lines = [_line(part, addresses) for part in section.all("Line")]
         for unknown in addresses.unknown:
-            place = joined(*path)[:80] or "the root"
-            self.trouble.remark(f"{place} has a line at {unknown[:80]}, which is not there; it counts as loose")
+            place = join_path(*path)[:80] or "the root"
+            self.diagnostics.remark(f"{place} has a line at {unknown[:80]}, which is not there; it counts as loose")
         return tuple(lines)
 
 
 class _Addresses:
     """Finds the blocks of one system by the SIDs or the names that its lines use."""
 
-    def __init__(self, blocks: list[Block]) -> None:
+    def __init__(self, blocks: list[ModelBlock]) -> None:
         self.by_sid = {block.sid: block for block in blocks}
         self.by_name = {block.name: block for block in reversed(blocks)}
         self.unknown: list[str] = []
 
-    def end(self, section: Section, side: str) -> Endpoint | None:
+    def end(self, section: SectionNode, side: str) -> Endpoint | None:
         """The source ("Src") or destination ("Dst") that a line or branch names; None where it names none."""
         keys = section.keys
         if side in keys:
@@ -280,11 +280,11 @@ class _Addresses:
         if name is None:
             return None
         port = _PORT.match(keys.get(f"{side}Port", "1"))
-        block = self.by_name.get(normalised(name))
+        block = self.by_name.get(normalize_name(name))
         usual = "out" if side == "Src" else "in"
         return self._endpoint(block, name, (port[1] if port else "") or usual, port[2] if port else "")
 
-    def _endpoint(self, block: Block | None, written: str, port: str, number: str | None) -> Endpoint | None:
+    def _endpoint(self, block: ModelBlock | None, written: str, port: str, number: str | None) -> Endpoint | None:
         at = int(number) if number else 1
         if block is None or at > _MOST_PORTS:
             self.unknown.append(written if block is None else f"port {at} of {written}")
@@ -299,7 +299,7 @@ class _Addresses:
         return self.by_sid[source.block].signals.get(source.number, "")
 
 
-def _line(section: Section, addresses: _Addresses) -> Line:
+def _line(section: SectionNode, addresses: _Addresses) -> SignalLine:
     source = addresses.end(section, "Src")
     ends: list[Endpoint] = []
     waiting = [section]
@@ -309,10 +309,10 @@ def _line(section: Section, addresses: _Addresses) -> Line:
         if end is not None:
             ends.append(end)
         waiting.extend(reversed(list(branch.all("Branch"))))
-    return Line(source, tuple(ends), normalised(section.keys.get("Name", "")) or addresses.name(source))
+    return SignalLine(source, tuple(ends), normalize_name(section.keys.get("Name", "")) or addresses.name(source))
 
 
-def _ports(block: Section) -> Ports | None:
+def _ports(block: SectionNode) -> Ports | None:
     """The ports as counted in `<PortCounts in="2" out="1"/>` or `Ports [2, 1]`."""
     counted = block.first("PortCounts")
     if counted is not None:
@@ -328,19 +328,19 @@ def _count(written: str) -> int:
     return int(found[0]) if found else 0
 
 
-def _signals(block: Section) -> dict[int, str]:
+def _signals(block: SectionNode) -> dict[int, str]:
     """The names of the signals at the output ports."""
     properties = block.first("PortProperties")
     given = [*block.all("Port"), *(properties.all("Port") if properties else ())]
     names = {}
     for port in given:
-        name = normalised(port.keys.get("Name", ""))
+        name = normalize_name(port.keys.get("Name", ""))
         if name and port.keys.get("Type", "out") == "out":
             names[_count(port.keys.get("Index") or port.keys.get("PortNumber", "1"))] = name
     return names
 
 
-def _lists(section: Section) -> dict[str, tuple[str, ...]]:
+def _lists(section: SectionNode) -> dict[str, tuple[str, ...]]:
     """The parameters that are arrays of texts, or one text a port."""
     arrays = {part.keys.get("PropName", ""): part for part in section.all("Array")}
     found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
@@ -348,7 +348,7 @@ def _lists(section: Section) -> dict[str, tuple[str, ...]]:
     return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
 
 
-def _bus_element(section: Section) -> dict[str, str]:
+def _bus_element(section: SectionNode) -> dict[str, str]:
     """What packages say in a list of a port that several blocks share, as the parameters that braces have for it."""
     lists = (one.keys for one in section.all("List") if one.keys.get("ListType") == "InterfaceData")
     said = next(lists, {})
@@ -357,14 +357,14 @@ def _bus_element(section: Section) -> dict[str, str]:
     return {"IsBusElementPort": "on", "Element": said.get("Element", ""), "PortName": said.get("PortName", "")}
 
 
-def _reference(kind: str, parameters: Mapping[str, str], instance: Section | None) -> Reference | None:
+def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode | None) -> LibraryLink | None:
     source = parameters.get("SourceBlock")
     if kind != "Reference" or source is None:
         return None
     given = instance.keys if instance is not None else {}
     rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | given
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
-    return Reference(normalised(source), parameters.get("SourceType", ""), rest)
+    return LibraryLink(normalize_name(source), parameters.get("SourceType", ""), rest)
 
 
 def _model(keys: Mapping[str, str]) -> str:

@@ -3,10 +3,17 @@
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 
-from kennfeld.models.simulink.reader.model_tree import Chart, ChartData, ChartEvent, ChartState, Junction, Transition
-from kennfeld.models.simulink.reader.section_tree import Section, normalised
+from kennfeld.models.simulink.reader.model_tree import (
+    StoredChart,
+    StoredData,
+    StoredEvent,
+    StoredJunction,
+    StoredState,
+    StoredTransition,
+)
+from kennfeld.models.simulink.reader.section_tree import SectionNode, normalize_name
 
-__all__ = ["charts_of"]
+__all__ = ["read_charts"]
 
 _KINDS = {
     "EML_CHART": "MATLAB Function",
@@ -19,10 +26,10 @@ _KINDS = {
 _SETTINGS = ("stateMachineType", "enableNonTerminalStates", "initializeOutput")
 _TABLES = ("state", "junction", "transition", "data", "event")
 
-Content = list[tuple[Section, str, str]]  # section, its id, the id of the state around it
+Content = list[tuple[SectionNode, str, str]]  # section, its id, the id of the state around it
 
 
-def charts_of(stateflow: Section, load: Callable[[str], Section | None]) -> dict[str, Chart]:
+def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None]) -> dict[str, StoredChart]:
     """The charts of a machine by the paths of their blocks.
 
     `load` gives a chart that is kept in a part of its own.
@@ -36,19 +43,19 @@ def charts_of(stateflow: Section, load: Callable[[str], Section | None]) -> dict
     charts = {}
     for section in sections:
         number = section.keys.get("id", "")
-        name = normalised(names.get(number) or section.keys.get("name", ""))
+        name = normalize_name(names.get(number) or section.keys.get("name", ""))
         charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _nested(section))
     return charts
 
 
-def _resolved(chart: Section, load: Callable[[str], Section | None]) -> Section | None:
+def _resolved(chart: SectionNode, load: Callable[[str], SectionNode | None]) -> SectionNode | None:
     return load(chart.keys["Ref"]) if "Ref" in chart.keys else chart
 
 
-def _nested(chart: Section) -> Content:
+def _nested(chart: SectionNode) -> Content:
     """What an XML chart holds, each with the state around it."""
     found: Content = []
-    waiting: deque[tuple[Section, str]] = deque([(chart, "")])
+    waiting: deque[tuple[SectionNode, str]] = deque([(chart, "")])
     while waiting:
         holder, parent = waiting.popleft()
         children = holder.first("Children")
@@ -64,7 +71,7 @@ def _nested(chart: Section) -> Content:
 class _Flat:
     """A classic machine: everything in one list, tied together by numbers."""
 
-    def __init__(self, stateflow: Section) -> None:
+    def __init__(self, stateflow: SectionNode) -> None:
         parts = list(stateflow.all(*_TABLES))
         self.states = {part.keys.get("id", ""): part for part in parts if part.kind == "state"}
         self.numbers = {part.keys.get("id", ""): part.keys.get("ssIdNumber", "") for part in parts}
@@ -74,17 +81,17 @@ class _Flat:
             entry = (part, self.numbers[part.keys.get("id", "")], self._parent(part))
             self.content.setdefault(self._chart(part), []).append(entry)
 
-    def _up(self, part: Section) -> str:
+    def _up(self, part: SectionNode) -> str:
         """The number of what a part belongs to: the first of its treeNode or linkNode."""
         node = part.keys.get("treeNode") or part.keys.get("linkNode", "")
         numbers = node.strip("[] ").split()
         return numbers[0] if numbers else ""
 
-    def _parent(self, part: Section) -> str:
+    def _parent(self, part: SectionNode) -> str:
         up = self._up(part)
         return "" if up in self.charts else self.numbers.get(up, "")
 
-    def _chart(self, part: Section) -> str:
+    def _chart(self, part: SectionNode) -> str:
         if "chart" in part.keys:
             return part.keys["chart"]
         up = self._up(part)
@@ -94,11 +101,11 @@ class _Flat:
         return state.keys.get("chart", "") if state is not None else ""
 
 
-def _chart(section: Section, name: str, content: Content) -> Chart:
+def _chart(section: SectionNode, name: str, content: Content) -> StoredChart:
     keys = section.keys
     numbers = {part.keys["id"]: number for part, number, _ in content if "id" in part.keys}
     states = tuple(_state(*entry) for entry in _of(content, "state"))
-    return Chart(
+    return StoredChart(
         id=keys.get("id", ""),
         name=name,
         kind=_KINDS.get(keys.get("type", ""), "Chart"),
@@ -109,7 +116,7 @@ def _chart(section: Section, name: str, content: Content) -> Chart:
         script=next((state.script for state in states if state.script), "") if keys.get("type") in _KINDS else "",
         states=states,
         junctions=tuple(
-            Junction(number, part.keys.get("type", "CONNECTIVE_JUNCTION"), parent)
+            StoredJunction(number, part.keys.get("type", "CONNECTIVE_JUNCTION"), parent)
             for part, number, parent in _of(content, "junction")
         ),
         transitions=tuple(_transition(*entry, numbers) for entry in _of(content, "transition")),
@@ -121,13 +128,13 @@ def _chart(section: Section, name: str, content: Content) -> Chart:
     )
 
 
-def _of(content: Content, kind: str) -> Iterator[tuple[Section, str, str]]:
+def _of(content: Content, kind: str) -> Iterator[tuple[SectionNode, str, str]]:
     return (entry for entry in content if entry[0].kind == kind)
 
 
-def _state(section: Section, number: str, parent: str) -> ChartState:
+def _state(section: SectionNode, number: str, parent: str) -> StoredState:
     keys, code = section.keys, section.first("eml")
-    return ChartState(
+    return StoredState(
         number,
         keys.get("labelString", ""),
         keys.get("type", "OR_STATE"),
@@ -141,7 +148,7 @@ def _state(section: Section, number: str, parent: str) -> ChartState:
     )
 
 
-def _special(section: Section) -> str:
+def _special(section: SectionNode) -> str:
     """What a state or function is besides one of the chart."""
     block, table = section.first("simulink"), section.first("truthTable")
     if block is not None:
@@ -157,14 +164,14 @@ def _special(section: Section) -> str:
     return ""
 
 
-def _output(section: Section) -> str:
+def _output(section: SectionNode) -> str:
     output = section.first("activeStateOutput")
     if output is None:
         return ""
     return output.get("customName") or section.keys.get("labelString", "").split("\n")[0].strip().rstrip("/")
 
 
-def _transition(section: Section, number: str, parent: str, numbers: Mapping[str, str]) -> Transition:
+def _transition(section: SectionNode, number: str, parent: str, numbers: Mapping[str, str]) -> StoredTransition:
     def end(kind: str) -> str:
         found = section.first(kind)
         if found is None:
@@ -172,13 +179,13 @@ def _transition(section: Section, number: str, parent: str, numbers: Mapping[str
         return found.keys.get("SSID") or numbers.get(found.keys.get("id", ""), "")
 
     order = _whole(section.keys.get("executionOrder", ""))
-    return Transition(number, section.keys.get("labelString", ""), end("src"), end("dst"), order, parent)
+    return StoredTransition(number, section.keys.get("labelString", ""), end("src"), end("dst"), order, parent)
 
 
-def _data(section: Section, parent: str) -> ChartData:
+def _data(section: SectionNode, parent: str) -> StoredData:
     properties = section.first("props")
     shape = properties.first("array") if properties is not None else None
-    return ChartData(
+    return StoredData(
         section.keys.get("name", ""),
         section.keys.get("scope", "LOCAL_DATA"),
         properties.get("initialValue") if properties is not None else "",
@@ -192,9 +199,9 @@ def _data(section: Section, parent: str) -> ChartData:
     )
 
 
-def _event(section: Section, parent: str) -> ChartEvent:
+def _event(section: SectionNode, parent: str) -> StoredEvent:
     keys = section.keys
-    return ChartEvent(keys.get("name", ""), keys.get("scope", "LOCAL_EVENT"), keys.get("trigger", ""), parent)
+    return StoredEvent(keys.get("name", ""), keys.get("scope", "LOCAL_EVENT"), keys.get("trigger", ""), parent)
 
 
 def _whole(written: str) -> int:

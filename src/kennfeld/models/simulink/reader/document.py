@@ -15,11 +15,23 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.errors import InputError
-from kennfeld.models.simulink.reader.block_reader import Builder, mask_of
-from kennfeld.models.simulink.reader.chart_reader import charts_of
-from kennfeld.models.simulink.reader.model_package import Package, is_text_package, is_zip, text_package, zip_package
-from kennfeld.models.simulink.reader.model_tree import Chart, Document, Solver, System, Workspace
-from kennfeld.models.simulink.reader.section_tree import RefusedError, Section, Trouble, brace_sections, brace_text
+from kennfeld.models.simulink.reader.block_reader import BlockReader, read_mask
+from kennfeld.models.simulink.reader.chart_reader import read_charts
+from kennfeld.models.simulink.reader.model_package import (
+    ModelPackage,
+    is_text_package,
+    is_zip,
+    text_package,
+    zip_package,
+)
+from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredChart, StoredSolver, StoredWorkspace, System
+from kennfeld.models.simulink.reader.section_tree import (
+    FileRejectedError,
+    ReadDiagnostics,
+    SectionNode,
+    brace_sections,
+    brace_text,
+)
 
 __all__ = ["document", "read_document", "recognises_simulink", "solver_from"]
 
@@ -55,18 +67,18 @@ _MEND = "Simulink files end in .slx or .mdl."
 _LARGEST = 1_000_000_000  # bytes
 
 
-def setting(model: Section, key: str) -> str:
+def setting(model: SectionNode, key: str) -> str:
     """What the model says under a key, in itself or in one of its groups of settings; empty where it says nothing."""
     return next((group.keys[key] for group in _groups(model) if key in group.keys), "")
 
 
-def callbacks_of(model: Section) -> dict[str, str]:
+def callbacks_of(model: SectionNode) -> dict[str, str]:
     """The code of the callbacks by their names, of those that have any."""
     found = {name: setting(model, name) for name in _CALLBACKS}
     return {name: code for name, code in found.items() if code.strip()}
 
 
-def defaults_of(*holders: Section | None) -> dict[str, dict[str, str]]:
+def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str]]:
     """The parameters that a file states for all blocks of a type, by type."""
     found: dict[str, dict[str, str]] = {}
     for holder in holders:
@@ -77,7 +89,7 @@ def defaults_of(*holders: Section | None) -> dict[str, dict[str, str]]:
     return found
 
 
-def active_configuration(model: Section) -> Section | None:
+def active_configuration(model: SectionNode) -> SectionNode | None:
     """The configuration that a model without configuration parts uses: the one it calls active, else the first."""
     sets = [part for part in model.every() if _class(part) in ("Simulink.ConfigSet", _ELSEWHERE)]
     named = next((part for part in sets if part.keys.get("PropName") == "ActiveConfigurationSet"), None)
@@ -89,29 +101,29 @@ def active_configuration(model: Section) -> Section | None:
     return active or next(iter(full), None)
 
 
-def solver_of(configuration: Section | None, model: Section) -> Solver:
+def read_solver(configuration: SectionNode | None, model: SectionNode) -> StoredSolver:
     """The solver of a configuration; of files that have none, what the model says by itself."""
     if configuration is None:
-        return _solver(model) if any(key in model.keys for key in ("Solver", "StopTime")) else Solver()
+        return _solver(model) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
     elsewhere = next(configuration.classed(_ELSEWHERE), None)
     if elsewhere is not None:
-        return Solver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
+        return StoredSolver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
     found = next(configuration.classed(_SOLVER), None)
     return _solver(found if found is not None else model)
 
 
-def solver_from(entry: Section) -> Solver:
+def solver_from(entry: SectionNode) -> StoredSolver:
     """The solver of a configuration in a data dictionary, whose properties are sections of their own."""
     found = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
     said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
     name = said.get("SolverName") or said.get("Solver", "")
     step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
     tasks = said.get("EnableMultiTasking") or said.get("SolverMode", "")
-    return Solver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""), tasks)
+    return StoredSolver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""), tasks)
 
 
-def _solver(section: Section) -> Solver:
-    return Solver(
+def _solver(section: SectionNode) -> StoredSolver:
+    return StoredSolver(
         name=section.get("SolverName") or section.get("Solver"),
         fixed_step=section.get("FixedStep"),
         start=section.get("StartTime"),
@@ -121,50 +133,52 @@ def _solver(section: Section) -> Solver:
     )
 
 
-def _class(section: Section) -> str:
+def _class(section: SectionNode) -> str:
     return section.keys.get("ClassName") or section.kind
 
 
-def _groups(model: Section) -> Iterator[Section]:
+def _groups(model: SectionNode) -> Iterator[SectionNode]:
     yield model
     yield from (part for part in model.parts if part.kind not in ("System", "Object", "Array"))
 
 
-def workspace_of(model: Section, package: Package | None, sections: list[Section], trouble: Trouble) -> Workspace:
+def read_workspace(
+    model: SectionNode, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics
+) -> StoredWorkspace:
     """The model workspace: in a part of the package, in a section beside the model, as code, or in another file."""
     source = setting(model, "WSDataSource")
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
-        return Workspace("m-code", text=code)
+        return StoredWorkspace("m-code", text=code)
     name = setting(model, "WSSourceFileName") or setting(model, "WSDataSourceFile")
     if "MAT" in source and "Code" not in source and name:
-        return Workspace("file", text=name)
-    return _workspace_package(package) if package is not None else _encoded(model, sections, trouble)
+        return StoredWorkspace("file", text=name)
+    return _workspace_package(package) if package is not None else _encoded(model, sections, diagnostics)
 
 
-def _workspace_package(package: Package) -> Workspace:
+def _workspace_package(package: ModelPackage) -> StoredWorkspace:
     for name in _MXARRAYS:
         raw = package.raw(name)
         if raw:
-            return Workspace("mxarray", raw)
+            return StoredWorkspace("mxarray", raw)
     for name in _MATS:
         raw = package.raw(name)
         if raw:
-            return Workspace("mat", raw)
-    return Workspace()
+            return StoredWorkspace("mat", raw)
+    return StoredWorkspace()
 
 
-def _encoded(model: Section, sections: list[Section], trouble: Trouble) -> Workspace:
+def _encoded(model: SectionNode, sections: list[SectionNode], diagnostics: ReadDiagnostics) -> StoredWorkspace:
     """The record of MatData that the model names; four characters above the blank stand for three bytes."""
     tag = setting(model, "WSMdlFileData")
     if not tag:
-        return Workspace()
+        return StoredWorkspace()
     records = [part for section in sections if section.kind == "MatData" for part in section.all("DataRecord")]
     record = next((part for part in records if part.keys.get("Tag") == tag), None)
     if record is None:
-        trouble.remark(f"the model workspace is in {tag[:60]}, which the file does not hold")
-        return Workspace()
-    return Workspace("mxarray", _workspace_bytes(record.keys.get("Data", "")))
+        diagnostics.remark(f"the model workspace is in {tag[:60]}, which the file does not hold")
+        return StoredWorkspace()
+    return StoredWorkspace("mxarray", _workspace_bytes(record.keys.get("Data", "")))
 
 
 def _workspace_bytes(text: str) -> bytes:
@@ -181,7 +195,7 @@ def recognises_simulink(raw: bytes) -> bool:
     return bool(_CLASSIC.match(raw)) or is_text_package(raw)
 
 
-def read_document(path: str | Path) -> Document:
+def read_document(path: str | Path) -> ModelDocument:
     """The tree of a `.slx` or `.mdl` file of any version.
 
     Raises `InputError` with every finding where the file is broken, hostile, protected or no Simulink file at all.
@@ -191,13 +205,15 @@ def read_document(path: str | Path) -> Document:
     return document(_bytes(path), path)
 
 
-def document(raw: bytes, path: Path) -> Document:
+def document(raw: bytes, path: Path) -> ModelDocument:
     """The tree of a file's bytes; `path` is only what it is called. Raises `InputError` like `read_document`."""
-    trouble = Trouble(path.name)
+    diagnostics = ReadDiagnostics(path.name)
     read = None
-    with contextlib.suppress(RefusedError):
-        read = _packed(raw, path, trouble) if is_zip(raw) or is_text_package(raw) else _classic(raw, path, trouble)
-    remarks = trouble.settle()
+    with contextlib.suppress(FileRejectedError):
+        read = (
+            _packed(raw, path, diagnostics) if is_zip(raw) or is_text_package(raw) else _classic(raw, path, diagnostics)
+        )
+    remarks = diagnostics.settle()
     if read is None:
         raise InputError.of(path.name, "is no Simulink file", _MEND)
     return replace(read, remarks=remarks) if remarks else read
@@ -212,77 +228,79 @@ def _bytes(path: Path) -> bytes:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
 
 
-def _classic(raw: bytes, path: Path, trouble: Trouble) -> Document | None:
+def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
     if not _CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")):
-        raise trouble.refuse("", "is no Simulink file", _MEND)
-    top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), trouble)
+        raise diagnostics.refuse("", "is no Simulink file", _MEND)
+    top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
     model = next((section for section in top if section.kind in _DIAGRAMS), None)
     if model is None:
         return None
     stateflow = next((section for section in top if section.kind == "Stateflow"), None)
-    charts = charts_of(stateflow, _no_part) if stateflow is not None else {}
-    builder = Builder(trouble, _no_part, charts, defaults_of(model))
-    solver = solver_of(active_configuration(model), model)
+    charts = read_charts(stateflow, _no_part) if stateflow is not None else {}
+    builder = BlockReader(diagnostics, _no_part, charts, read_block_defaults(model))
+    solver = read_solver(active_configuration(model), model)
     version = model.get("Version")
-    return _document(model, path, version, builder, solver, model.get("Name") or path.stem, Parts(None, top, trouble))
+    return _document(
+        model, path, version, builder, solver, model.get("Name") or path.stem, AuxiliaryParts(None, top, diagnostics)
+    )
 
 
-def _no_part(_: str) -> Section | None:
+def _no_part(_: str) -> SectionNode | None:
     return None
 
 
-def _packed(raw: bytes, path: Path, trouble: Trouble) -> Document | None:
-    package = zip_package(raw, trouble) if is_zip(raw) else text_package(raw, trouble)
-    if trouble.errors:
+def _packed(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
+    package = zip_package(raw, diagnostics) if is_zip(raw) else text_package(raw, diagnostics)
+    if diagnostics.errors:
         return None
     name = next((name for name in (_ROOT, _NEW_ROOT) if name in package), None)
     if name is None:
-        raise _no_diagram(package, trouble)
+        raise _no_diagram(package, diagnostics)
     root = package.section(name)
     if root is None:
         return None
     model = next(_diagrams(root), None)
     if model is None:
-        raise trouble.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _MEND)
-    return _of_package(package, model, path, trouble)
+        raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _MEND)
+    return _of_package(package, model, path, diagnostics)
 
 
-def _diagrams(root: Section) -> Iterator[Section]:
+def _diagrams(root: SectionNode) -> Iterator[SectionNode]:
     if root.kind in (*_DIAGRAMS, _NEW_DIAGRAM):
         yield root
     yield from root.all(*_DIAGRAMS)
 
 
-def _no_diagram(package: Package, trouble: Trouble) -> RefusedError:
+def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileRejectedError:
     names = list(package.names())
     if any("encrypted" in name.lower() or name.endswith(".slxp") for name in names):
-        return trouble.refuse("", "is a protected model, whose blocks cannot be read", "Ask for the model itself.")
+        return diagnostics.refuse("", "is a protected model, whose blocks cannot be read", "Ask for the model itself.")
     if any(name.startswith("data/chunk") for name in names):
-        return trouble.refuse("", "is a data dictionary and no model", "Name it among the parameters.")
-    return trouble.refuse("", f"is no Simulink model: it has no part {_ROOT}", _MEND)
+        return diagnostics.refuse("", "is a data dictionary and no model", "Name it among the parameters.")
+    return diagnostics.refuse("", f"is no Simulink model: it has no part {_ROOT}", _MEND)
 
 
-def _of_package(package: Package, model: Section, path: Path, trouble: Trouble) -> Document:
-    def system(name: str) -> Section | None:
+def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:
+    def system(name: str) -> SectionNode | None:
         return package.section(f"simulink/systems/{name.removesuffix('.xml')}.xml")
 
-    defaults = defaults_of(package.section("simulink/bddefaults.xml"), model)
-    builder = Builder(trouble, system, _charts(package), defaults)
+    defaults = read_block_defaults(package.section("simulink/bddefaults.xml"), model)
+    builder = BlockReader(diagnostics, system, _charts(package), defaults)
     configuration = _configuration(package)
-    solver = solver_of(configuration if configuration is not None else active_configuration(model), model)
-    parts = Parts(package, [], trouble)
+    solver = read_solver(configuration if configuration is not None else active_configuration(model), model)
+    parts = AuxiliaryParts(package, [], diagnostics)
     return _document(model, path, _release(package), builder, solver, path.stem, parts)
 
 
-def _charts(package: Package) -> dict[str, Chart]:
-    def chart(name: str) -> Section | None:
+def _charts(package: ModelPackage) -> dict[str, StoredChart]:
+    def chart(name: str) -> SectionNode | None:
         return package.section(f"simulink/stateflow/{name.removesuffix('.xml')}.xml")
 
     stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
-    return charts_of(stateflow, chart) if stateflow is not None else {}
+    return read_charts(stateflow, chart) if stateflow is not None else {}
 
 
-def _configuration(package: Package) -> Section | None:
+def _configuration(package: ModelPackage) -> SectionNode | None:
     """The part of the active configuration; the first where none is called active."""
     info = package.section("simulink/configSetInfo.xml") or package.section("simulink/configSetInfo.json")
     named = list(info.all("ConfigSet", "ConfigSetInfo")) if info is not None else []
@@ -293,7 +311,7 @@ def _configuration(package: Package) -> Section | None:
     return package.section(name)
 
 
-def _release(package: Package) -> str:
+def _release(package: ModelPackage) -> str:
     for name in _RELEASES:
         section = package.section(name)
         release = (section.get("matlabRelease") or section.get("release")) if section is not None else ""
@@ -302,13 +320,13 @@ def _release(package: Package) -> str:
     return package.release
 
 
-class Parts:
+class AuxiliaryParts:
     """Where a file keeps what is not in its diagram: the parts of a package, or the sections beside the model."""
 
-    def __init__(self, package: Package | None, sections: list[Section], trouble: Trouble) -> None:
+    def __init__(self, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics) -> None:
         self.package = package
         self.sections = sections
-        self.trouble = trouble
+        self.diagnostics = diagnostics
 
     def kind(self) -> Literal["model", "library", "subsystem"]:
         """What the package says that it is, where the diagram does not."""
@@ -318,13 +336,19 @@ class Parts:
 
 
 def _document(
-    model: Section, path: Path, version: str, builder: Builder, solver: Solver, name: str, parts: Parts
-) -> Document:
+    model: SectionNode,
+    path: Path,
+    version: str,
+    builder: BlockReader,
+    solver: StoredSolver,
+    name: str,
+    parts: AuxiliaryParts,
+) -> ModelDocument:
     kinds: dict[str, Literal["model", "library", "subsystem"]] = {"Library": "library", "Subsystem": "subsystem"}
     inner = model.first("System")
     root = builder.system(inner) if inner is not None else System()
     dictionary = setting(model, "DataDictionary")
-    return Document(
+    return ModelDocument(
         name=name,
         kind=kinds.get(model.kind) or (parts.kind() if model.kind == _NEW_DIAGRAM else "model"),
         version=version,
@@ -332,11 +356,11 @@ def _document(
         root=root,
         solver=solver,
         callbacks=callbacks_of(model),
-        workspace=workspace_of(model, parts.package, parts.sections, parts.trouble),
+        workspace=read_workspace(model, parts.package, parts.sections, parts.diagnostics),
         dictionaries=(dictionary,) if dictionary else (),
         defaults=builder.defaults,
         enumerations=tuple(builder.enumerations),
         charts=tuple(builder.charts.values()),
         parameters=dict(model.keys),
-        mask=mask_of(model) or (mask_of(inner) if inner is not None else None),
+        mask=read_mask(model) or (read_mask(inner) if inner is not None else None),
     )

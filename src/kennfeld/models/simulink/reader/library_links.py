@@ -9,9 +9,9 @@ from typing import Literal
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.models.simulink.reader.document import read_document
-from kennfeld.models.simulink.reader.model_tree import Block, Document, Mask, System, split
+from kennfeld.models.simulink.reader.model_tree import Mask, ModelBlock, ModelDocument, System, split_path
 
-__all__ = ["Libraries", "Resolved", "is_of_simulink"]
+__all__ = ["LibraryResolver", "ResolvedModel", "is_of_simulink"]
 
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _ENDINGS = (".slx", ".mdl")
@@ -27,11 +27,11 @@ def is_of_simulink(source: str) -> bool:
     >>> is_of_simulink("simulink/Discrete/First-Order Hold")
     True
     """
-    return (split(source) or ("",))[0] in _OF_SIMULINK
+    return (split_path(source) or ("",))[0] in _OF_SIMULINK
 
 
 @dataclass(frozen=True)
-class Resolved:
+class ResolvedModel:
     """A document whose links are followed.
 
     `files` are the files that gave content, by the names of libraries and models. `missing` are the links that no
@@ -39,14 +39,14 @@ class Resolved:
     models, whose workspaces and solvers are their own. `problems` are loops, broken files and unknown blocks.
     """
 
-    document: Document
+    document: ModelDocument
     files: Mapping[str, Path] = field(default_factory=dict)
     missing: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    models: Mapping[str, Document] = field(default_factory=dict)
+    models: Mapping[str, ModelDocument] = field(default_factory=dict)
     problems: tuple[Finding, ...] = ()
 
 
-class Libraries:
+class LibraryResolver:
     """The libraries and models that lie beside a model, and in further folders.
 
     A file is looked for by its name in the folder of the file that uses it, then in `folders`, `.slx` before `.mdl`;
@@ -57,7 +57,7 @@ class Libraries:
         self.folders = tuple(Path(folder) for folder in folders)
         if missing := [folder for folder in self.folders if not folder.is_dir()]:
             raise InputError(Finding(str(folder), "there is no such folder", "Check the path.") for folder in missing)
-        self._read: dict[Path, Document | InputError] = {}
+        self._read: dict[Path, ModelDocument | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:
         """The file of a library or model, of the name that links use; None where there is none."""
@@ -68,7 +68,7 @@ class Libraries:
         places = (folder / (stem + ending) for folder in (beside, *self.folders) for ending in endings)
         return next((path for path in places if path.is_file()), None)
 
-    def open(self, path: Path) -> Document:
+    def open(self, path: Path) -> ModelDocument:
         """The document of a file; raises `InputError` where it cannot be read, each time it is asked for."""
         if path not in self._read:
             try:
@@ -80,43 +80,43 @@ class Libraries:
             raise found
         return found
 
-    def resolve(self, document: Document) -> Resolved:
+    def resolve(self, document: ModelDocument) -> ResolvedModel:
         """The document with the content of libraries and referenced models in place; nothing is raised.
 
         A block that is a link takes the type, parameters and content of the library's block, with its own parameters
         over them; links to libraries of Simulink itself stay as they are. A model reference gets the root of the
         referenced model as its system, a subsystem whose content is a file of its own the root of that.
         """
-        work = _Work(self, document)
+        work = _LinkCopier(self, document)
         root = work.system(document.root, _Place(document, ""))
         missing = {source: tuple(paths) for source, paths in work.missing.items()}
         resolved = replace(document, root=root)
-        return Resolved(resolved, work.files, missing, work.models, tuple(work.problems.values()))
+        return ResolvedModel(resolved, work.files, missing, work.models, tuple(work.problems.values()))
 
 
 @dataclass(frozen=True)
 class _Place:
     """Where a system is copied to: the document it comes from, its path there and here, the links that led there."""
 
-    document: Document
+    document: ModelDocument
     here: str
     there: str = ""
     chain: tuple[str, ...] = ()
     depth: int = 0
 
-    def path(self, block: Block) -> str:
+    def path(self, block: ModelBlock) -> str:
         """The path of a block of that system in the model that is resolved."""
         rest = block.path[len(self.there) + 1 :] if self.there else block.path
         return f"{self.here}/{rest}" if self.here else rest
 
 
-class _Work:
-    def __init__(self, libraries: Libraries, document: Document) -> None:
+class _LinkCopier:
+    def __init__(self, libraries: LibraryResolver, document: ModelDocument) -> None:
         self.libraries = libraries
         self.file = document.path.name
         self.files: dict[str, Path] = {}
         self.missing: dict[str, list[str]] = {}
-        self.models: dict[str, Document] = {}
+        self.models: dict[str, ModelDocument] = {}
         self.problems: dict[str, Finding] = {}
         self.count = 0
 
@@ -130,7 +130,7 @@ class _Work:
             return System()
         return System(tuple(self._block(block, place) for block in system.blocks), system.lines)
 
-    def _block(self, block: Block, place: _Place) -> Block:
+    def _block(self, block: ModelBlock, place: _Place) -> ModelBlock:
         path = place.path(block)
         if block.reference is not None and not is_of_simulink(block.reference.source):
             return self._linked(block, path, place)
@@ -143,9 +143,9 @@ class _Work:
             return replace(block, path=path, system=self.system(block.system, inner))
         return block if path == block.path else replace(block, path=path)
 
-    def _linked(self, block: Block, path: str, place: _Place) -> Block:
+    def _linked(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         assert block.reference is not None
-        source, names = block.reference.source, split(block.reference.source)
+        source, names = block.reference.source, split_path(block.reference.source)
         alone = replace(block, path=path)
         library = self._document(names[0] if names else "", source, path, place)
         if library is None or self._closed(source, path, place):
@@ -162,7 +162,7 @@ class _Work:
             linked = self._below(linked, target, there)
         return linked
 
-    def _below(self, linked: Block, target: Block, there: _Place) -> Block:
+    def _below(self, linked: ModelBlock, target: ModelBlock, there: _Place) -> ModelBlock:
         """What lies below a link: the content of the library's block, or what that links to in turn."""
         if target.reference is not None and not is_of_simulink(target.reference.source):
             further = self._linked(replace(linked, reference=target.reference), linked.path, there)
@@ -171,7 +171,7 @@ class _Work:
             return replace(linked, system=self.system(target.system, there))
         return linked
 
-    def _instance(self, block: Block, target: Block, path: str, library: Document) -> Block:
+    def _instance(self, block: ModelBlock, target: ModelBlock, path: str, library: ModelDocument) -> ModelBlock:
         """The library's block in the place of the link, with the parameters of the link."""
         assert block.reference is not None
         given = block.reference.parameters
@@ -191,7 +191,7 @@ class _Work:
             signals=block.signals,
         )
 
-    def _model(self, block: Block, path: str, place: _Place) -> Block:
+    def _model(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         found = self._document(block.model, block.model, path, place)
         if found is None or self._closed(block.model, path, place):
             return replace(block, path=path)
@@ -199,22 +199,22 @@ class _Work:
         inner = _Place(found, path, "", (*place.chain, block.model), place.depth + 1)
         return replace(block, path=path, system=self.system(found.root, inner))
 
-    def _subsystem(self, block: Block, path: str, place: _Place) -> Block:
+    def _subsystem(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         """A subsystem with the content of its file, whose mask it takes where it has none of its own."""
         name, alone = block.elsewhere, replace(block, path=path)
         found = self._document(name, name, path, place)
         if found is None or self._closed(name, path, place):
             return alone
         if found.kind != "subsystem":
-            mend = f"Save its content as the subsystem file {name}.slx."
-            self._problem(path, f"has its content in {found.path.name}, which is a {found.kind}", mend)
+            remedy = f"Save its content as the subsystem file {name}.slx."
+            self._problem(path, f"has its content in {found.path.name}, which is a {found.kind}", remedy)
             self.missing.setdefault(name, []).append(path)
             return alone
         mask = block.mask or (_set(found.mask, block.parameters) if found.mask is not None else None)
         inner = _Place(found, path, "", (*place.chain, name), place.depth + 1)
         return replace(alone, mask=mask, system=self.system(found.root, inner))
 
-    def _document(self, name: str, source: str, path: str, place: _Place) -> Document | None:
+    def _document(self, name: str, source: str, path: str, place: _Place) -> ModelDocument | None:
         if name == "$bdroot":  # a library's own name for itself
             return place.document
         file = self.libraries.find(name, place.document.path.parent)
@@ -241,11 +241,13 @@ class _Work:
             return True
         return False
 
-    def _problem(self, path: str, what: str, mend: str = "", severity: Literal["error", "warning"] = "error") -> None:
+    def _problem(
+        self, path: str, message: str, remedy: str = "", severity: Literal["error", "warning"] = "error"
+    ) -> None:
         place = f"{self.file} ({path[:120]})" if path else self.file
-        found = Finding(place, what, mend, severity=severity)
+        found = Finding(place, message, remedy, severity=severity)
         if len(self.problems) < 100:
-            self.problems.setdefault(what, found)
+            self.problems.setdefault(message, found)
 
 
 def _set(mask: Mask, given: Mapping[str, str]) -> Mask:

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kennfeld.archives import overgrown
-from kennfeld.models.simulink.reader.section_tree import Section, Trouble, json_section, xml_section
+from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
-__all__ = ["Package", "is_text_package", "is_zip", "text_package", "zip_package"]
+__all__ = ["ModelPackage", "is_text_package", "is_zip", "text_package", "zip_package"]
 
 _BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
@@ -24,10 +24,10 @@ _DENSEST = 60  # times; XML of models shrinks to a tenth, to a thirtieth where b
 
 
 @dataclass
-class Package:
+class ModelPackage:
     """Named parts of a file; names have no slash in front. `room` is how many bytes may still be unpacked."""
 
-    trouble: Trouble
+    diagnostics: ReadDiagnostics
     members: dict[str, zipfile.ZipInfo] = field(default_factory=dict)
     archive: zipfile.ZipFile | None = None
     texts: dict[str, bytes] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class Package:
             return self._unpacked(self.members[name], self.archive)
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
             # RuntimeError covers what is encrypted, NotImplementedError methods of compression nobody uses
-            self.trouble.error(name, f"cannot be unpacked: {error or type(error).__name__}", _COPY)
+            self.diagnostics.error(name, f"cannot be unpacked: {error or type(error).__name__}", _COPY)
             return None
 
     def _unpacked(self, member: zipfile.ZipInfo, archive: zipfile.ZipFile) -> bytes | None:
@@ -59,20 +59,20 @@ class Package:
             raw = stream.read(self.room + 1)
         self.room -= len(raw)
         if self.room < 0:
-            self.trouble.error(member.filename[:80], "unpacks to far more than a model of this size holds", _COPY)
+            self.diagnostics.error(member.filename[:80], "unpacks to far more than a model of this size holds", _COPY)
             self.room = 0
             return None
         return raw
 
-    def section(self, name: str, fold: bool = True) -> Section | None:
+    def section(self, name: str, fold: bool = True) -> SectionNode | None:
         """An XML or JSON part as a section; None where there is none, or with an error noted where it is broken."""
         raw = self.raw(name)
         if raw is None:
             return None
         return (
-            json_section(raw, name, self.trouble)
+            json_section(raw, name, self.diagnostics)
             if name.endswith(".json")
-            else xml_section(raw, name, self.trouble, fold)
+            else xml_section(raw, name, self.diagnostics, fold)
         )
 
 
@@ -86,44 +86,44 @@ def is_text_package(raw: bytes) -> bool:
     return _BEGIN in raw
 
 
-def zip_package(raw: bytes, trouble: Trouble) -> Package:
+def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
     """The members of a zip archive; without any, and an error noted, where it is broken or a bomb."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(raw))
         members = {member.filename.lstrip("/"): member for member in archive.infolist()}
         too_much = overgrown(archive)
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
-        trouble.error(
+        diagnostics.error(
             "", f"is a broken zip archive: {error}", "The file may be cut off: " + _COPY[0].lower() + _COPY[1:]
         )
-        return Package(trouble)
+        return ModelPackage(diagnostics)
     if too_much:
-        trouble.error("", f"unpacks to far more than a model holds: {too_much}", _COPY)
-        return Package(trouble)
-    return Package(trouble, members, archive, room=max(_ALWAYS, _DENSEST * len(raw)))
+        diagnostics.error("", f"unpacks to far more than a model holds: {too_much}", _COPY)
+        return ModelPackage(diagnostics)
+    return ModelPackage(diagnostics, members, archive, room=max(_ALWAYS, _DENSEST * len(raw)))
 
 
-def text_package(raw: bytes, trouble: Trouble) -> Package:
+def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
     """The parts of a text package: a header line each, then XML as it is, or bytes in base 64."""
     end = _END.search(raw)
     if end is None:
-        raise trouble.refuse("", "is cut off: the text package has no end", _COPY)
+        raise diagnostics.refuse("", "is cut off: the text package has no end", _COPY)
     release = _PACKAGE.search(raw)
     found = list(_PART.finditer(raw))
     stops = [*(part.start() for part in found[1:]), end.start()]
     texts = {}
     for part, stop in zip(found, stops, strict=False):
         name = part[1].decode("utf-8", "replace").lstrip("/")
-        texts[name] = _content(raw[part.end() : stop], part[2].strip().upper() == b"BASE64", name, trouble)
+        texts[name] = _content(raw[part.end() : stop], part[2].strip().upper() == b"BASE64", name, diagnostics)
     named = release[1].decode("ascii", "replace") if release else ""
-    return Package(trouble, texts=texts, release=named)
+    return ModelPackage(diagnostics, texts=texts, release=named)
 
 
-def _content(raw: bytes, encoded: bool, name: str, trouble: Trouble) -> bytes:
+def _content(raw: bytes, encoded: bool, name: str, diagnostics: ReadDiagnostics) -> bytes:
     if not encoded:
         return raw
     try:
         return base64.b64decode(raw)
     except (binascii.Error, ValueError) as error:
-        trouble.remark(f"{name[:80]} cannot be decoded: {error}")
+        diagnostics.remark(f"{name[:80]} cannot be decoded: {error}")
         return b""

@@ -12,34 +12,34 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from kennfeld.models.simulink.reader.section_tree import normalised
+from kennfeld.models.simulink.reader.section_tree import normalize_name
 
 __all__ = [
-    "Block",
-    "Chart",
-    "ChartData",
-    "ChartEvent",
-    "ChartState",
-    "Document",
     "Endpoint",
-    "Junction",
-    "Line",
+    "LibraryLink",
     "Mask",
     "MaskParameter",
+    "ModelBlock",
+    "ModelDocument",
     "Ports",
-    "Reference",
-    "Solver",
+    "SignalLine",
+    "StoredChart",
+    "StoredData",
+    "StoredEvent",
+    "StoredJunction",
+    "StoredSolver",
+    "StoredState",
+    "StoredTransition",
+    "StoredWorkspace",
     "System",
-    "Transition",
-    "Workspace",
-    "joined",
-    "parted",
-    "split",
+    "join_path",
+    "split_arguments",
+    "split_path",
 ]
 
 
 @dataclass(frozen=True, slots=True)
-class ChartState:
+class StoredState:
     """A state, or a function or box drawn as one.
 
     `type` is as in the file: OR_STATE, AND_STATE, FUNC_STATE, GROUP_STATE; `parent` is the id of the state around it,
@@ -63,7 +63,7 @@ class ChartState:
     def name(self) -> str:
         r"""The first line of the label, without a slash that ends it.
 
-        >>> ChartState("1", "Idle/\nentry: y = 0;").name
+        >>> StoredState("1", "Idle/\nentry: y = 0;").name
         'Idle'
         """
         lines = self.label.strip().splitlines()
@@ -71,7 +71,7 @@ class ChartState:
 
 
 @dataclass(frozen=True, slots=True)
-class Junction:
+class StoredJunction:
     """A connective or history junction."""
 
     id: str
@@ -80,7 +80,7 @@ class Junction:
 
 
 @dataclass(frozen=True, slots=True)
-class Transition:
+class StoredTransition:
     """An arrow between states or junctions; `source` is empty for a default transition."""
 
     id: str
@@ -92,7 +92,7 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True)
-class ChartData:
+class StoredData:
     """A variable of a chart.
 
     `scope` is as in the file: INPUT_DATA, OUTPUT_DATA, LOCAL_DATA, PARAMETER_DATA, CONSTANT_DATA, ... `first` is the
@@ -113,7 +113,7 @@ class ChartData:
 
 
 @dataclass(frozen=True, slots=True)
-class ChartEvent:
+class StoredEvent:
     """An event of a chart: LOCAL_EVENT, INPUT_EVENT or OUTPUT_EVENT, and its trigger."""
 
     name: str
@@ -123,7 +123,7 @@ class ChartEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Chart:
+class StoredChart:
     """A chart, a MATLAB Function or a truth table.
 
     `name` is the path of its block without the model's name; `decomposition` is CLUSTER_CHART (one state at a time)
@@ -139,29 +139,29 @@ class Chart:
     update: str = ""
     sample_time: str = ""
     script: str = ""
-    states: tuple[ChartState, ...] = ()
-    junctions: tuple[Junction, ...] = ()
-    transitions: tuple[Transition, ...] = ()
-    data: tuple[ChartData, ...] = ()
-    events: tuple[ChartEvent, ...] = ()
+    states: tuple[StoredState, ...] = ()
+    junctions: tuple[StoredJunction, ...] = ()
+    transitions: tuple[StoredTransition, ...] = ()
+    data: tuple[StoredData, ...] = ()
+    events: tuple[StoredEvent, ...] = ()
     execute_at_initialization: bool = False
     bits: bool = False
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
-def joined(*names: str) -> str:
+def join_path(*names: str) -> str:
     """The path of a block from the names along it; a slash within a name is doubled.
 
-    >>> joined("Engine", "km/h")
+    >>> join_path("Engine", "km/h")
     'Engine/km//h'
     """
-    return "/".join(normalised(name).replace("/", "//") for name in names)
+    return "/".join(normalize_name(name).replace("/", "//") for name in names)
 
 
-def parted(text: str) -> tuple[str, ...]:
+def split_arguments(text: str) -> tuple[str, ...]:
     """The parts of a text between commas outside of brackets.
 
-    >>> parted("a, [1,2]")
+    >>> split_arguments("a, [1,2]")
     ('a', ' [1,2]')
     """
     parts, depth = [""], 0
@@ -174,14 +174,16 @@ def parted(text: str) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def split(path: str) -> tuple[str, ...]:
+def split_path(path: str) -> tuple[str, ...]:
     """The names along a path, the reverse of `joined`.
 
-    >>> split("Engine/km//h")
+    >>> split_path("Engine/km//h")
     ('Engine', 'km/h')
     """
     return tuple(
-        normalised(name.replace("\0", "/")) for name in re.sub(r"//", "\0", path).split("/") if name or "/" not in path
+        normalize_name(name.replace("\0", "/"))
+        for name in re.sub(r"//", "\0", path).split("/")
+        if name or "/" not in path
     )
 
 
@@ -199,7 +201,7 @@ class Endpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SignalLine:
     """A signal: where it comes from, where it goes to, and the name it carries.
 
     `source` is None for a line that hangs loose, `destinations` is empty for one that leads nowhere.
@@ -264,7 +266,7 @@ class Mask:
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class LibraryLink:
     """A link to a block of a library.
 
     `source` is the path "library/Block", `type` the type of the mask there (SourceType), `parameters` what this
@@ -278,7 +280,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Block:
+class ModelBlock:
     """One block.
 
     `sid` is unique within its system; where the file gives none, it is made of the block's place. `path` leads from
@@ -298,10 +300,10 @@ class Block:
     defaults: Mapping[str, str] = field(default_factory=dict)
     ports: Ports | None = None
     mask: Mask | None = None
-    reference: Reference | None = None
+    reference: LibraryLink | None = None
     system: "System | None" = None
     script: str = ""
-    chart: Chart | None = None
+    chart: StoredChart | None = None
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
     attached: Mapping[str, str] = field(default_factory=dict)
@@ -310,7 +312,7 @@ class Block:
     def listed(self, name: str) -> tuple[str, ...]:
         """A parameter that is a list of texts; empty where no one states it.
 
-        >>> Block("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
+        >>> ModelBlock("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
         ('a==1', 'a==2')
         """
         if name in self.lists:
@@ -327,7 +329,7 @@ class Block:
 
         None where no one states it.
 
-        >>> Block("Gain", "K", "1", "K").value("Gain", {"Gain": {"Gain": "1"}})
+        >>> ModelBlock("Gain", "K", "1", "K").value("Gain", {"Gain": {"Gain": "1"}})
         '1'
         """
         if name in self.parameters:
@@ -341,24 +343,24 @@ class Block:
 class System:
     """The blocks and lines of one level, in the order of the file."""
 
-    blocks: tuple[Block, ...] = ()
-    lines: tuple[Line, ...] = ()
+    blocks: tuple[ModelBlock, ...] = ()
+    lines: tuple[SignalLine, ...] = ()
 
     @cached_property
-    def by_sid(self) -> Mapping[str, Block]:
+    def by_sid(self) -> Mapping[str, ModelBlock]:
         """The blocks of this level by their SIDs."""
         return {block.sid: block for block in self.blocks}
 
     @cached_property
-    def by_name(self) -> Mapping[str, Block]:
+    def by_name(self) -> Mapping[str, ModelBlock]:
         """The blocks of this level by their names, white space normalised."""
         return {block.name: block for block in self.blocks}
 
-    def of(self, *types: str) -> Iterator[Block]:
+    def of(self, *types: str) -> Iterator[ModelBlock]:
         """The blocks of this level that are of one of the types."""
         return (block for block in self.blocks if block.type in types)
 
-    def every(self) -> Iterator[Block]:
+    def every(self) -> Iterator[ModelBlock]:
         """All blocks of this level and below, a subsystem before its content."""
         waiting = [iter(self.blocks)]
         while waiting:
@@ -370,11 +372,11 @@ class System:
             if block.system is not None:
                 waiting.append(iter(block.system.blocks))
 
-    def at(self, path: str) -> Block | None:
+    def at(self, path: str) -> ModelBlock | None:
         """The block of a path ("Engine/Torque"); None where there is none."""
         system: System | None = self
         found = None
-        for name in split(path):
+        for name in split_path(path):
             found = system.by_name.get(name) if system is not None else None
             if found is None:
                 return None
@@ -383,7 +385,7 @@ class System:
 
 
 @dataclass(frozen=True, slots=True)
-class Solver:
+class StoredSolver:
     """The settings of the active configuration, as written.
 
     `reference` names a configuration that is kept elsewhere (a variable of the base workspace, an entry of a data
@@ -401,7 +403,7 @@ class Solver:
 
 
 @dataclass(frozen=True, slots=True)
-class Workspace:
+class StoredWorkspace:
     """Where the variables of the model workspace are.
 
     `kind` is "none", "mxarray" or "mat" (in `raw`), "m-code" (in `text`), or "file" (its name in `text`).
@@ -413,7 +415,7 @@ class Workspace:
 
 
 @dataclass(frozen=True)
-class Document:
+class ModelDocument:
     """A Simulink file.
 
     `version` is a release ("R2017b") or, from files that name none, the number of the Simulink version. `callbacks`
@@ -427,13 +429,13 @@ class Document:
     version: str
     path: Path
     root: System
-    solver: Solver = Solver()
+    solver: StoredSolver = StoredSolver()
     callbacks: Mapping[str, str] = field(default_factory=dict)
-    workspace: Workspace = Workspace()
+    workspace: StoredWorkspace = StoredWorkspace()
     dictionaries: tuple[str, ...] = ()
     defaults: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     enumerations: tuple[str, ...] = ()
-    charts: tuple[Chart, ...] = ()
+    charts: tuple[StoredChart, ...] = ()
     parameters: Mapping[str, str] = field(default_factory=dict)
     mask: Mask | None = None
     remarks: tuple[str, ...] = ()

@@ -30,13 +30,13 @@ from xml.parsers import expat
 from kennfeld.errors import Finding, InputError
 
 __all__ = [
-    "RefusedError",
-    "Section",
-    "Trouble",
+    "FileRejectedError",
+    "ReadDiagnostics",
+    "SectionNode",
     "brace_sections",
     "brace_text",
     "json_section",
-    "normalised",
+    "normalize_name",
     "xml_section",
 ]
 
@@ -78,7 +78,7 @@ _CLASS, _NUMBER, _PROPERTIES, _ELEMENTS, _VALUE = "_object_class", "_id", "_prop
 
 
 @dataclass(slots=True)
-class Section:
+class SectionNode:
     """One section: an XML element, or braces and what they hold.
 
     `keys` are what it says of itself: attributes, `<P Name="key">value</P>`, or lines `key value`; `links` are keys
@@ -88,15 +88,15 @@ class Section:
     kind: str
     line: int
     keys: dict[str, str] = field(default_factory=dict)
-    parts: list["Section"] = field(default_factory=list)
+    parts: list["SectionNode"] = field(default_factory=list)
     links: dict[str, str] = field(default_factory=dict)
     text: str = ""
 
-    def all(self, *kinds: str) -> Iterator["Section"]:
+    def all(self, *kinds: str) -> Iterator["SectionNode"]:
         """The sections directly within that are of one of the kinds."""
         return (part for part in self.parts if part.kind in kinds)
 
-    def first(self, *kinds: str) -> "Section | None":
+    def first(self, *kinds: str) -> "SectionNode | None":
         """The first section directly within that is of one of the kinds."""
         return next(self.all(*kinds), None)
 
@@ -107,7 +107,7 @@ class Section:
         part = self.first(key)
         return part.text if part is not None else default
 
-    def every(self) -> Iterator["Section"]:
+    def every(self) -> Iterator["SectionNode"]:
         """This section and all within it, an outer one before its content."""
         waiting = [self]
         while waiting:
@@ -115,32 +115,32 @@ class Section:
             yield section
             waiting.extend(reversed(section.parts))
 
-    def classed(self, name: str) -> Iterator["Section"]:
+    def classed(self, name: str) -> Iterator["SectionNode"]:
         """The sections within, at any depth, that hold an object of a class."""
         return (section for section in self.every() if name in (section.keys.get("ClassName"), section.kind))
 
 
-class RefusedError(Exception):
+class FileRejectedError(Exception):
     """Ends the reading of one part of a file; what is wrong is noted already."""
 
 
 @dataclass
-class Trouble:
+class ReadDiagnostics:
     """The findings of one file."""
 
     file: str
     errors: list[Finding] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
-    def error(self, place: str, what: str, mend: str = "") -> None:
+    def error(self, place: str, message: str, remedy: str = "") -> None:
         """Note what makes the file unusable; `place` is within the file and may be empty."""
         if len(self.errors) < _MOST:
-            self.errors.append(Finding(f"{self.file} {place}".rstrip(), what, mend))
+            self.errors.append(Finding(f"{self.file} {place}".rstrip(), message, remedy))
 
-    def refuse(self, place: str, what: str, mend: str = "") -> RefusedError:
+    def refuse(self, place: str, message: str, remedy: str = "") -> FileRejectedError:
         """Note what makes the file unusable, and the exception that ends its reading."""
-        self.error(place, what, mend)
-        return RefusedError()
+        self.error(place, message, remedy)
+        return FileRejectedError()
 
     def remark(self, sentence: str) -> None:
         """Note what was left aside."""
@@ -154,31 +154,31 @@ class Trouble:
         return tuple(self.remarks)
 
 
-def xml_section(raw: bytes, part: str, trouble: Trouble, fold: bool = True) -> Section | None:
+def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool = True) -> SectionNode | None:
     """The root of an XML part as a section; None with an error noted where it is broken or refused.
 
     `fold` makes `<P Name="key">value</P>` a key of the section around it; without it, it stays a section.
     """
-    builder = _Builder(part, trouble, fold)
+    builder = _XmlSectionBuilder(part, diagnostics, fold)
     try:
         builder.parser.Parse(raw.lstrip(), True)
-    except RefusedError:
+    except FileRejectedError:
         return None
     except (expat.ExpatError, ValueError, LookupError) as error:
-        what = expat.errors.messages.get(getattr(error, "code", 0), str(error))
+        message = expat.errors.messages.get(getattr(error, "code", 0), str(error))
         place = f"{part} line {getattr(error, 'lineno', 1)}"
-        trouble.error(place, f"is no well-formed XML: {what}", _DAMAGED)
+        diagnostics.error(place, f"is no well-formed XML: {message}", _DAMAGED)
         return None
     return builder.root
 
 
-class _Builder:
-    def __init__(self, part: str, trouble: Trouble, fold: bool) -> None:
+class _XmlSectionBuilder:
+    def __init__(self, part: str, diagnostics: ReadDiagnostics, fold: bool) -> None:
         self.part = part
         self.fold = fold
-        self.trouble = trouble
-        self.root: Section | None = None
-        self.open: list[Section] = []
+        self.diagnostics = diagnostics
+        self.root: SectionNode | None = None
+        self.open: list[SectionNode] = []
         self.key: str | None = None
         self.pieces: list[str] = []
         self.count = 0
@@ -196,7 +196,7 @@ class _Builder:
             self._key(attributes)
             return
         self.pieces.clear()
-        section = Section(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
+        section = SectionNode(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
         elif self.root is None:
@@ -233,14 +233,14 @@ class _Builder:
     def _skipped(self, name: str, _: bool) -> None:
         raise self._refused(f"uses the entity {name[:60]}, which it does not declare", "Write the characters.")
 
-    def _refused(self, what: str, mend: str = "") -> RefusedError:
-        return self.trouble.refuse(f"{self.part} line {self.parser.CurrentLineNumber}", what, mend)
+    def _refused(self, message: str, remedy: str = "") -> FileRejectedError:
+        return self.diagnostics.refuse(f"{self.part} line {self.parser.CurrentLineNumber}", message, remedy)
 
 
-def normalised(name: str) -> str:
+def normalize_name(name: str) -> str:
     r"""A name with every run of white space, line ends included, as one space.
 
-    >>> normalised("engine +\n impeller")
+    >>> normalize_name("engine +\n impeller")
     'engine + impeller'
     """
     return " ".join(name.split())
@@ -258,23 +258,23 @@ def brace_text(raw: bytes) -> str:
     return raw.decode("latin-1")
 
 
-def brace_sections(text: str, trouble: Trouble) -> list[Section]:
+def brace_sections(text: str, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """The sections at the top of a file ("Model", "Stateflow", "MatData"); errors are noted."""
-    reader = _Reader(re.split(r"\r\n|\r|\n", text), trouble)
+    reader = _BraceParser(re.split(r"\r\n|\r|\n", text), diagnostics)
     try:
         reader.read()
-    except RefusedError:
+    except FileRejectedError:
         return []
     return reader.top
 
 
-class _Reader:
-    def __init__(self, lines: list[str], trouble: Trouble) -> None:
+class _BraceParser:
+    def __init__(self, lines: list[str], diagnostics: ReadDiagnostics) -> None:
         self.lines = lines
-        self.trouble = trouble
+        self.diagnostics = diagnostics
         self.at = 0
-        self.top: list[Section] = []
-        self.open: list[Section] = []
+        self.top: list[SectionNode] = []
+        self.open: list[SectionNode] = []
         self.count = 0
         self.whole = True  # whether every matrix so far had its closing bracket
 
@@ -290,8 +290,8 @@ class _Reader:
                 self._line(line)
         if self.open:
             first = self.open[-1]
-            what = f"is cut off: {first.kind[:60]} of line {first.line} is never closed"
-            self.trouble.error(f"line {len(self.lines)}", what, "Take a complete copy of the file.")
+            message = f"is cut off: {first.kind[:60]} of line {first.line} is never closed"
+            self.diagnostics.error(f"line {len(self.lines)}", message, "Take a complete copy of the file.")
 
     def _line(self, line: str) -> None:
         found = _LINE.match(line)
@@ -308,23 +308,23 @@ class _Reader:
     def _key(self, key: str, value: str) -> None:
         """A key with its value; the elements of an array all have the same key."""
         if key in _BRACE_ELEMENTS and self.open[-1].kind == "Array":
-            self.open[-1].parts.append(Section(key, self.at, text=value))
+            self.open[-1].parts.append(SectionNode(key, self.at, text=value))
         else:
             self.open[-1].keys[key] = value
 
     def _open(self, kind: str) -> None:
-        section = Section(kind, self.at)
+        section = SectionNode(kind, self.at)
         (self.open[-1].parts if self.open else self.top).append(section)
         self.open.append(section)
         self.count += 1
         if len(self.open) > DEEPEST:
-            raise self.trouble.refuse(f"line {self.at}", f"has sections more than {DEEPEST} levels deep")
+            raise self.diagnostics.refuse(f"line {self.at}", f"has sections more than {DEEPEST} levels deep")
         if self.count > MOST_SECTIONS:
-            raise self.trouble.refuse(f"line {self.at}", f"has more than {MOST_SECTIONS} sections")
+            raise self.diagnostics.refuse(f"line {self.at}", f"has more than {MOST_SECTIONS} sections")
 
     def _close(self) -> None:
         if not self.open:
-            raise self.trouble.refuse(
+            raise self.diagnostics.refuse(
                 f"line {self.at}", "has a } that closes nothing", "Take a complete copy of the file."
             )
         self.open.pop()
@@ -360,9 +360,9 @@ class _Reader:
             return value
         return " ".join(pieces)
 
-    def _wrong(self, line: str) -> RefusedError:
-        what = f"is neither a key with its value nor a section: {line[:60]}"
-        return self.trouble.refuse(f"line {self.at}", what, "Take a complete copy of the file.")
+    def _wrong(self, line: str) -> FileRejectedError:
+        message = f"is neither a key with its value nor a section: {line[:60]}"
+        return self.diagnostics.refuse(f"line {self.at}", message, "Take a complete copy of the file.")
 
 
 def _piece(value: str) -> str:
@@ -371,7 +371,7 @@ def _piece(value: str) -> str:
     return found[1] if found else value.strip('"')
 
 
-def json_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
+def json_section(raw: bytes, part: str, diagnostics: ReadDiagnostics) -> SectionNode | None:
     """The root of a JSON part as a section; None with an error noted where it is broken.
 
     A root that holds one thing only is that thing: `{"BlockDiagram": {...}}`.
@@ -379,28 +379,30 @@ def json_section(raw: bytes, part: str, trouble: Trouble) -> Section | None:
     try:
         root = json.loads(raw)
     except (ValueError, RecursionError) as error:
-        trouble.error(part, f"is no well-formed JSON: {str(error)[:120]}", _DAMAGED)
+        diagnostics.error(part, f"is no well-formed JSON: {str(error)[:120]}", _DAMAGED)
         return None
     if not isinstance(root, dict):
-        trouble.error(part, "is no JSON object", _DAMAGED)
+        diagnostics.error(part, "is no JSON object", _DAMAGED)
         return None
-    converter = _Converter(part, trouble)
+    converter = _Converter(part, diagnostics)
     if len(root) == 1 and isinstance(inner := next(iter(root.values())), dict):
         return converter.section(next(iter(root)), inner)
     return converter.section("", root)
 
 
 class _Converter:
-    def __init__(self, part: str, trouble: Trouble) -> None:
+    def __init__(self, part: str, diagnostics: ReadDiagnostics) -> None:
         self.part = part
-        self.trouble = trouble
+        self.diagnostics = diagnostics
         self.count = 0
 
-    def section(self, kind: str, given: dict[str, Any], depth: int = 0) -> Section:
+    def section(self, kind: str, given: dict[str, Any], depth: int = 0) -> SectionNode:
         self.count += 1
         if depth > DEEPEST or self.count > MOST_SECTIONS:
-            raise self.trouble.refuse(self.part, f"holds more than {MOST_SECTIONS} things or {DEEPEST} levels of them")
-        section = Section(kind, 0)
+            raise self.diagnostics.refuse(
+                self.part, f"holds more than {MOST_SECTIONS} things or {DEEPEST} levels of them"
+            )
+        section = SectionNode(kind, 0)
         for key, value in given.items():
             if key == _PROPERTIES and isinstance(value, dict):
                 inner = self.section(kind, value, depth + 1)
@@ -410,7 +412,7 @@ class _Converter:
                 self._add(section, key, value, depth)
         return section
 
-    def _add(self, section: Section, key: str, value: Any, depth: int) -> None:
+    def _add(self, section: SectionNode, key: str, value: Any, depth: int) -> None:
         if key in (_CLASS, _NUMBER):
             section.keys["ClassName" if key == _CLASS else "ObjectID"] = str(value)
         elif isinstance(value, dict) and _VALUE in value:
@@ -426,14 +428,14 @@ class _Converter:
         else:
             section.keys[key] = _text(value)
 
-    def _named(self, key: str, value: dict[str, Any], depth: int) -> Section:
+    def _named(self, key: str, value: dict[str, Any], depth: int) -> SectionNode:
         made = self.section(key, value, depth + 1)
         made.keys.setdefault("PropName", key)
         return made
 
-    def _array(self, key: str, elements: list[Any], depth: int) -> Section:
+    def _array(self, key: str, elements: list[Any], depth: int) -> SectionNode:
         objects = [self.section("Object", inner, depth + 1) for inner in elements if isinstance(inner, dict)]
-        return Section("Array", 0, {"PropName": key}, objects)
+        return SectionNode("Array", 0, {"PropName": key}, objects)
 
 
 def _text(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["CError", "c_expression", "c_statements"]
+__all__ = ["ActionSyntaxError", "c_expression", "c_statements"]
 
 _DEEPEST = 60  # brackets within brackets
 _WORD = re.compile(
@@ -39,7 +39,7 @@ _CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
 _FUNCTIONS = {"labs": "abs", "ldexp": "", "ml": "", "rand": "", "mod": "rem"}
 
 
-class CError(Exception):
+class ActionSyntaxError(Exception):
     """Text that is none of what charts may hold; it says why."""
 
 
@@ -54,18 +54,18 @@ def c_expression(text: str, bits: bool = False) -> m.Expression:
     >>> c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
     True
     """
-    reader = _Reader(text, bits)
+    reader = _ActionParser(text, bits)
     reader.pass_lines()
     found = reader.expression()
     reader.pass_lines()
     if reader.token.kind != "over":
-        raise CError(f"{reader.token.text!r} does not belong to the expression {text.strip()[:60]}")
+        raise ActionSyntaxError(f"{reader.token.text!r} does not belong to the expression {text.strip()[:60]}")
     return found
 
 
 def c_statements(text: str, bits: bool = False) -> tuple[m.Statement, ...]:
     """The statements of actions, parted by `;`, `,` or line ends; raises `CError`."""
-    return _Reader(text, bits).statements()
+    return _ActionParser(text, bits).statements()
 
 
 def _joined(tokens: list[_Token]) -> list[_Token]:
@@ -79,7 +79,7 @@ def _joined(tokens: list[_Token]) -> list[_Token]:
     return made
 
 
-class _Reader:
+class _ActionParser:
     def __init__(self, text: str, bits: bool) -> None:
         found = (match for match in _WORD.finditer(text) if match.lastgroup != "blank")
         self.tokens = _joined([_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in found])
@@ -105,7 +105,7 @@ class _Reader:
     def expect(self, word: str) -> None:
         self.pass_lines()
         if not self.next_is(word):
-            raise CError(f"{word} is missing before {self.token.text!r} in {self.text.strip()[:60]}")
+            raise ActionSyntaxError(f"{word} is missing before {self.token.text!r} in {self.text.strip()[:60]}")
         self.at += 1
 
     # statements
@@ -119,7 +119,9 @@ class _Reader:
                 return tuple(found)
             found.append(self._statement())
             if self.token.kind not in ("line", "over") and not self.next_is(";", ","):
-                raise CError(f"{self.token.text!r} does not belong to the statement in {self.text.strip()[:60]}")
+                raise ActionSyntaxError(
+                    f"{self.token.text!r} does not belong to the statement in {self.text.strip()[:60]}"
+                )
 
     def _statement(self) -> m.Statement:
         if self.next_is("++", "--"):
@@ -143,7 +145,7 @@ class _Reader:
         self.pass_lines()
         found = self.expression()
         if self.next_is("=", ":="):
-            raise CError(f"it assigns several variables at once in {self.text.strip()[:60]}")
+            raise ActionSyntaxError(f"it assigns several variables at once in {self.text.strip()[:60]}")
         return found
 
     def _changed(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
@@ -151,7 +153,7 @@ class _Reader:
 
     def _target(self, target: m.Expression) -> m.Expression:
         if not isinstance(target, (m.Name, m.Call, m.Field)):
-            raise CError(f"nothing can be assigned to what stands left in {self.text.strip()[:60]}")
+            raise ActionSyntaxError(f"nothing can be assigned to what stands left in {self.text.strip()[:60]}")
         return target
 
     def _is_several(self) -> bool:
@@ -175,14 +177,14 @@ class _Reader:
     def expression(self) -> m.Expression:
         self.depth += 1
         if self.depth > _DEEPEST:
-            raise CError(f"brackets are nested more than {_DEEPEST} deep")
+            raise ActionSyntaxError(f"brackets are nested more than {_DEEPEST} deep")
         found = self._binary(0)
         self.depth -= 1
         return found
 
     def _no_bits(self) -> None:
         if self.next_is(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
-            raise CError(f"the operation {self.token.text} on bits is not supported")
+            raise ActionSyntaxError(f"the operation {self.token.text} on bits is not supported")
 
     def _binary(self, level: int) -> m.Expression:
         if level == len(_LEVELS):
@@ -235,7 +237,7 @@ class _Reader:
         if isinstance(of, m.Field) and of.of == m.Name("ml"):
             name = "ml"
         if name in _FUNCTIONS and not _FUNCTIONS[name]:
-            raise CError(f"it calls {name}, which is not supported")
+            raise ActionSyntaxError(f"it calls {name}, which is not supported")
         return m.Call(m.Name(_FUNCTIONS[name]) if name in _FUNCTIONS else of, arguments)
 
     def _arguments(self) -> tuple[m.Expression, ...]:
@@ -278,7 +280,7 @@ class _Reader:
                 found = self.expression()
                 self.expect(")")
                 return found
-        raise CError(f"{token.text!r} cannot be read in {self.text.strip()[:60]}")
+        raise ActionSyntaxError(f"{token.text!r} cannot be read in {self.text.strip()[:60]}")
 
 
 def _remainder(left: m.Expression, right: m.Expression) -> m.Expression:

@@ -10,19 +10,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from kennfeld.models.imperative.evaluation_errors import MEND, NoValueError
+from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes
-from kennfeld.models.simulink.flattening.flat_model import Atom
-from kennfeld.models.simulink.lowering.block_context import Site
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
+from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.scheduling import Rate
+from kennfeld.models.simulink.lowering.scheduling import SampleTime
 from kennfeld.models.simulink.reader.block_ports import port_number
-from kennfeld.models.simulink.reader.model_tree import Chart
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, Wired, as_vector, scalar
-from kennfeld.models.simulink.stateflow.chart_execution import Machine
-from kennfeld.models.simulink.stateflow.chart_model import Data, Diagram, Event
-from kennfeld.models.simulink.stateflow.guarded_variables import Guard, Logic, ResizedError
-from kennfeld.models.simulink.stateflow.temporal_logic import Timers
+from kennfeld.models.simulink.reader.model_tree import StoredChart
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, as_vector, scalar
+from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
+from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, ChartModel, ChartVariable
+from kennfeld.models.simulink.stateflow.guarded_variables import Guard, GuardLogic, SizeChangedError
+from kennfeld.models.simulink.stateflow.temporal_logic import ChartTimers
 
 __all__ = []
 
@@ -33,7 +33,7 @@ _EDGES = {"RISING_EDGE_EVENT": "rising", "FALLING_EDGE_EVENT": "falling", "EITHE
 _MOST_SIZES = 20
 
 
-def port_names(atom: Atom, kind: str) -> list[str]:
+def chart_port_names(atom: FlatBlock, kind: str) -> list[str]:
     """The names of a chart's Inports or Outports, in the order of their ports."""
     system = atom.block.system
     if system is None:
@@ -42,17 +42,17 @@ def port_names(atom: Atom, kind: str) -> list[str]:
     return [one.name.removesuffix("()") for one in ports]
 
 
-class Calls:
+class FunctionCallSubsystems:
     """The calls that a chart makes within a step.
 
     `late` are the inputs that come from what it calls, each with the names of the events that call it.
     """
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, site: BlockContext) -> None:
         self.site = site
         self._nodes: dict[str, int] = {}
         self._made: list[tuple[str, Guard, Mapping[str, Nodes]]] = []
-        self._built: set[Atom] = set()
+        self._built: set[FlatBlock] = set()
         self._controls = dict(self._called())
         found = {at: self._callers(at) for at in range(len(site.atom.inputs)) if self._controls}
         self.late = {at: names for at, names in found.items() if names}
@@ -62,10 +62,10 @@ class Calls:
         """The inputs that do not come from called subsystems."""
         return tuple(at for at in range(len(self.site.atom.inputs)) if at not in self.late)
 
-    def _called(self) -> Iterator[tuple[Atom, str]]:
+    def _called(self) -> Iterator[tuple[FlatBlock, str]]:
         """What stands for the subsystems that this chart calls, each with the name of the event."""
-        names = port_names(self.site.atom, "Outport")
-        for atom in self.site.weaver.flat.atoms:
+        names = chart_port_names(self.site.atom, "Outport")
+        for atom in self.site.compiler.flat.atoms:
             trigger = atom.special.get("trigger") if atom.kind == "Control" else None
             if trigger is not None and trigger.value("TriggerType") == "function-call":
                 for source in atom.inputs:
@@ -76,7 +76,7 @@ class Calls:
         """The events on whose subsystems an input depends within the step."""
         source = self.site.atom.inputs[at]
         waiting = [source.atom] if source is not None else []
-        seen: set[Atom] = {self.site.atom}
+        seen: set[FlatBlock] = {self.site.atom}
         found: set[str] = set()
         while waiting:
             atom = waiting.pop()
@@ -88,50 +88,54 @@ class Calls:
             if atom.kind == "Chart":  # which of its inputs it needs is asked in turn
                 waiting += [one.atom for one in atom.inputs if one is not None]
             else:
-                waiting += self.site.weaver.needs.now(atom)
+                waiting += self.site.compiler.needs.now(atom)
         return frozenset(found)
 
     def start(self, at: int) -> Nodes:
         """What a late input is before the first call."""
         source = self.site.atom.inputs[at]
         held = source is not None and source.atom.kind == "Held"
-        stated = self.site.weaver.site(source.atom).initial_output() if source is not None and held else None
+        stated = self.site.compiler.site(source.atom).initial_output() if source is not None and held else None
         return (stated or self.site.constant(0.0)).nodes.reshape(-1, 1)
 
     def node(self, name: str) -> int:
         """The node that is 1 where the chart has called so far."""
         return self._nodes.get(name, self.site.builder.const(0.0))
 
-    def called(self, event: Event, guard: Guard, machine: Machine, outputs: Callable[[], tuple[Wired, ...]]) -> None:
+    def called(
+        self, event: ChartEvent, guard: Guard, machine: ChartExecution, outputs: Callable[[], tuple[SignalOrBus, ...]]
+    ) -> None:
         """Note a call; where the chart reads what it makes, build the called subsystem now."""
         name = event.written.name
         before = self._nodes.get(name)
         if before is not None and machine.logic.truth(before, guard) is not False:
-            raise UnsupportedError(f"it may call {name} twice in a step", MEND)
+            raise UnsupportedError(f"it may call {name} twice in a step", DEFAULT_REMEDY)
         self._nodes[name] = guard.node if before is None else machine.builder.call("or", before, guard.node)
         self._made.append((name, guard, dict(machine.variables.values)))
         late = [at for at, names in self.late.items() if name in names]
         if not late:
             return
         if before is not None or any(len(self.late[at]) > 1 for at in late):
-            raise UnsupportedError(f"it calls {name} in several places, and reads what it makes", MEND)
+            raise UnsupportedError(f"it calls {name} in several places, and reads what it makes", DEFAULT_REMEDY)
         self._build(name, late, machine, outputs())
 
-    def _build(self, name: str, late: list[int], machine: Machine, outputs: tuple[Wired, ...]) -> None:
+    def _build(self, name: str, late: list[int], machine: ChartExecution, outputs: tuple[SignalOrBus, ...]) -> None:
         atom = self.site.atom
         goals = [source.atom for at in late if (source := atom.inputs[at]) is not None]
-        built = self.site.weaver.visits.meanwhile(atom, outputs, goals)
+        built = self.site.compiler.visits.meanwhile(atom, outputs, goals)
         for one in built:
             reads = any(source is not None and source.atom is atom for source in one.inputs)
             if reads and one not in self._controls and self._caller(one) != name:
-                raise UnsupportedError(f"what it calls by {name} needs {one.path}, which needs the chart", MEND)
+                raise UnsupportedError(
+                    f"what it calls by {name} needs {one.path}, which needs the chart", DEFAULT_REMEDY
+                )
         self._built.update(built)
-        names = port_names(atom, "Inport")
+        names = chart_port_names(atom, "Inport")
         for at in late:
             key = machine.diagram.data["", names[at]].key
             machine.variables.values[key] = self.site.input(at).nodes.reshape(-1, 1)
 
-    def _caller(self, atom: Atom) -> str:
+    def _caller(self, atom: FlatBlock) -> str:
         """The event that calls the subsystem that a block is in; empty where this chart does not call it."""
         here = atom.control
         while here is not None:
@@ -140,33 +144,33 @@ class Calls:
             here = here.control
         return ""
 
-    def check(self, machine: Machine) -> None:
+    def check(self, machine: ChartExecution) -> None:
         """Refuse outputs that change after a call, where the called subsystem reads them."""
-        names = port_names(self.site.atom, "Outport")
+        names = chart_port_names(self.site.atom, "Outport")
         for name, guard, values in self._made:
             changed = {
                 at for at, port in enumerate(names)
                 if port in values and not self._same(machine, guard, values[port], machine.variables.values[port])
             }  # fmt: skip
-            for atom in self.site.weaver.flat.atoms:
+            for atom in self.site.compiler.flat.atoms:
                 if atom in self._built or self._caller(atom) != name:
                     continue
                 for source in atom.inputs:
                     if source is not None and source.atom is self.site.atom and source.port in changed:
                         what = f"it changes {names[source.port]}, which {atom.path} reads, after it has called {name}"
-                        raise UnsupportedError(what, MEND)
+                        raise UnsupportedError(what, DEFAULT_REMEDY)
 
-    def _same(self, machine: Machine, guard: Guard, one: Nodes, other: Nodes) -> bool:
+    def _same(self, machine: ChartExecution, guard: Guard, one: Nodes, other: Nodes) -> bool:
         logic = machine.logic
         return bool(np.array_equal(logic.simplified(one, guard), logic.simplified(other, guard)))
 
 
-def early(site: Site) -> Iterable[int]:
+def early(site: BlockContext) -> Iterable[int]:
     """The inputs that a chart needs before it runs: all but those that it computes itself by calling subsystems."""
-    return Calls(site).early
+    return FunctionCallSubsystems(site).early
 
 
-def chart(site: Site) -> tuple[Wired, ...]:
+def chart(site: BlockContext) -> tuple[SignalOrBus, ...]:
     """One execution of a chart in each hit of its sample time, or at its events."""
     given = site.atom.block.chart
     assert given is not None
@@ -175,52 +179,54 @@ def chart(site: Site) -> tuple[Wired, ...]:
     for _ in range(_MOST_SIZES):
         try:
             return _Chart(site, given, sizes).outputs()
-        except ResizedError as resized:
+        except SizeChangedError as resized:
             sizes[resized.key] = resized.shape
         except RecursionError:
-            raise UnsupportedError("its states lie too deep within each other", MEND) from None
+            raise UnsupportedError("its states lie too deep within each other", DEFAULT_REMEDY) from None
     raise UnsupportedError("the sizes of its variables do not settle", "Declare them.")
 
 
-def _check(given: Chart) -> None:
+def _check(given: StoredChart) -> None:
     """Refuse what changes how a chart runs."""
     if given.update == "CONTINUOUS":
-        raise UnsupportedError("it is a chart in continuous time", MEND)
+        raise UnsupportedError("it is a chart in continuous time", DEFAULT_REMEDY)
     machine = given.settings.get("stateMachineType", "")
     if "MOORE" in machine.upper():
-        raise UnsupportedError("it is a Moore chart", MEND)
+        raise UnsupportedError("it is a Moore chart", DEFAULT_REMEDY)
     if given.settings.get("enableNonTerminalStates", "0") != "0":
-        raise UnsupportedError("it runs in super steps", MEND)
+        raise UnsupportedError("it runs in super steps", DEFAULT_REMEDY)
     if given.settings.get("initializeOutput", "0") != "0":
-        raise UnsupportedError("it begins with new outputs whenever it wakes up", MEND)
+        raise UnsupportedError("it begins with new outputs whenever it wakes up", DEFAULT_REMEDY)
     ids = [*(state.id for state in given.states), *(junction.id for junction in given.junctions)]
     if "" in ids or len(set(ids)) < len(ids):
         raise UnsupportedError("the file does not tell its states and junctions apart", "Take a complete copy of it.")
     for data in given.data:
         if data.scope not in _KNOWN or data.message:
             kind = "a message" if data.message else data.scope.removesuffix("_DATA").lower().replace("_", " ")
-            raise UnsupportedError(f"its data {data.name} is of a kind that is not supported ({kind})", MEND)
+            raise UnsupportedError(f"its data {data.name} is of a kind that is not supported ({kind})", DEFAULT_REMEDY)
         if (data.first not in ("", "0") and given.language == "C") or data.first not in ("", "0", "1"):
-            raise UnsupportedError(f"the elements of its data {data.name} are counted from {data.first[:20]}", MEND)
+            raise UnsupportedError(
+                f"the elements of its data {data.name} are counted from {data.first[:20]}", DEFAULT_REMEDY
+            )
         if data.update == "SF_CONTINUOUS_TIME_DATA":
-            raise UnsupportedError(f"its data {data.name} is integrated in continuous time", MEND)
+            raise UnsupportedError(f"its data {data.name} is integrated in continuous time", DEFAULT_REMEDY)
 
 
 class _Chart:
     """A chart while its graph is built. `sizes` are what was found of variables that state none."""
 
-    def __init__(self, site: Site, given: Chart, sizes: Mapping[str, tuple[int, ...]]) -> None:
+    def __init__(self, site: BlockContext, given: StoredChart, sizes: Mapping[str, tuple[int, ...]]) -> None:
         self.site = site
         self.builder = site.builder
-        self.logic = Logic(site.builder)
+        self.logic = GuardLogic(site.builder)
         self.given = given
         self.sizes = sizes
-        self.diagram = Diagram(given)
-        self.timers = Timers(self.diagram)
-        self.calls = Calls(site)
+        self.diagram = ChartModel(given)
+        self.timers = ChartTimers(self.diagram)
+        self.calls = FunctionCallSubsystems(site)
         self.scope = site.atom.scope.within(site.atom.block)
         self.sized: set[str] = set()
-        self.ports = {kind: port_names(site.atom, kind) for kind in ("Inport", "Outport")}
+        self.ports = {kind: chart_port_names(site.atom, kind) for kind in ("Inport", "Outport")}
         self.hit = self._hit()
         self._found: dict[str, Signal] = {}
         self._late: dict[int, Nodes] = {}  # what they held at the end of the step before
@@ -228,14 +234,14 @@ class _Chart:
     def _hit(self) -> int | None:
         """The node that is 1 where the chart's sample time is hit; None where it always is."""
         period = self.site.period()
-        rate = self.site.weaver.timing.rate(self.site.atom) or Rate(period)
+        rate = self.site.compiler.timing.rate(self.site.atom) or SampleTime(period)
         if rate.period in (CONTINUOUS, CONSTANT):
             return None
-        return self.site.weaver.clock.hit(self.builder, rate)
+        return self.site.compiler.clock.hit(self.builder, rate)
 
     # variables
 
-    def outputs(self) -> tuple[Wired, ...]:
+    def outputs(self) -> tuple[SignalOrBus, ...]:
         first = self._initial()
         kept = [key for key in first if not key.startswith(("before ", "active "))]
         after = self._remembered(kept, first)
@@ -281,19 +287,19 @@ class _Chart:
         made = {key: np.array([[self.builder.const(0.0)]], dtype=np.int64) for key in keys}
         return made | {f"late {at}": self.calls.start(at) for at in self.calls.late}
 
-    def _coded(self, data: Data) -> bool:
+    def _coded(self, data: ChartVariable) -> bool:
         """Whether a variable belongs to a function in MATLAB, which makes its variables itself."""
         holder = self.diagram.holder(data.written.parent)
         scripts = [one.state for one in self.diagram.functions.values() if one.script]
         return holder in scripts and data.written.scope != "LOCAL_DATA"
 
-    def _start(self, data: Data) -> Nodes:
+    def _start(self, data: ChartVariable) -> Nodes:
         """The value with which a variable begins, in its size."""
         written = data.written
         text = written.name if written.from_workspace else written.initial.strip()
         try:
-            value = self.site.weaver.expressions.array(text, self.scope) if text else self._array(0.0)
-        except NoValueError as error:
+            value = self.site.compiler.expressions.array(text, self.scope) if text else self._array(0.0)
+        except EvaluationError as error:
             raise UnsupportedError(f"the initial value of its data {written.name} ({text[:60]}): {error}") from None
         shape = self._shape(data)
         if shape is None:
@@ -304,13 +310,13 @@ class _Chart:
             raise UnsupportedError(f"the initial value of its data {written.name} does not fit its size")
         return value if value.shape == shape else value.reshape(shape, order="F")
 
-    def _shape(self, data: Data) -> tuple[int, ...] | None:
+    def _shape(self, data: ChartVariable) -> tuple[int, ...] | None:
         text = data.written.size.strip()
         if text in ("", "-1"):
             return self.sizes.get(data.key)
         try:
-            found = [int(n) for n in self.site.weaver.expressions.numbers(_listed(text), self.scope).ravel()]
-        except NoValueError as error:
+            found = [int(n) for n in self.site.compiler.expressions.numbers(_listed(text), self.scope).ravel()]
+        except EvaluationError as error:
             raise UnsupportedError(f"the size of its data {data.written.name} ({text[:60]}): {error}") from None
         if not found or min(found) < 1 or np.prod(found) > 100_000 or len(found) > 2:
             raise UnsupportedError(f"its data {data.written.name} has the size {text[:60]}")
@@ -355,7 +361,7 @@ class _Chart:
         self._late = {at: found[f"late {at}"] for at in self.calls.late}
         return found
 
-    def _parallel(self, machine: Machine) -> None:
+    def _parallel(self, machine: ChartExecution) -> None:
         """Parallel states are active with the state around them."""
         for state in self.diagram.root.below:
             if state.parallel and state.children:
@@ -367,14 +373,14 @@ class _Chart:
 
     # the step
 
-    def _machine(self, values: Mapping[str, Nodes]) -> Machine:
+    def _machine(self, values: Mapping[str, Nodes]) -> ChartExecution:
         clock = (int(self.site.time.nodes[0]), int(self.site.step().nodes[0]))
-        return Machine(
-            self.diagram, self.timers, self.site.weaver.expressions, self.scope, values, frozenset(self.sized), clock,
+        return ChartExecution(
+            self.diagram, self.timers, self.site.compiler.expressions, self.scope, values, frozenset(self.sized), clock,
             lambda event, guard: None,
         )  # fmt: skip
 
-    def _run(self, machine: Machine) -> None:
+    def _run(self, machine: ChartExecution) -> None:
         machine.called = lambda event, guard: self.calls.called(event, guard, machine, lambda: self._outputs(machine))
         for key, guard in self._wakings():
             machine.wake(guard, key)
@@ -395,7 +401,7 @@ class _Chart:
             found += [(event.key, guard)] if guard is not None else []
         return found
 
-    def _comes(self, event: Event, node: int, period: float) -> int:
+    def _comes(self, event: ChartEvent, node: int, period: float) -> int:
         one = scalar(node, period)
         if event.written.trigger == "FUNCTION_CALL_EVENT":
             return int(self.site.call("ne", one, self.site.constant(0.0)).nodes[0])
@@ -406,10 +412,10 @@ class _Chart:
 
     # outputs
 
-    def _outputs(self, machine: Machine) -> tuple[Wired, ...]:
+    def _outputs(self, machine: ChartExecution) -> tuple[SignalOrBus, ...]:
         return tuple(self._output(name, machine, {}) for name in self.ports["Outport"])
 
-    def _output(self, name: str, machine: Machine, before: Mapping[str, Nodes]) -> Signal:
+    def _output(self, name: str, machine: ChartExecution, before: Mapping[str, Nodes]) -> Signal:
         """An output after the step; between the hits of the sample time it keeps what it was."""
         period = self.site.period()
         data = self.diagram.data.get(("", name))
@@ -429,7 +435,7 @@ class _Chart:
         node = machine.activity.active(self.diagram.states[state.id], self.logic.always)
         return scalar(node, period)
 
-    def _kept(self, key: str, machine: Machine, before: Mapping[str, Nodes]) -> Nodes:
+    def _kept(self, key: str, machine: ChartExecution, before: Mapping[str, Nodes]) -> Nodes:
         now = machine.variables.values[key]
         if self.hit is None or key not in before:
             return now
@@ -441,8 +447,8 @@ class _Chart:
         return node if self.hit is None else self.builder.call("and", self.hit, node)
 
 
-def _called_too_early(event: Event, guard: Guard) -> None:
-    raise UnsupportedError(f"it calls {event.written.name} before the first step", MEND)
+def _called_too_early(event: ChartEvent, guard: Guard) -> None:
+    raise UnsupportedError(f"it calls {event.written.name} before the first step", DEFAULT_REMEDY)
 
 
 def _listed(text: str) -> str:

@@ -9,38 +9,50 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
-from kennfeld.models.imperative.evaluation_errors import MEND
+from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.chart_expressions import Values
-from kennfeld.models.simulink.stateflow.chart_model import Action, Arrow, Diagram, Event, Knot, State
-from kennfeld.models.simulink.stateflow.guarded_statements import Functions, Statements
-from kennfeld.models.simulink.stateflow.guarded_variables import Context, Guard, Logic, Variables
-from kennfeld.models.simulink.stateflow.temporal_logic import Counting, Timers
-from kennfeld.models.simulink.stateflow.transition_search import Events, Fired, Search, sure_knots
+from kennfeld.models.simulink.stateflow.chart_expressions import ChartExpressions
+from kennfeld.models.simulink.stateflow.chart_model import (
+    ChartEvent,
+    ChartModel,
+    JunctionNode,
+    StateAction,
+    StateNode,
+    TransitionEdge,
+)
+from kennfeld.models.simulink.stateflow.guarded_statements import ChartFunctionCalls, GuardedStatements
+from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard, GuardedVariables, GuardLogic
+from kennfeld.models.simulink.stateflow.temporal_logic import ChartTimers, TemporalLogic
+from kennfeld.models.simulink.stateflow.transition_search import (
+    EventDispatch,
+    Fired,
+    JunctionSearch,
+    committed_junctions,
+)
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["Machine"]
+__all__ = ["ChartExecution"]
 
 _FEW = 12  # children; what many of them do is followed apart, so that one does not burden the next
 
 _MOST_WORK = 30_000
 _DEEPEST = 12  # events sent, or functions called, within each other
 
-Called = Callable[[Event, Guard], None]
+Called = Callable[[ChartEvent, Guard], None]
 
 
-class Activity:
+class StateExecution:
     """The states of a machine."""
 
-    def __init__(self, machine: "Machine") -> None:
+    def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
         self.logic = machine.logic
         self.builder = machine.builder
         self.variables = machine.variables
 
-    def active(self, state: State, guard: Guard) -> int:
+    def active(self, state: StateNode, guard: Guard) -> int:
         """The node that says whether a state is active."""
         if state.parent is None:
             return self.builder.const(1.0)
@@ -49,11 +61,11 @@ class Activity:
         child = self.variables.one(state.parent.child_key, guard)
         return self.builder.call("eq", child, self.builder.const(float(state.number)))
 
-    def still(self, state: State) -> Callable[[Guard], Guard | None]:
+    def still(self, state: StateNode) -> Callable[[Guard], Guard | None]:
         """Gives the guard where a state is still active."""
         return lambda guard: self.logic.where(guard, self.active(state, guard))
 
-    def execute(self, state: State, context: Context, guard: Guard) -> None:
+    def execute(self, state: StateNode, context: ActionContext, guard: Guard) -> None:
         """An active state: its outer transitions, else its actions, its inner transitions and its children."""
         self.machine.work()
         here = replace(context, scope=state, owner=state, alive=self.still(state), frame="")
@@ -66,13 +78,13 @@ class Activity:
         if left is not None:
             self.children(state, here, left)
 
-    def _during(self, action: Action, state: State, context: Context, guard: Guard) -> Guard | None:
+    def _during(self, action: StateAction, state: StateNode, context: ActionContext, guard: Guard) -> Guard | None:
         context = context.at(f"its state {state.path}")
         where = self.machine.events.happens(action.event, context, guard) if action.kind == "on" else guard
         end = self.machine.statements.run(action.body, context, where)
         return guard if end is where else self.logic.either([self.logic.besides(guard, where), end])
 
-    def children(self, state: State, context: Context, guard: Guard) -> None:
+    def children(self, state: StateNode, context: ActionContext, guard: Guard) -> None:
         """Execute the children of a state that are active."""
         if state.parallel:
             for child in state.children:
@@ -94,7 +106,7 @@ class Activity:
             after.append((where, self.variables.values))
         self.variables.values = self.variables.joined(before, after)
 
-    def each_child(self, state: State, guard: Guard) -> list[tuple[State, Guard]]:
+    def each_child(self, state: StateNode, guard: Guard) -> list[tuple[StateNode, Guard]]:
         """The children of a state that may be active now, each with the guard where it is."""
         if not state.children:
             return []
@@ -107,7 +119,7 @@ class Activity:
                 found.append((child, where))
         return found
 
-    def enter(self, way: list[State], context: Context, guard: Guard) -> None:
+    def enter(self, way: list[StateNode], context: ActionContext, guard: Guard) -> None:
         """Enter the states on the way down to one, and what is entered with them."""
         state, rest = way[0], way[1:]
         self.machine.work()
@@ -122,7 +134,7 @@ class Activity:
         else:
             self.enter(rest, context, after)
 
-    def _entered(self, state: State, context: Context, guard: Guard) -> Guard | None:
+    def _entered(self, state: StateNode, context: ActionContext, guard: Guard) -> Guard | None:
         """Mark a state as active, and run its entry actions."""
         assert state.parent is not None
         if state.parent.parallel:
@@ -140,13 +152,13 @@ class Activity:
         self.machine.events.tell("entry", state, after)
         return self.still(state)(after)
 
-    def clear(self, state: State, guard: Guard) -> None:
+    def clear(self, state: StateNode, guard: Guard) -> None:
         """Note that no child of a state is active, which holds whenever it is entered."""
         names = [one.active_key for one in state.children] if state.parallel else [state.child_key]
         for name in names if state.children else ():
             self.variables.put(name, self.builder.const(0.0), guard)
 
-    def _acted(self, state: State, kind: str, context: Context, guard: Guard) -> Guard | None:
+    def _acted(self, state: StateNode, kind: str, context: ActionContext, guard: Guard) -> Guard | None:
         here = replace(
             context, scope=state, owner=state, alive=self.still(state), place=f"its state {state.path}", frame=""
         )
@@ -156,7 +168,7 @@ class Activity:
                 found = self.machine.statements.run(action.body, here, found)
         return found
 
-    def enter_children(self, state: State, context: Context, guard: Guard) -> None:
+    def enter_children(self, state: StateNode, context: ActionContext, guard: Guard) -> None:
         """Enter what goes with a state that has just become active: by its history, else by its default transitions."""
         if state.parallel:
             for child in state.children:
@@ -174,7 +186,7 @@ class Activity:
             here = replace(context, scope=state, owner=state, alive=self.still(state), frame="")
             self.machine.transitions.take(state, state.defaults, here, left)
 
-    def leave_children(self, state: State, context: Context, guard: Guard) -> Guard | None:
+    def leave_children(self, state: StateNode, context: ActionContext, guard: Guard) -> Guard | None:
         """Leave the children of a state that are active, the last of parallel ones first."""
         if not state.parallel:
             ways = [self._leave(child, context, where) for child, where in self.each_child(state, guard)]
@@ -188,11 +200,11 @@ class Activity:
                 self._leave(child, context, where)
         return found
 
-    def _after(self, state: State, guard: Guard, ways: list[Guard | None]) -> Guard | None:
+    def _after(self, state: StateNode, guard: Guard, ways: list[Guard | None]) -> Guard | None:
         """The guard after the children have been left, unless an event that one of them has sent left the state too."""
         return guard if None not in ways else self.logic.where(guard, self.active(state, guard))
 
-    def _leave(self, state: State, context: Context, guard: Guard) -> Guard | None:
+    def _leave(self, state: StateNode, context: ActionContext, guard: Guard) -> Guard | None:
         self.machine.work()
         assert state.parent is not None
         inner = self.leave_children(state, context, guard)
@@ -205,31 +217,33 @@ class Activity:
         return self.still(state.parent)(after)
 
 
-class Transitions:
+class TransitionExecution:
     """The transitions between the states of a machine."""
 
-    def __init__(self, machine: "Machine") -> None:
+    def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
         self.logic = machine.logic
         self.builder = machine.builder
         self.variables = machine.variables
 
-    def take(self, state: State, arrows: list[Arrow], context: Context, guard: Guard) -> Guard | None:
+    def take(
+        self, state: StateNode, arrows: list[TransitionEdge], context: ActionContext, guard: Guard
+    ) -> Guard | None:
         """Take the first transition that can be; the guard where none is."""
         if not arrows:
             return guard
-        search = Search(self.machine, context)
+        search = JunctionSearch(self.machine, context)
         left = search.run(arrows, guard)
         for one in search.fired:
             self._fire(one, state, context)
         return left
 
-    def _fire(self, fired: Fired, source: State, context: Context) -> None:
+    def _fire(self, fired: Fired, source: StateNode, context: ActionContext) -> None:
         """Leave the states up to the one that the way is drawn in, run the transition's actions, and enter others."""
         top = _outermost(fired.way.holders)
         if top.parallel and top is not source:
-            what = f"a transition from its state {source.path} to {fired.target.path} crosses parallel states"
-            raise UnsupportedError(what)
+            message = f"a transition from its state {source.path} to {fired.target.path} crosses parallel states"
+            raise UnsupportedError(message)
         guard = self.machine.activity.leave_children(top, context, fired.guard)
         quiet = self._calm(top)
         for body, place in fired.way.actions:
@@ -238,7 +252,7 @@ class Transitions:
         if guard is not None:
             self._enter_way(top, fired.target, context, guard)
 
-    def _calm(self, top: State) -> Callable[[Guard], Guard | None]:
+    def _calm(self, top: StateNode) -> Callable[[Guard], Guard | None]:
         """Gives the guard where a state is active without an active child, so that a transition in it may go on."""
 
         def calm(guard: Guard) -> Guard | None:
@@ -250,7 +264,7 @@ class Transitions:
 
         return calm
 
-    def _enter_way(self, top: State, target: State, context: Context, guard: Guard) -> None:
+    def _enter_way(self, top: StateNode, target: StateNode, context: ActionContext, guard: Guard) -> None:
         """Enter the states below one, down to a target and what is entered with it."""
         if target is top:
             self.machine.activity.enter_children(top, context, guard)
@@ -263,11 +277,11 @@ class Transitions:
         self.machine.activity.enter(way, context, guard)
 
 
-def _outermost(holders: frozenset[State]) -> State:
+def _outermost(holders: frozenset[StateNode]) -> StateNode:
     return min(holders, key=lambda state: len(list(state.around)))
 
 
-class Machine:
+class ChartExecution:
     """Follows one step of a chart.
 
     `variables` hold what the step begins with and, in the end, what it leaves. `time` and `dt` are nodes in s.
@@ -276,8 +290,8 @@ class Machine:
 
     def __init__(
         self,
-        diagram: Diagram,
-        timers: Timers,
+        diagram: ChartModel,
+        timers: ChartTimers,
         expressions: Expressions,
         scope: Scope,
         values: Mapping[str, Nodes],
@@ -287,43 +301,43 @@ class Machine:
     ) -> None:
         self.diagram = diagram
         self.timers = timers
-        self.logic = Logic(expressions.builder)
+        self.logic = GuardLogic(expressions.builder)
         self.builder = expressions.builder
-        self.variables = Variables(self.logic, values, sized)
-        self.values = Values(self, expressions, scope)
-        self.statements = Statements(self, self.values)
+        self.variables = GuardedVariables(self.logic, values, sized)
+        self.values = ChartExpressions(self, expressions, scope)
+        self.statements = GuardedStatements(self, self.values)
         self.time, self.dt = clock
         self.called = called
-        self.activity = Activity(self)
-        self.transitions = Transitions(self)
-        self.events = Events(self)
-        self.counting = Counting(self)
-        self.functions = Functions(self)
+        self.activity = StateExecution(self)
+        self.transitions = TransitionExecution(self)
+        self.events = EventDispatch(self)
+        self.counting = TemporalLogic(self)
+        self.functions = ChartFunctionCalls(self)
         self._done = 0
         self._depth = 0
         knots = list(diagram.knots)
-        self.sure = sure_knots(knots)
+        self.sure = committed_junctions(knots)
         self.reach = {knot: _reached(knot) for knot in knots}
 
     def work(self) -> None:
         """Count a piece of work; what would never end is refused."""
         self._done += 1
         if self._done > _MOST_WORK:
-            raise UnsupportedError(f"its chart unfolds to more than {_MOST_WORK} actions", MEND)
+            raise UnsupportedError(f"its chart unfolds to more than {_MOST_WORK} actions", DEFAULT_REMEDY)
 
     @contextmanager
-    def deeper(self, what: str) -> Iterator[None]:
+    def deeper(self, message: str) -> Iterator[None]:
         """What is followed within something else; refused where that has no end."""
         self._depth += 1
         if self._depth > _DEEPEST:
-            raise UnsupportedError(f"it {what} without an end, or more than {_DEEPEST} deep", MEND)
+            raise UnsupportedError(f"it {message} without an end, or more than {_DEEPEST} deep", DEFAULT_REMEDY)
         yield
         self._depth -= 1
 
     def wake(self, guard: Guard, event: str = "") -> None:
         """One execution of the chart."""
         root = self.diagram.root
-        context = Context(root, root, event, place="the chart")
+        context = ActionContext(root, root, event, place="the chart")
         self.counting.count(event, guard)
         active = self.variables.one("active", guard)
         first = self.logic.where(guard, active, holds=False)
@@ -352,7 +366,7 @@ class Machine:
     def begin(self, guard: Guard) -> None:
         """Enter the chart before the first step."""
         root = self.diagram.root
-        context = Context(root, root, place="the chart")
+        context = ActionContext(root, root, place="the chart")
         self.variables.put("active", self.builder.const(1.0), guard)
         if root.children:
             self.activity.clear(root, guard)
@@ -360,27 +374,27 @@ class Machine:
         else:
             self.flow(root, context, guard)
 
-    def flow(self, root: State, context: Context, guard: Guard) -> None:
+    def flow(self, root: StateNode, context: ActionContext, guard: Guard) -> None:
         """The flow chart of a chart without states, or of a function."""
-        search = Search(self, context)
+        search = JunctionSearch(self, context)
         search.run(root.defaults, guard)
         if search.fired:
             raise UnsupportedError(f"{context.place} leads from a flow chart into a state")
 
-    def check_writable(self, key: str, context: Context) -> None:
+    def check_writable(self, key: str, context: ActionContext) -> None:
         """Refuse an assignment to what a chart may only read."""
         data = next((one for one in self.diagram.data.values() if one.key == key), None)
         if data is not None and data.written.scope in ("INPUT_DATA", "CONSTANT_DATA"):
             raise UnsupportedError(f"{context.place}: it assigns to {key}, which it may only read")
 
 
-def _reached(knot: Knot) -> frozenset[Knot]:
+def _reached(knot: JunctionNode) -> frozenset[JunctionNode]:
     """The junctions that transitions from one lead to."""
-    seen: set[Knot] = set()
+    seen: set[JunctionNode] = set()
     waiting = [knot]
     while waiting:
         for arrow in waiting.pop().arrows:
-            if isinstance(arrow.target, Knot) and arrow.target not in seen:
+            if isinstance(arrow.target, JunctionNode) and arrow.target not in seen:
                 seen.add(arrow.target)
                 waiting.append(arrow.target)
     return frozenset(seen)

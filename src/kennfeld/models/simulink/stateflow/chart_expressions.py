@@ -17,26 +17,26 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import way_of
-from kennfeld.models.imperative.evaluation_errors import CodeError, NoValueError
-from kennfeld.models.imperative.integer_types import Word
+from kennfeld.matlab.traversal import field_path
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.imperative.library.elementwise_functions import OF_BITS
 from kennfeld.models.imperative.library.function_registry import KEEPS_INTEGERS, matlab_word
-from kennfeld.models.imperative.node_arrays import Nodes, each, fold
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, reduce_nodes
 from kennfeld.models.imperative.symbolic_values import integers
 from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.chart_model import Diagram, Event, State
+from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, ChartModel, StateNode
 from kennfeld.models.simulink.stateflow.function_library import is_of_library, results_of
-from kennfeld.models.simulink.stateflow.guarded_variables import Context, Guard, Logic, Variables
-from kennfeld.models.simulink.stateflow.label_parser import changed, within
+from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard, GuardedVariables, GuardLogic
+from kennfeld.models.simulink.stateflow.label_parser import map_children, walk
 from kennfeld.models.simulink.stateflow.temporal_logic import CHANGES, TEMPORAL
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
 if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import Machine
+    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["Values"]
+__all__ = ["ChartExpressions"]
 
 _MOST_ELEMENTS = 1_000  # of an array whose element is chosen while the model runs
 
@@ -46,12 +46,12 @@ _FILLED = {"NaN": math.nan, "nan": math.nan, "Inf": math.inf, "inf": math.inf}
 class Elements:
     """The elements of the variables of a machine."""
 
-    def __init__(self, values: "Values") -> None:
+    def __init__(self, values: "ChartExpressions") -> None:
         self.values = values
         self.builder = values.builder
         self.variables = values.variables
 
-    def get(self, key: str, indices: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes:
+    def get(self, key: str, indices: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Nodes:
         """Elements of a variable."""
         array = self.variables.get(key, guard)
         places = self._places(array.shape, indices, context, guard)
@@ -67,7 +67,9 @@ class Elements:
             found = self.builder.call("select", where, element, found)
         return np.array([[found]], dtype=np.int64)
 
-    def set(self, key: str, indices: tuple[m.Expression, ...], new: Nodes, context: Context, guard: Guard) -> None:
+    def set(
+        self, key: str, indices: tuple[m.Expression, ...], new: Nodes, context: ActionContext, guard: Guard
+    ) -> None:
         """Give elements of an array a value."""
         array = self.variables.get(key, guard)
         places = self._places(array.shape, indices, context, guard)
@@ -86,7 +88,7 @@ class Elements:
         return self.variables.set(key, np.array(chosen, dtype=np.int64).reshape(array.shape), guard)
 
     def _places(
-        self, shape: tuple[int, ...], indices: tuple[m.Expression, ...], context: Context, guard: Guard
+        self, shape: tuple[int, ...], indices: tuple[m.Expression, ...], context: ActionContext, guard: Guard
     ) -> list[Nodes | None]:
         """The nodes of each index, None of a colon."""
         found: list[Nodes | None] = []
@@ -100,18 +102,18 @@ class Elements:
                 found.append(self._place(self._ended(index, size, context), context, guard))
         return found
 
-    def _ended(self, index: m.Expression, size: int, context: Context) -> m.Expression:
+    def _ended(self, index: m.Expression, size: int, context: ActionContext) -> m.Expression:
         """An index in which `end` is a number, but not within an index of another array."""
         if isinstance(index, m.End):
             return m.Number(float(size))
         if isinstance(index, m.Call) and self.values.key_of(index.of, context) is not None:
             return index
-        return changed(index, lambda part: self._ended(part, size, context))
+        return map_children(index, lambda part: self._ended(part, size, context))
 
-    def _place(self, index: m.Expression, context: Context, guard: Guard) -> Nodes:
+    def _place(self, index: m.Expression, context: ActionContext, guard: Guard) -> Nodes:
         """The nodes of an index, made whole as its language does."""
         whole = "floor" if self.values.diagram.language.name == "C" else "round"
-        return each(self.builder, whole, self.values.nodes(index, context, guard))
+        return elementwise(self.builder, whole, self.values.nodes(index, context, guard))
 
     def _fixed(self, places: Sequence[Nodes | None]) -> list[list[int] | None] | None:
         """The indices as numbers counted from 0; None where one changes. Raises `IndexError` where one is no number."""
@@ -128,7 +130,9 @@ class Elements:
             found.append([int(number or 0) - 1 for number in numbers])
         return found
 
-    def _elements(self, array: Nodes, places: Sequence[Nodes | None], context: Context) -> "list[tuple[int, int]]":
+    def _elements(
+        self, array: Nodes, places: Sequence[Nodes | None], context: ActionContext
+    ) -> "list[tuple[int, int]]":
         """Each element, rows first, with the node that is 1 where the indices mean it; raises `IndexError`."""
         if array.size > _MOST_ELEMENTS or any(place is None or place.size != 1 for place in places):
             raise UnsupportedError(f"{context.place}: it indexes an array in a way that is not supported")
@@ -144,7 +148,7 @@ class Elements:
                 for place, index in zip(places, wanted, strict=True)
                 if place is not None
             ]
-            made.append((fold(self.builder, "and", equal), int(array[at])))
+            made.append((reduce_nodes(self.builder, "and", equal), int(array[at])))
         return made
 
 
@@ -183,42 +187,42 @@ def _grid(indices: list[list[int] | None], shape: tuple[int, ...]) -> Any:
     return np.ix_(*chosen)
 
 
-class Values:
+class ChartExpressions:
     """Evaluates expressions for a machine."""
 
-    def __init__(self, machine: "Machine", expressions: Expressions, scope: Scope) -> None:
+    def __init__(self, machine: "ChartExecution", expressions: Expressions, scope: Scope) -> None:
         self.machine = machine
         self.expressions = expressions
         self.scope = scope
         self.builder = expressions.builder
-        self.logic: Logic = machine.logic
-        self.diagram: Diagram = machine.diagram
-        self.variables: Variables = machine.variables
+        self.logic: GuardLogic = machine.logic
+        self.diagram: ChartModel = machine.diagram
+        self.variables: GuardedVariables = machine.variables
         self.elements = Elements(self)
 
-    def nodes(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes:
+    def nodes(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Nodes:
         """The nodes of an expression, Int[rows, columns]."""
         taken: dict[str, Nodes] = {}
         plain = self._plain(tree, context, guard, taken)
         try:
             return self.logic.simplified(self.expressions.computed(plain, self.scope, taken), guard)
-        except NoValueError as error:
+        except EvaluationError as error:
             raise UnsupportedError(f"{context.place}: {error}", "", error.undefined) from None
         except InputError as error:
             raise UnsupportedError(f"{context.place}: {error.findings[0]}") from None
 
-    def one(self, tree: m.Expression, context: Context, guard: Guard) -> int:
+    def one(self, tree: m.Expression, context: ActionContext, guard: Guard) -> int:
         """The node of an expression that is a scalar; of an array as a condition, whether all its elements hold."""
         found = self.nodes(tree, context, guard)
         if found.size == 0:
             raise UnsupportedError(f"{context.place}: it decides by an empty array")
-        return fold(self.builder, "and", [int(node) for node in found.ravel()])
+        return reduce_nodes(self.builder, "and", [int(node) for node in found.ravel()])
 
-    def given(self, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> list[Nodes | None]:
+    def given(self, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> list[Nodes | None]:
         """The values that a function is given; None for texts, which can but be shown."""
         return [None if isinstance(one, m.Text) else self.nodes(one, context, guard) for one in arguments]
 
-    def key(self, name: str, context: Context) -> str | None:
+    def key(self, name: str, context: ActionContext) -> str | None:
         """The variable that a name means."""
         if context.frame and (local := f"{context.frame}.{name}") in self.variables:
             return local
@@ -227,11 +231,11 @@ class Values:
             return None
         return data.key if data.key in self.variables else None
 
-    def key_of(self, tree: m.Expression, context: Context) -> str | None:
+    def key_of(self, tree: m.Expression, context: ActionContext) -> str | None:
         """The variable that a name, or a way of names through states, means."""
         if isinstance(tree, m.Name):
             return self.key(tree.name, context)
-        way = way_of(tree) if isinstance(tree, m.Field) else None
+        way = field_path(tree) if isinstance(tree, m.Field) else None
         state = self.diagram.state(way[:-1], context.scope) if way else None
         if way is None or state is None:
             return None
@@ -240,7 +244,7 @@ class Values:
 
     # what only charts know
 
-    def _plain(self, tree: m.Expression, context: Context, guard: Guard, taken: dict[str, Nodes]) -> m.Expression:
+    def _plain(self, tree: m.Expression, context: ActionContext, guard: Guard, taken: dict[str, Nodes]) -> m.Expression:
         """A tree in which names stand for what only charts know."""
         nodes = self._own(tree, context, guard)
         if nodes is not None:
@@ -248,9 +252,9 @@ class Values:
             taken[name] = nodes
             return m.Name(name, place=tree.place)
         called = tree.of if isinstance(tree, m.Call) else None  # a function, which is no variable
-        return changed(tree, lambda one: one if one is called else self._plain(one, context, guard, taken))
+        return map_children(tree, lambda one: one if one is called else self._plain(one, context, guard, taken))
 
-    def _own(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes | None:
+    def _own(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Nodes | None:
         """The nodes of what only charts know; None for all else."""
         match tree:
             case m.Name() | m.Field():
@@ -264,7 +268,7 @@ class Values:
                 return self._called(of.name, arguments, context, guard) if isinstance(of, m.Name) else None
         return None
 
-    def _named(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes | None:
+    def _named(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Nodes | None:
         key = self.key_of(tree, context)
         if key is not None:
             return self.variables.get(key, guard)
@@ -272,17 +276,17 @@ class Values:
             return self._array(self.machine.time)
         return None
 
-    def _may_fail(self, tree: m.Expression, context: Context) -> bool:
+    def _may_fail(self, tree: m.Expression, context: ActionContext) -> bool:
         """Whether an expression calls a function of the chart or takes an element of an array."""
         return any(
             isinstance(one, m.Call)
             and isinstance(one.of, m.Name)
             and (self.diagram.function(one.of.name, context.scope) or self.key(one.of.name, context)) is not None
-            for one in within(tree)
+            for one in walk(tree)
         )
 
     def _decided(
-        self, operator: str, left: m.Expression, right: m.Expression, context: Context, guard: Guard
+        self, operator: str, left: m.Expression, right: m.Expression, context: ActionContext, guard: Guard
     ) -> Nodes | None:
         """An `and` or `or`, its right side only where the left side leaves it open."""
         first = self.one(left, context, guard)
@@ -293,7 +297,9 @@ class Values:
         second = self.one(right, context, rest)
         return self._array(self.builder.call("and" if operator == "&&" else "or", first, second))
 
-    def _called(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes | None:
+    def _called(
+        self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard
+    ) -> Nodes | None:
         function = self.diagram.function(name, context.scope)
         if function is not None:
             given = self.given(arguments, context, guard)
@@ -311,14 +317,14 @@ class Values:
             return self.nodes(arguments[0], context, guard)
         if name == "isnan" and len(arguments) == 1:
             asked = self.nodes(arguments[0], context, guard)
-            return each(self.builder, "ne", asked, asked)
+            return elementwise(self.builder, "ne", asked, asked)
         if name in _FILLED:
             return self._filled(name, arguments, context, guard)
         found = self.library(name, arguments, 1, context, guard)
         return found[0] if found else None
 
     def library(
-        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: Context, guard: Guard
+        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: ActionContext, guard: Guard
     ) -> list[Nodes]:
         """The results of a function of MATLAB in a chart whose language that is; none of what is none of them."""
         if self.diagram.chart.language == "C" or not is_of_library(name):
@@ -326,14 +332,14 @@ class Values:
         given = [one.value if isinstance(one, m.Text) else self._typed(one, context, guard) for one in arguments]
         try:
             return results_of(self.builder, name, given, wanted)
-        except CodeError as error:
-            raise UnsupportedError(f"{context.place}: {error.what}", error.mend) from None
+        except ProgramError as error:
+            raise UnsupportedError(f"{context.place}: {error.message}", error.remedy) from None
 
-    def _typed(self, tree: m.Expression, context: Context, guard: Guard) -> Nodes:
+    def _typed(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Nodes:
         """The nodes of an expression, with the integer type that its variables and casts say."""
         return integers(self.nodes(tree, context, guard), self._word(tree, context))
 
-    def _word(self, tree: m.Expression, context: Context) -> Word | None:
+    def _word(self, tree: m.Expression, context: ActionContext) -> IntegerType | None:
         """The integer type of an expression, as the chart declares its variables."""
         match tree:
             case m.Name() | m.Field():
@@ -354,27 +360,27 @@ class Values:
                 return matlab_word(name)
         return None
 
-    def _declared(self, tree: m.Expression, context: Context) -> Word | None:
+    def _declared(self, tree: m.Expression, context: ActionContext) -> IntegerType | None:
         """The integer type that the chart declares for a variable."""
         key = self.key_of(tree, context)
         data = next((one for one in self.diagram.data.values() if one.key == key), None) if key is not None else None
         return matlab_word(data.written.type.strip()) if data is not None else None
 
-    def _filled(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes:
+    def _filled(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Nodes:
         """An array of a number that is none, or infinite; the name of a type behind its sizes is passed over."""
         sizes = m.Call(m.Name("zeros"), tuple(one for one in arguments if not isinstance(one, m.Text)))
         number = self.builder.const(_FILLED[name])
         return np.full(self.nodes(sizes, context, guard).shape, number, dtype=np.int64)
 
-    def state(self, tree: m.Expression, context: Context) -> State:
+    def state(self, tree: m.Expression, context: ActionContext) -> StateNode:
         """The state that an expression names."""
-        way = way_of(tree)
+        way = field_path(tree)
         state = self.diagram.state(way, context.scope) if way is not None else None
         if state is None:
             raise UnsupportedError(f"{context.place}: in asks for what is no state, or one of several")
         return state
 
-    def _changed(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> int:
+    def _changed(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> int:
         """Whether the value at the beginning of the step differs from that at the beginning of the step before."""
         tree, wanted = arguments[0], arguments[1:]
         base, indices = (tree.of, tree.arguments) if isinstance(tree, m.Call) else (tree, ())
@@ -382,26 +388,30 @@ class Values:
         if key is None or len(wanted) != (name != "hasChanged"):
             raise UnsupportedError(f"{context.place}: {name} is used in a way that is not supported")
         after, before = (self._seen(f"{when} {key}", indices, context, guard) for when in ("now", "before"))
-        changed = fold(self.builder, "or", [int(node) for node in each(self.builder, "ne", after, before).ravel()])
+        changed = reduce_nodes(
+            self.builder, "or", [int(node) for node in elementwise(self.builder, "ne", after, before).ravel()]
+        )
         if not wanted:
             return changed
         value = self.nodes(wanted[0], context, guard)
-        equal = each(self.builder, "eq", before if name == "hasChangedFrom" else after, value)
-        return self.builder.call("and", changed, fold(self.builder, "and", [int(node) for node in equal.ravel()]))
+        equal = elementwise(self.builder, "eq", before if name == "hasChangedFrom" else after, value)
+        return self.builder.call(
+            "and", changed, reduce_nodes(self.builder, "and", [int(node) for node in equal.ravel()])
+        )
 
-    def _seen(self, key: str, indices: tuple[m.Expression, ...], context: Context, guard: Guard) -> Nodes:
+    def _seen(self, key: str, indices: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Nodes:
         return self.elements.get(key, indices, context, guard) if indices else self.variables.get(key, guard)
 
     def _array(self, node: int) -> Nodes:
         return np.array([[node]], dtype=np.int64)
 
-    def event(self, tree: m.Expression, context: Context) -> tuple[Event, State | None] | None:
+    def event(self, tree: m.Expression, context: ActionContext) -> tuple[ChartEvent, StateNode | None] | None:
         """The event that an expression sends, and the state that it is sent to, if it names one."""
         if isinstance(tree, m.Name):
             found = self.diagram.event(tree.name, context.scope)
             return (found, None) if found is not None else None
         if isinstance(tree, m.Field):
-            way = way_of(tree)
+            way = field_path(tree)
             state = self.diagram.state(way[:-1], context.scope) if way else None
             found = self.diagram.event(way[-1], state) if way and state is not None else None
             return (found, state) if found is not None else None
@@ -409,7 +419,7 @@ class Values:
             return self._sent(tree.arguments, context)
         return None
 
-    def _sent(self, arguments: tuple[m.Expression, ...], context: Context) -> tuple[Event, State | None]:
+    def _sent(self, arguments: tuple[m.Expression, ...], context: ActionContext) -> tuple[ChartEvent, StateNode | None]:
         """The event of `send(E)` or `send(E, S)`, which may belong to S."""
         to = self.state(arguments[1], context) if len(arguments) == 2 else None
         sent = self.event(arguments[0], context)

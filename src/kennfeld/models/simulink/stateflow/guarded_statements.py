@@ -13,38 +13,38 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
-from kennfeld.models.imperative.evaluation_errors import MEND
+from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.chart_expressions import Values
-from kennfeld.models.simulink.stateflow.chart_model import Function
-from kennfeld.models.simulink.stateflow.guarded_variables import Context, Guard
+from kennfeld.models.simulink.stateflow.chart_expressions import ChartExpressions
+from kennfeld.models.simulink.stateflow.chart_model import ChartFunction
+from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 
 if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import Machine
+    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["Functions", "Statements"]
+__all__ = ["ChartFunctionCalls", "GuardedStatements"]
 
-Condition: TypeAlias = Callable[[Context, Guard], int]  # the node of a condition, asked where a guard holds
+Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # the node of a condition, asked where a guard holds
 
 _SHOWN = frozenset({"disp", "display", "printf", "fprintf", "sprintf", "warning", "error", "assert"})
 
 
-class Functions:
+class ChartFunctionCalls:
     """The functions of a machine's chart."""
 
-    def __init__(self, machine: "Machine") -> None:
+    def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
         self.diagram = machine.diagram
         self.variables = machine.variables
         self._frames = 0
 
     def call(
-        self, function: Function, given: list[Nodes | None], context: Context, guard: Guard
+        self, function: ChartFunction, given: list[Nodes | None], context: ActionContext, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
         """Run a function of the chart; what it gives, and the guard where it comes back."""
         if function.refused:
-            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", MEND)
+            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", DEFAULT_REMEDY)
         if len(given) > len(function.parameters):
             raise UnsupportedError(f"{context.place}: {function.name} is given {len(given)} values")
         with self.machine.deeper(f"calls {function.name}"):
@@ -56,7 +56,7 @@ class Functions:
         return [self.variables.values[name] for name in results], after
 
     def _followed(
-        self, function: Function, given: list[Nodes | None], context: Context, guard: Guard
+        self, function: ChartFunction, given: list[Nodes | None], context: ActionContext, guard: Guard
     ) -> tuple[str, Guard | None]:
         """Follow a function; the frame that its variables are in, and the guard where it comes back."""
         self._frames += 1
@@ -67,7 +67,7 @@ class Functions:
         after = self._coded(function, here, guard) if function.script else self._drawn(function, here, guard)
         return frame, after
 
-    def _bind(self, function: Function, frame: str, given: list[Nodes | None]) -> None:
+    def _bind(self, function: ChartFunction, frame: str, given: list[Nodes | None]) -> None:
         for name, nodes in zip(function.parameters, given, strict=False):
             if nodes is not None:
                 self.variables.values[f"{frame}.{name}"] = nodes
@@ -79,15 +79,15 @@ class Functions:
                 start = self.variables.values[data.key]
                 self.variables.values[f"{frame}.{data.written.name}"] = start
 
-    def _drawn(self, function: Function, context: Context, guard: Guard) -> Guard | None:
+    def _drawn(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
         self.machine.flow(function.state, context, guard)
         return guard
 
-    def _coded(self, function: Function, context: Context, guard: Guard) -> Guard | None:
+    def _coded(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
         try:
             script = parse_script(function.script, function.name)
         except InputError as error:
-            raise UnsupportedError(f"its function {function.name}: {error.findings[0].what}") from None
+            raise UnsupportedError(f"its function {function.name}: {error.findings[0].message}") from None
         found = next((one for one in script.functions if one.name == function.name), None)
         if found is None:
             raise UnsupportedError(f"the code of its function {function.name} defines no function of that name")
@@ -110,17 +110,17 @@ class _Jumps:
     found: dict[str, list[Guard | None]] = field(default_factory=lambda: {"break": [], "continue": []})
 
 
-class Statements:
+class GuardedStatements:
     """Runs statements for a machine."""
 
-    def __init__(self, machine: "Machine", values: Values) -> None:
+    def __init__(self, machine: "ChartExecution", values: ChartExpressions) -> None:
         self.machine = machine
         self.values = values
         self.logic = machine.logic
         self._loops: list[_Jumps] = []
         self._returns: list[list[Guard | None]] = []
 
-    def run(self, body: tuple[m.Statement, ...], context: Context, guard: Guard | None) -> Guard | None:
+    def run(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None) -> Guard | None:
         """Run statements; the guard where they come to their end, None where they never do."""
         for statement in body:
             if guard is None:
@@ -132,7 +132,7 @@ class Statements:
                 guard = context.alive(guard)
         return guard
 
-    def function(self, body: tuple[m.Statement, ...], context: Context, guard: Guard) -> Guard | None:
+    def function(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard) -> Guard | None:
         """Run the body of a function; the guard where it comes back."""
         self._returns.append([])
         loops, self._loops = self._loops, []
@@ -140,7 +140,7 @@ class Statements:
         self._loops = loops
         return self.logic.either([end, *self._returns.pop()])
 
-    def _statement(self, statement: m.Statement, context: Context, guard: Guard) -> Guard | None:
+    def _statement(self, statement: m.Statement, context: ActionContext, guard: Guard) -> Guard | None:
         match statement:
             case m.Assign(targets, value):
                 return self._assign(targets, value, context, guard)
@@ -165,7 +165,7 @@ class Statements:
     # assignments and calls
 
     def _assign(
-        self, targets: tuple[m.Expression | None, ...], value: m.Expression, context: Context, guard: Guard
+        self, targets: tuple[m.Expression | None, ...], value: m.Expression, context: ActionContext, guard: Guard
     ) -> Guard | None:
         if len(targets) == 1:
             self._store(targets[0], self.values.nodes(value, context, guard), context, guard)
@@ -181,7 +181,7 @@ class Statements:
         return after
 
     def _results(
-        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: Context, guard: Guard
+        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: ActionContext, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
         """The results of a function of the chart or of MATLAB, and the guard where what called it goes on."""
         function = self.values.diagram.function(name, context.scope)
@@ -190,11 +190,13 @@ class Statements:
             return self.machine.functions.call(function, given, context, guard)
         results = self.values.library(name, arguments, wanted, context, guard)
         if not results:
-            what = f"it takes several results of {name}, which is no function of the chart or of MATLAB that is known"
-            raise UnsupportedError(f"{context.place}: {what}")
+            message = (
+                f"it takes several results of {name}, which is no function of the chart or of MATLAB that is known"
+            )
+            raise UnsupportedError(f"{context.place}: {message}")
         return results, guard
 
-    def _store(self, target: m.Expression | None, new: Nodes, context: Context, guard: Guard) -> None:
+    def _store(self, target: m.Expression | None, new: Nodes, context: ActionContext, guard: Guard) -> None:
         if target is None:
             return
         base, indices = (target.of, target.arguments) if isinstance(target, m.Call) else (target, None)
@@ -212,7 +214,7 @@ class Statements:
         if old is not None:
             self.machine.events.written(key, old, guard)
 
-    def _evaluate(self, tree: m.Expression, context: Context, guard: Guard) -> Guard | None:
+    def _evaluate(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Guard | None:
         sent = self.values.event(tree, context)
         if sent is not None:
             self.machine.events.send(sent[0], sent[1], context, guard)
@@ -224,8 +226,8 @@ class Statements:
             return self.machine.functions.call(function, given, context, guard)[1]
         if name in _SHOWN:
             return guard
-        what = name or (tree.name if isinstance(tree, m.Name) else "an expression")
-        raise UnsupportedError(f"{context.place}: it runs {what}, which is no event or function of the chart")
+        message = name or (tree.name if isinstance(tree, m.Name) else "an expression")
+        raise UnsupportedError(f"{context.place}: it runs {message}, which is no event or function of the chart")
 
     # decisions
 
@@ -233,7 +235,7 @@ class Statements:
         self,
         branches: tuple[m.Branch, ...],
         otherwise: tuple[m.Statement, ...],
-        context: Context,
+        context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
         made = [(partial(self.values.one, branch.condition), branch.body) for branch in branches]
@@ -244,14 +246,14 @@ class Statements:
         subject: m.Expression,
         cases: tuple[m.Branch, ...],
         otherwise: tuple[m.Statement, ...],
-        context: Context,
+        context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
         chosen = self.values.nodes(subject, context, guard)
         made = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
         return self._decide(made, otherwise, context, guard)
 
-    def _matches(self, subject: Nodes, case: m.Expression, context: Context, guard: Guard) -> int:
+    def _matches(self, subject: Nodes, case: m.Expression, context: ActionContext, guard: Guard) -> int:
         """Whether a case, or one of several in curly brackets, is that of a switch."""
         several = case.rows if isinstance(case, m.CellArray) else ((case,),)
         found = self.values.builder.const(0.0)
@@ -267,7 +269,7 @@ class Statements:
         self,
         ways: Sequence[tuple[Condition, tuple[m.Statement, ...]]],
         otherwise: tuple[m.Statement, ...],
-        context: Context,
+        context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
         """Run the first statements whose condition holds, else the others."""
@@ -288,7 +290,7 @@ class Statements:
     # loops
 
     def _for(
-        self, name: str, values: m.Expression, body: tuple[m.Statement, ...], context: Context, guard: Guard
+        self, name: str, values: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
     ) -> Guard | None:
         left: Guard | None = guard
         jumps = _Jumps()
@@ -302,7 +304,7 @@ class Statements:
         return self.logic.either([left, *jumps.found["break"]])
 
     def _while(
-        self, condition: m.Expression, body: tuple[m.Statement, ...], context: Context, guard: Guard
+        self, condition: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
     ) -> Guard | None:
         left: Guard | None = guard
         jumps, over = _Jumps(), list[Guard | None]()
@@ -316,13 +318,13 @@ class Statements:
         return self.logic.either([*over, *jumps.found["break"]])
 
     def _turn(
-        self, body: tuple[m.Statement, ...], context: Context, guard: Guard | None, jumps: _Jumps
+        self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None, jumps: _Jumps
     ) -> Guard | None:
         end = self.run(body, context, guard)
         gone, jumps.found["continue"] = jumps.found["continue"], []
         return self.logic.either([end, *gone])
 
-    def _jump(self, kind: str, context: Context, guard: Guard) -> None:
+    def _jump(self, kind: str, context: ActionContext, guard: Guard) -> None:
         if kind == "return" and self._returns:
             self._returns[-1].append(guard)
         elif self._loops and kind in self._loops[-1].found:

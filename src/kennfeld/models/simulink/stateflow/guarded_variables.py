@@ -19,9 +19,9 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.chart_model import State
+from kennfeld.models.simulink.stateflow.chart_model import StateNode
 
-__all__ = ["Context", "Guard", "Logic", "ResizedError", "Variables"]
+__all__ = ["ActionContext", "Guard", "GuardLogic", "GuardedVariables", "SizeChangedError"]
 
 _MOST_LOOKED_AT = 400  # nodes, to find out whether one is known
 _TURNED = {"lt": "gt", "gt": "lt", "le": "ge", "ge": "le"}
@@ -46,7 +46,7 @@ class Guard:
     unknown: set[int] = field(default_factory=set)
 
 
-class Logic:
+class GuardLogic:
     """Makes guards, and simplifies nodes by what they know."""
 
     def __init__(self, builder: GraphBuilder) -> None:
@@ -269,7 +269,7 @@ class Logic:
         return new if new == old else self.builder.call("select", guard.node, new, old)
 
 
-class ResizedError(Exception):
+class SizeChangedError(Exception):
     """A variable turned out to have another size than was thought."""
 
     def __init__(self, key: str, shape: tuple[int, ...]) -> None:
@@ -277,13 +277,13 @@ class ResizedError(Exception):
         self.key, self.shape = key, shape
 
 
-class Variables:
+class GuardedVariables:
     """What each variable holds so far, by its key: nodes in the shape of the variable, Int[rows, columns].
 
     `sized` are the keys whose sizes the chart states.
     """
 
-    def __init__(self, logic: Logic, values: Mapping[str, Nodes], sized: frozenset[str] = frozenset()) -> None:
+    def __init__(self, logic: GuardLogic, values: Mapping[str, Nodes], sized: frozenset[str] = frozenset()) -> None:
         self.logic = logic
         self.values = dict(values)
         self.sized = sized
@@ -316,7 +316,7 @@ class Variables:
         if key in self.sized:
             sizes = " and ".join("x".join(map(str, one)) for one in (shape, new.shape))
             raise UnsupportedError(f"its variable {key} has the sizes {sizes}")
-        raise ResizedError(key, new.shape)
+        raise SizeChangedError(key, new.shape)
 
     def put(self, key: str, node: int, guard: Guard) -> None:
         """Give a scalar a value where a guard holds."""
@@ -338,20 +338,20 @@ class Variables:
 
 
 @dataclass(frozen=True)
-class Context:
+class ActionContext:
     """Where code runs: names are sought from `scope`, timers are those of `owner`, `event` is what is processed.
 
     `event` is the key of an event, empty where the chart merely wakes up. `frame` is that of a function that runs.
     `alive` gives the guard where the code goes on after an event that it has sent.
     """
 
-    scope: State
-    owner: State
+    scope: StateNode
+    owner: StateNode
     event: str = ""
     frame: str = ""
     alive: Callable[[Guard], Guard | None] = lambda guard: guard
     place: str = ""
 
-    def at(self, place: str) -> "Context":
+    def at(self, place: str) -> "ActionContext":
         """The same for code of another place."""
         return replace(self, place=place)

@@ -15,9 +15,9 @@ from kennfeld.errors import InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.c_action_parser import CError, c_expression, c_statements
+from kennfeld.models.simulink.stateflow.c_action_parser import ActionSyntaxError, c_expression, c_statements
 
-__all__ = ["Language", "calls_in", "changed", "state_label", "transition_label", "within", "without_comments"]
+__all__ = ["ActionLanguage", "calls_in", "map_children", "state_label", "transition_label", "walk", "without_comments"]
 
 _STEP = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*(\+\+|--)[ \t]*(?=$|[;,\n])")
 _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*([-+*/])=(?!=)([^;\n]*)")
@@ -50,7 +50,7 @@ _TEXT = {
 _CLOSED_BY = {"(": ")", "[": "]", "{": "}"}
 
 
-class Language:
+class ActionLanguage:
     """Reads the code of one chart; raises `UnsupportedError` that names the place."""
 
     def __init__(self, name: str, bits: bool = False) -> None:
@@ -65,10 +65,10 @@ class Language:
             if self.name == "C":
                 return c_statements(code, self.bits)
             script = parse_script(_plain(code))
-        except CError as error:
+        except ActionSyntaxError as error:
             raise UnsupportedError(f"{place}: {error}") from None
         except InputError as error:
-            raise UnsupportedError(f"{place}: {error.findings[0].what}") from None
+            raise UnsupportedError(f"{place}: {error.findings[0].message}") from None
         if script.functions:
             raise UnsupportedError(f"{place} defines a function")
         return script.statements
@@ -77,10 +77,10 @@ class Language:
         """The expression of a condition."""
         try:
             return c_expression(code, self.bits) if self.name == "C" else parse_expression(code)
-        except CError as error:
+        except ActionSyntaxError as error:
             raise UnsupportedError(f"{place}: {error}") from None
         except InputError as error:
-            raise UnsupportedError(f"{place}: {error.findings[0].what}") from None
+            raise UnsupportedError(f"{place}: {error.findings[0].message}") from None
 
     def events(self, code: str, place: str) -> tuple[m.Expression, ...]:
         """The events of a list, any of which is waited for."""
@@ -93,7 +93,7 @@ def _plain(code: str) -> str:
     return _CHANGE.sub(lambda f: f"{f[1]}{f[2]}{f[3]} = {f[3]} {f[4]} ({f[5].strip()})", code)
 
 
-def within(tree: object) -> Iterator[m.Expression]:
+def walk(tree: object) -> Iterator[m.Expression]:
     """All expressions in expressions or statements, the outer ones first."""
     waiting = [tree]
     while waiting:
@@ -107,7 +107,7 @@ def within(tree: object) -> Iterator[m.Expression]:
             waiting += [getattr(one, name) for name in reversed(list(one.__dataclass_fields__))]
 
 
-def changed(tree: m.Expression, change: Callable[[m.Expression], m.Expression]) -> m.Expression:
+def map_children(tree: m.Expression, change: Callable[[m.Expression], m.Expression]) -> m.Expression:
     """An expression whose parts are replaced by what a function makes of them."""
     parts = {one.name: _changed(getattr(tree, one.name), change) for one in fields(tree) if one.name != "place"}
     return replace(tree, **parts)
@@ -121,13 +121,13 @@ def _changed(part: Any, change: Callable[[m.Expression], m.Expression]) -> Any:
 
 def calls_in(tree: object) -> Iterator[tuple[str, tuple[m.Expression, ...]]]:
     """The names that are called in expressions or statements, with their arguments."""
-    for one in within(tree):
+    for one in walk(tree):
         if isinstance(one, m.Call) and isinstance(one.of, m.Name):
             yield one.of.name, one.arguments
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class ActionText:
     """Code of a state; `kind` is "entry", "during", "exit", "bind" or "on", then with the `event`."""
 
     kind: str
@@ -140,7 +140,7 @@ class StateLabel:
     """The name of a state and its actions in their order; `bare` tells that the first ones stand under no keyword."""
 
     name: str
-    actions: tuple[Action, ...] = ()
+    actions: tuple[ActionText, ...] = ()
     bare: bool = False
 
 
@@ -185,7 +185,7 @@ def state_label(label: str, language: str = "C") -> StateLabel:
     heads = list(_HEAD.finditer(rest))
     plain = rest[: heads[0].start()].strip() if heads else rest.strip()
     bare = bool(plain.strip(";, \t\n"))
-    actions = [Action("entry", plain), Action("during", plain)] if bare else []
+    actions = [ActionText("entry", plain), ActionText("during", plain)] if bare else []
     ends = [*(head.start() for head in heads), len(rest)][1:]
     for head, end in zip(heads, ends, strict=True):
         code = rest[head.end() : end].strip()
@@ -197,8 +197,8 @@ def _cleaned(label: str, language: str) -> str:
     return without_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language)
 
 
-def _action(word: str, code: str) -> Action:
-    return Action(_KINDS[word], code) if word in _KINDS else Action("on", code, word[2:].strip())
+def _action(word: str, code: str) -> ActionText:
+    return ActionText(_KINDS[word], code) if word in _KINDS else ActionText("on", code, word[2:].strip())
 
 
 def transition_label(label: str, language: str = "C") -> TransitionLabel:

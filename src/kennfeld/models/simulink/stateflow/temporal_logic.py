@@ -11,14 +11,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.stateflow.chart_model import Arrow, Diagram, Event, Knot, State
-from kennfeld.models.simulink.stateflow.guarded_variables import Context, Guard
+from kennfeld.models.simulink.stateflow.chart_model import (
+    ChartEvent,
+    ChartModel,
+    JunctionNode,
+    StateNode,
+    TransitionEdge,
+)
+from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.models.simulink.stateflow.label_parser import calls_in
 
 if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import Machine
+    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["CHANGES", "SECONDS", "TEMPORAL", "TICKS", "Counting", "Timers", "unit_of"]
+__all__ = ["CHANGES", "SECONDS", "TEMPORAL", "TICKS", "ChartTimers", "TemporalLogic", "temporal_unit"]
 
 TEMPORAL = frozenset({"after", "before", "at", "every", "temporalCount", "elapsed", "et", "duration", "count"})
 CHANGES = frozenset({"hasChanged", "hasChangedFrom", "hasChangedTo"})
@@ -32,8 +38,8 @@ class Timer(NamedTuple):
     """A memory of a state: how often an event came, when the state was entered, or since when a condition holds."""
 
     kind: str  # "ticks", "events", "entered", "true"
-    state: State
-    event: Event | None = None
+    state: StateNode
+    event: ChartEvent | None = None
     condition: m.Expression | None = None
 
     @property
@@ -43,7 +49,7 @@ class Timer(NamedTuple):
         return f"{self.kind} {self.state.id} {more}".rstrip()
 
 
-def unit_of(name: str, arguments: tuple[m.Expression, ...]) -> str:
+def temporal_unit(name: str, arguments: tuple[m.Expression, ...]) -> str:
     """What a temporal operator counts: the name of an event, or of a unit of time."""
     if name in ("elapsed", "et") and not arguments:
         return "sec"
@@ -53,10 +59,10 @@ def unit_of(name: str, arguments: tuple[m.Expression, ...]) -> str:
     return arguments[-1].name
 
 
-class Timers:
+class ChartTimers:
     """All timers of a chart, and the data whose changes it asks for."""
 
-    def __init__(self, diagram: Diagram) -> None:
+    def __init__(self, diagram: ChartModel) -> None:
         self.diagram = diagram
         self.all: dict[str, Timer] = {}
         self.watched: dict[str, None] = {}
@@ -64,11 +70,11 @@ class Timers:
             for tree in _trees(state):
                 self._note(tree, state)
 
-    def of(self, state: State) -> Iterator[Timer]:
+    def of(self, state: StateNode) -> Iterator[Timer]:
         """The timers of a state."""
         return (timer for timer in self.all.values() if timer.state is state)
 
-    def timer(self, name: str, arguments: tuple[m.Expression, ...], state: State) -> Timer:
+    def timer(self, name: str, arguments: tuple[m.Expression, ...], state: StateNode) -> Timer:
         """The timer that a temporal operator of a state reads."""
         if name == "count":
             raise UnsupportedError("it uses count, which is not supported")
@@ -76,7 +82,7 @@ class Timers:
             if len(arguments) not in (1, 2):
                 raise UnsupportedError("duration is used in a way that is not supported")
             return Timer("true", state, condition=arguments[0])
-        unit = unit_of(name, arguments)
+        unit = temporal_unit(name, arguments)
         if unit in TICKS:
             return Timer("ticks", state)
         if unit in SECONDS:
@@ -86,7 +92,7 @@ class Timers:
             raise UnsupportedError(f"{name} counts {unit}, which is no event of the chart")
         return Timer("events", state, event)
 
-    def _note(self, tree: object, state: State) -> None:
+    def _note(self, tree: object, state: StateNode) -> None:
         for name, arguments in calls_in(tree):
             if name in TEMPORAL and self.diagram.function(name, state) is None:
                 timer = self.timer(name, arguments, state)
@@ -94,7 +100,7 @@ class Timers:
             elif name in CHANGES and arguments:
                 self._watch(arguments[0], state)
 
-    def _watch(self, tree: m.Expression, state: State) -> None:
+    def _watch(self, tree: m.Expression, state: StateNode) -> None:
         base = tree.of if isinstance(tree, m.Call) else tree
         data = self.diagram.datum(base.name, state) if isinstance(base, m.Name) else None
         if data is None or data.written.scope not in ("INPUT_DATA", "OUTPUT_DATA", "LOCAL_DATA"):
@@ -102,23 +108,23 @@ class Timers:
         self.watched[data.key] = None
 
 
-def _trees(state: State) -> Iterator[object]:
+def _trees(state: StateNode) -> Iterator[object]:
     """All code that runs for a state: its actions, and the transitions that begin at it."""
     yield tuple((action.event, action.body) for action in state.actions)
     waiting = [*state.outer, *state.inner, *state.defaults]
-    seen: set[Knot] = set()
+    seen: set[JunctionNode] = set()
     while waiting:
-        arrow: Arrow = waiting.pop()
+        arrow: TransitionEdge = waiting.pop()
         yield (arrow.events, arrow.condition, arrow.before, arrow.after)
-        if isinstance(arrow.target, Knot) and arrow.target not in seen:
+        if isinstance(arrow.target, JunctionNode) and arrow.target not in seen:
             seen.add(arrow.target)
             waiting += arrow.target.arrows
 
 
-class Counting:
+class TemporalLogic:
     """The timers of a machine."""
 
-    def __init__(self, machine: "Machine") -> None:
+    def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
         self.timers = machine.timers
         self.logic = machine.logic
@@ -133,14 +139,14 @@ class Counting:
                 more = self.builder.call("add", self.variables.one(key, guard), self.builder.const(1.0))
                 self.variables.put(key, more, guard)
 
-    def restart(self, state: State, guard: Guard) -> None:
+    def restart(self, state: StateNode, guard: Guard) -> None:
         """Begin to count anew as a state is entered."""
         for timer in self.timers.of(state):
             self.variables.put(
                 timer.key, self.machine.time if timer.kind == "entered" else self.builder.const(0.0), guard
             )
 
-    def measure(self, context: Context, guard: Guard) -> None:
+    def measure(self, context: ActionContext, guard: Guard) -> None:
         """Note since when the conditions of `duration` hold."""
         for key, timer in self.timers.all.items():
             if timer.kind != "true" or timer.condition is None:
@@ -156,7 +162,7 @@ class Counting:
             self.variables.put(f"since {key}", self.builder.call("select", begun, self.machine.time, since), where)
             self.variables.put(key, self.builder.call("ne", holds, self.builder.const(0.0)), where)
 
-    def temporal(self, name: str, arguments: tuple[m.Expression, ...], context: Context, guard: Guard) -> int:
+    def temporal(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> int:
         """The value of a temporal operator: a truth of `after` and its like, a number of `temporalCount`."""
         timer = self.timers.timer(name, arguments, context.owner)
         if timer.key not in self.variables:
@@ -168,7 +174,7 @@ class Counting:
             return self.builder.call("select", count, self._over(passed, scale), self.builder.const(0.0))
         near = self.builder.const(0.0)
         if timer.kind == "entered":
-            scale = SECONDS[unit_of(name, arguments)]
+            scale = SECONDS[temporal_unit(name, arguments)]
             count = self._over(self.builder.call("sub", self.machine.time, count), scale)
             near = self._over(self.builder.call("mul", self.builder.const(_NEAR), self.machine.dt), scale)
         if name in ("temporalCount", "elapsed", "et"):

@@ -20,13 +20,19 @@ import numpy as np
 
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError
-from kennfeld.matlab.mat_nodes import DamageError
+from kennfeld.matlab.mat_nodes import MatFileError
 from kennfeld.models.simulink.reader.document import solver_from
 from kennfeld.models.simulink.reader.model_package import is_zip, zip_package
-from kennfeld.models.simulink.reader.model_tree import Solver
-from kennfeld.models.simulink.reader.section_tree import Section, Trouble
+from kennfeld.models.simulink.reader.model_tree import StoredSolver
+from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode
 from kennfeld.models.simulink.variables.m_files import enumerals
-from kennfeld.models.simulink.variables.stored_variables import Data, Entry, Value, entry_of, mxarray_value
+from kennfeld.models.simulink.variables.stored_variables import (
+    StoredVariable,
+    StoredVariables,
+    Value,
+    mxarray_value,
+    stored_variable,
+)
 
 __all__ = ["Dictionary", "read_dictionary"]
 
@@ -65,44 +71,48 @@ def is_text_dictionary(raw: bytes) -> bool:
     return _PARTS.encode() in raw[:_HEAD]
 
 
-def text_chunks(raw: bytes, trouble: Trouble) -> list[Section]:
+def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """The chunks of a dictionary; what is wrong is noted."""
     try:
         parts = json.loads(raw)[_PARTS]
         contents = [parts[name][_CONTENT] for name in sorted(parts) if name.startswith(_PART)]
         if not contents:
-            trouble.error("", "is no data dictionary: it has no part data/chunk0", "Take a complete copy of the file.")
+            diagnostics.error(
+                "", "is no data dictionary: it has no part data/chunk0", "Take a complete copy of the file."
+            )
         return [_chunk(content) for content in contents]
     except RecursionError:
-        trouble.error("", "is nested too deeply", "Take a complete copy of the file.")
+        diagnostics.error("", "is nested too deeply", "Take a complete copy of the file.")
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        trouble.error("", f"is no data dictionary: {str(error)[:80]}", "Take a complete copy of the file.")
+        diagnostics.error("", f"is no data dictionary: {str(error)[:80]}", "Take a complete copy of the file.")
     return []
 
 
-def _chunk(content: Mapping[str, Any]) -> Section:
+def _chunk(content: Mapping[str, Any]) -> SectionNode:
     entries = [_object("DD.ENTRY", _text("Name", one["name"]), _text_value("Value", one["value"]))
                for one in content.get("entries", ())]  # fmt: skip
     references = [_object("DD.DICTIONARYREFERENCE", _text("Subdictionary", name))
                   for name in content.get("Dictionary References", ())]  # fmt: skip
-    return Section("DataSource", 0, parts=[*entries, *references])
+    return SectionNode("DataSource", 0, parts=[*entries, *references])
 
 
-def _object(kind: str, *parts: Section) -> Section:
-    return Section("Object", 0, {"Class": kind}, [*parts])
+def _object(kind: str, *parts: SectionNode) -> SectionNode:
+    return SectionNode("Object", 0, {"Class": kind}, [*parts])
 
 
-def _text(name: str, text: object) -> Section:
+def _text(name: str, text: object) -> SectionNode:
     return _section(name, "char", str(text))
 
 
-def _section(name: str, kind: str, text: str = "", size: str = "", parts: list[Section] | None = None) -> Section:
+def _section(
+    name: str, kind: str, text: str = "", size: str = "", parts: list[SectionNode] | None = None
+) -> SectionNode:
     """A property with a name, or an element without one."""
     keys = {key: value for key, value in (("Name", name), ("Class", kind), ("Dimension", size)) if value}
-    return Section("P" if name else "Element", 0, keys, parts or [], text=text)
+    return SectionNode("P" if name else "Element", 0, keys, parts or [], text=text)
 
 
-def _text_value(name: str, value: Any) -> Section:
+def _text_value(name: str, value: Any) -> SectionNode:
     """A value of JSON as a property, or as an element where it has no name."""
     if isinstance(value, bool):
         return _section(name, "logical", str(int(value)))
@@ -115,7 +125,7 @@ def _text_value(name: str, value: Any) -> Section:
     return _made(name, value) if isinstance(value, dict) else _section(name, "")
 
 
-def _listed(name: str, values: list[Any]) -> Section:
+def _listed(name: str, values: list[Any]) -> SectionNode:
     """A row of numbers, a text that is a string, or a cell array of anything else."""
     if len(values) == 1 and isinstance(values[0], str):
         return _section(name, "string", values[0])
@@ -125,7 +135,7 @@ def _listed(name: str, values: list[Any]) -> Section:
     return _section(name, "double", numbers, f"1*{len(values)}" if values else "0*0")
 
 
-def _made(name: str, value: dict[str, Any]) -> Section:
+def _made(name: str, value: dict[str, Any]) -> SectionNode:
     """Numbers of a class, an array of structs, cells or objects, or an object."""
     if "_type" in value:
         return _typed(name, str(value["_type"]), str(value.get("_value", "")))
@@ -144,11 +154,11 @@ def _made(name: str, value: dict[str, Any]) -> Section:
     return _section(name, str(value.get("_array_type", "unknown")))
 
 
-def _text_properties(kind: str, properties: Mapping[str, Any]) -> Section:
+def _text_properties(kind: str, properties: Mapping[str, Any]) -> SectionNode:
     return _section("", kind, parts=[_text_value(key, one) for key, one in properties.items()])
 
 
-def _typed(name: str, kind: str, written: str) -> Section:
+def _typed(name: str, kind: str, written: str) -> SectionNode:
     """Numbers with their class: row by row in the file, column by column in a section.
 
     What holds more than numbers stays as it is written, for others to refuse.
@@ -176,9 +186,9 @@ class Dictionary:
     """
 
     path: Path
-    data: Data = field(default_factory=Data)
+    data: StoredVariables = field(default_factory=StoredVariables)
     references: tuple[str, ...] = ()
-    solvers: Mapping[str, Solver] = field(default_factory=dict)
+    solvers: Mapping[str, StoredSolver] = field(default_factory=dict)
     types: tuple[str, ...] = ()
     enumerations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -186,7 +196,7 @@ class Dictionary:
         """This dictionary with what a further one holds besides; of two entries of one name its own wins."""
         return replace(
             self,
-            data=Data(
+            data=StoredVariables(
                 {**further.data.entries, **self.data.entries}, {**further.data.unreadable, **self.data.unreadable}
             ),
             solvers={**further.solvers, **self.solvers},
@@ -228,40 +238,40 @@ def _referred(file: Path, name: str) -> Dictionary:
         try:
             return _one(file)
         except InputError as error:
-            why = f"this dictionary, which the other refers to: {error.findings[0].what}"
-    return Dictionary(file, Data({}, {name: why}))
+            why = f"this dictionary, which the other refers to: {error.findings[0].message}"
+    return Dictionary(file, StoredVariables({}, {name: why}))
 
 
 def _one(path: Path) -> Dictionary:
     """The dictionary in a file alone; raises `InputError` where it is none."""
-    trouble = Trouble(path.name)
+    diagnostics = ReadDiagnostics(path.name)
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
     if not is_zip(raw) and not is_text_dictionary(raw):
         raise InputError.of(path.name, "is no data dictionary", _MEND)
-    roots = _packed(raw, trouble) if is_zip(raw) else text_chunks(raw, trouble)
-    trouble.settle()
+    roots = _packed(raw, diagnostics) if is_zip(raw) else text_chunks(raw, diagnostics)
+    diagnostics.settle()
     return _dictionary(path, roots)
 
 
-def _packed(raw: bytes, trouble: Trouble) -> list[Section]:
+def _packed(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """The chunks in a zip; what is wrong is noted."""
-    package = zip_package(raw, trouble)
+    package = zip_package(raw, diagnostics)
     chunks = sorted(name for name in package.names() if name.startswith("data/chunk") and name.endswith(".xml"))
-    if not chunks and not trouble.errors:
-        trouble.error("", "is no data dictionary: it has no part data/chunk0.xml", _MEND)
+    if not chunks and not diagnostics.errors:
+        diagnostics.error("", "is no data dictionary: it has no part data/chunk0.xml", _MEND)
     read = [package.section(name, fold=False) for name in chunks]
     return [root for root in read if root is not None]
 
 
-def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
+def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
     """The dictionary of its chunks: entries that are data, types or configurations, and references."""
-    entries: dict[str, Entry] = {}
+    entries: dict[str, StoredVariable] = {}
     unreadable: dict[str, str] = {}
     references: list[str] = []
-    solvers: dict[str, Solver] = {}
+    solvers: dict[str, StoredSolver] = {}
     types: list[str] = []
     enumerations: dict[str, Mapping[str, float]] = {}
     for thing in (part for root in roots for part in root.all("Object")):
@@ -279,36 +289,38 @@ def _dictionary(path: Path, roots: list[Section]) -> Dictionary:
             enumerations |= {name: enumerals(given)} if _ENUMERATION in classes else {}
         else:
             _add(name, given, entries, unreadable)
-    return Dictionary(path, Data(entries, unreadable), tuple(references), solvers, tuple(types), enumerations)
+    return Dictionary(
+        path, StoredVariables(entries, unreadable), tuple(references), solvers, tuple(types), enumerations
+    )
 
 
-def _add(name: str, given: Section, entries: dict[str, Entry], unreadable: dict[str, str]) -> None:
+def _add(name: str, given: SectionNode, entries: dict[str, StoredVariable], unreadable: dict[str, str]) -> None:
     try:
         value = _value(given)
     except _Unreadable as why:
         unreadable[name] = str(why)
         return
-    if isinstance(value, Entry):
+    if isinstance(value, StoredVariable):
         entries[name] = replace(value, name=name)
     else:
         word = "char" if isinstance(value, str) else "cell" if isinstance(value, tuple) else "struct"
-        entries[name] = Entry(name, value, given.keys.get("Class") or word)
+        entries[name] = StoredVariable(name, value, given.keys.get("Class") or word)
 
 
-def _properties(section: Section) -> dict[str, Section]:
+def _properties(section: SectionNode) -> dict[str, SectionNode]:
     return {part.keys["Name"]: part for part in section.all("P") if "Name" in part.keys}
 
 
-def _stated(said: Mapping[str, Section], key: str) -> str:
+def _stated(said: Mapping[str, SectionNode], key: str) -> str:
     return said[key].text if key in said else ""
 
 
-def _classes(value: Section) -> set[str]:
+def _classes(value: SectionNode) -> set[str]:
     """The class of a value, written at it or at what it holds."""
     return {part.keys.get("Class", "") for part in (value, *value.all("Element"))}
 
 
-def _value(section: Section, depth: int = 0) -> Value:
+def _value(section: SectionNode, depth: int = 0) -> Value:
     """The value of a property or an element of an array."""
     kind = section.keys.get("Class", "")
     if depth > _DEEPEST:
@@ -329,23 +341,23 @@ def _value(section: Section, depth: int = 0) -> Value:
     if inner:
         return _several(inner, section)
     if section.first("P") is not None:
-        return entry_of("", kind, _struct(section, depth)) if kind else _struct(section, depth)
+        return stored_variable("", kind, _struct(section, depth)) if kind else _struct(section, depth)
     if "." in kind:
         # an enumeration says the name of its member, an object of which all is default says nothing
-        return section.text.strip() or entry_of("", kind, {})
+        return section.text.strip() or stored_variable("", kind, {})
     raise _Unreadable(f"it is of the unknown class {kind[:60] or 'none'}")
 
 
-def _struct(section: Section, depth: int) -> dict[str, Value]:
+def _struct(section: SectionNode, depth: int) -> dict[str, Value]:
     return {name: _value(part, depth + 1) for name, part in _properties(section).items()}
 
 
-def _several(values: tuple[Value, ...], section: Section) -> Value:
+def _several(values: tuple[Value, ...], section: SectionNode) -> Value:
     """One value by itself, several as a tuple."""
     return values[0] if len(values) == 1 and section.keys.get("Dimension", "1*1") == "1*1" else values
 
 
-def _numbers(section: Section) -> Value:
+def _numbers(section: SectionNode) -> Value:
     """An array in the order of the file, which is column by column."""
     if section.keys.get("IsComplex") in ("1", "true") or "i" in section.text.replace("Inf", "").replace("inf", ""):
         raise _Unreadable("it is complex")
@@ -361,11 +373,11 @@ def _numbers(section: Section) -> Value:
     return readonly(values.reshape(shape, order="F"))
 
 
-def _encoded(section: Section) -> Value:
+def _encoded(section: SectionNode) -> Value:
     """A value that has no text: the bytes of an array."""
     try:
         return mxarray_value(binascii.unhexlify("".join(section.text.split())))
     except (binascii.Error, ValueError):
         raise _Unreadable("its bytes cannot be decoded") from None
-    except DamageError as error:
+    except MatFileError as error:
         raise _Unreadable(f"its bytes cannot be decoded: {error}") from None

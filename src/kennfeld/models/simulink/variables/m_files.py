@@ -23,27 +23,33 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
-from kennfeld.matlab.evaluator import evaluate, names
-from kennfeld.matlab.functions import REGISTERED
-from kennfeld.matlab.parser import parse_script, read_script
+from kennfeld.matlab.evaluator import evaluate, free_names
+from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
+from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import Files, run_script
-from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, parameter_of
-from kennfeld.matlab.values import Cell, Struct, text
+from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, text
 from kennfeld.matlab.values import Value as MatlabValue
-from kennfeld.models.imperative.evaluation_errors import CodeError
-from kennfeld.models.simulink.reader.section_tree import Section
-from kennfeld.models.simulink.variables.mask_scope import GIVEN, Value, Variable, Variables, same
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.simulink.reader.section_tree import SectionNode
+from kennfeld.models.simulink.variables.mask_scope import (
+    USER_SOURCE,
+    ParameterValue,
+    Variable,
+    VariableTable,
+    equal_values,
+)
 
 __all__ = [
+    "EvaluationFailure",
     "FunctionFiles",
-    "Unknown",
-    "beside",
-    "content",
     "enumerals",
+    "enumeration_file",
     "enumeration_of",
-    "evaluated",
-    "made_by",
-    "run",
+    "evaluate_numerically",
+    "read_file",
+    "run_mask_code",
+    "run_parameter_script",
     "run_text",
     "variable_of",
 ]
@@ -111,7 +117,7 @@ def _number(written: str | None) -> float | None:
         return {"true": 1.0, "false": 0.0}.get((written or "").strip())
 
 
-def enumerals(definition: Section) -> dict[str, float]:
+def enumerals(definition: SectionNode) -> dict[str, float]:
     """The members of an enumeration in a data dictionary; those without a number are left out."""
     found: dict[str, float] = {}
     for part in definition.every():
@@ -127,7 +133,7 @@ def variable_of(members: Mapping[str, float], source: str) -> Variable:
     return Variable({name: np.array([[value]]) for name, value in members.items()}, source=source, fixed=True)
 
 
-def beside(folder: Path, name: str) -> Variable | None:
+def enumeration_file(folder: Path, name: str) -> Variable | None:
     """The enumeration in the class file of a name beside a model; None where there is none."""
     path = folder / f"{name}.m"
     if not _NAME.match(name) or not path.is_file() or path.stat().st_size > _LARGEST:
@@ -155,7 +161,7 @@ class FunctionFiles:
     def enumeration(self, name: str) -> Variable | None:
         """The enumeration in the class file of a name; None where there is none."""
         if name not in self._enumerations:
-            found = (beside(folder, name) for folder in self._folders)
+            found = (enumeration_file(folder, name) for folder in self._folders)
             self._enumerations[name] = next((one for one in found if one is not None), None)
         return self._enumerations[name]
 
@@ -169,15 +175,15 @@ class FunctionFiles:
 def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
     try:
         if path.stat().st_size > _LARGEST_FILE:
-            raise CodeError(f"the file {path.name} is too large for a function")
+            raise ProgramError(f"the file {path.name} is too large for a function")
         text = path.read_bytes().decode("utf-8", "replace")
         if is_class(text):
             return {}
         script = parse_script(text, path.name)
     except OSError as error:
-        raise CodeError(f"the file {path.name} cannot be read: {error.strerror or error}") from None
+        raise ProgramError(f"the file {path.name} cannot be read: {error.strerror or error}") from None
     except InputError as error:
-        raise CodeError(str(error.findings[0])) from None
+        raise ProgramError(str(error.findings[0])) from None
     if not script.functions or script.statements:
         return {}
     return {**{one.name: one for one in script.functions}, path.stem: script.functions[0]}
@@ -186,31 +192,37 @@ def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
 class Evaluated(NamedTuple):
     """The value of an expression, and the variables that it took."""
 
-    value: Value
+    value: ParameterValue
     names: tuple[str, ...]
 
 
-class Unknown(NamedTuple):
+class EvaluationFailure(NamedTuple):
     """Why an expression has no value, and the variable that nothing gives one, if that is why."""
 
     why: str
     undefined: str = ""
 
 
-def evaluated(tree: m.Expression, variable: Callable[[str], Value | None]) -> Evaluated | Unknown:
+def evaluate_numerically(
+    tree: m.Expression, variable: Callable[[str], ParameterValue | None]
+) -> Evaluated | EvaluationFailure:
     """The value of an expression over the variables that `variable` gives, or why it has none."""
-    given = {name: value for name in sorted(names(tree)) if (value := variable(name)) is not None}
+    given = {name: value for name in sorted(free_names(tree)) if (value := variable(name)) is not None}
     try:
         found = known(evaluate(tree, given, {"get_param": _asked, "eval": _meant}))
     except MatlabError as error:
-        missing = [name for name in sorted(names(tree)) if name not in given and name not in REGISTERED]
-        return Unknown(error.findings[0].what, missing[0] if missing else "")
-    return Evaluated(found, tuple(given)) if found is not None else Unknown("its value is neither numbers nor text")
+        missing = [name for name in sorted(free_names(tree)) if name not in given and name not in NUMERIC_FUNCTIONS]
+        return EvaluationFailure(error.findings[0].message, missing[0] if missing else "")
+    return (
+        Evaluated(found, tuple(given))
+        if found is not None
+        else EvaluationFailure("its value is neither numbers nor text")
+    )
 
 
-def made_by(code: str, variable: Callable[[str], Value | None]) -> dict[str, Value]:
+def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -> dict[str, ParameterValue]:
     """The variables that a text of MATLAB makes of those that `variable` gives."""
-    script, _ = read_script(code)
+    script, _ = parse_leniently(code)
     wanted = sorted(_taken(script.statements))
     given = {name: value for name in wanted if (value := variable(name)) is not None}
     outcome = run_script(code, "mask", given, functions={"get_param": _asked, "eval": _meant})
@@ -220,9 +232,11 @@ def made_by(code: str, variable: Callable[[str], Value | None]) -> dict[str, Val
 
 def _asked(holder: MatlabValue, key: MatlabValue) -> MatlabValue:
     """A text that a model says of itself."""
-    said = holder.fields.get(text(key)) if isinstance(holder, Struct) else None
+    said = holder.fields.get(text(key)) if isinstance(holder, MatlabStruct) else None
     if said is None:
-        raise MatlabError.at("mask", m.Place(), f"get_param asks for {text(key)[:40]}, which only Simulink can tell")
+        raise MatlabError.at(
+            "mask", m.SourcePosition(), f"get_param asks for {text(key)[:40]}, which only Simulink can tell"
+        )
     return said
 
 
@@ -234,7 +248,7 @@ def _meant(written: MatlabValue) -> MatlabValue:
 def _taken(statements: object) -> frozenset[str]:
     """All names in statements."""
     if isinstance(statements, m.Expression):
-        return names(statements)
+        return free_names(statements)
     if isinstance(statements, tuple):
         return frozenset().union(*map(_taken, statements))
     if is_dataclass(statements):
@@ -242,33 +256,35 @@ def _taken(statements: object) -> frozenset[str]:
     return frozenset()
 
 
-def known(value: Any) -> Value | None:
+def known(value: Any) -> ParameterValue | None:
     """A value of MATLAB as blocks use it; None for what they cannot."""
-    found = variable_from(value, "")
+    found = to_variable(value, "")
     return found.value if found is not None else None
 
 
-def variable_from(value: Any, source: str) -> Variable | None:
+def to_variable(value: Any, source: str) -> Variable | None:
     """A variable with the limits, unit and description that an object has."""
-    meant = parameter_of(value)
+    meant = to_calibration_parameter(value)
     if meant is not None:
-        held: Value = _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
+        held: ParameterValue = (
+            _table(meant) if isinstance(meant, LookupTable) else np.asarray(meant.value, dtype=np.float64)
+        )
         made = Variable(held, unit=meant.unit, description=meant.description, source=source)
         return made.limited(meant.min, meant.max)
     plain = _plain(value)
-    fixed = isinstance(value, Struct) and value.kind == ENUMERATION
+    fixed = isinstance(value, MatlabStruct) and value.kind == ENUMERATION
     return Variable(plain, source=source, fixed=fixed) if plain is not None else None
 
 
-def _table(meant: LookupTable) -> dict[str, Value]:
+def _table(meant: LookupTable) -> dict[str, ParameterValue]:
     points = {f"Breakpoints{i + 1}": np.asarray(one.value) for i, one in enumerate(meant.breakpoints)}
     return {"Table": np.asarray(meant.value, dtype=np.float64), **points}
 
 
-def _plain(value: Any) -> Value | None:
-    if isinstance(value, Struct):
+def _plain(value: Any) -> ParameterValue | None:
+    if isinstance(value, MatlabStruct):
         return _struct(value)
-    if isinstance(value, Cell):
+    if isinstance(value, MatlabCell):
         parts = [known(part) for part in value.values.ravel(order="F")]
         return tuple(part for part in parts if part is not None)
     if not isinstance(value, np.ndarray):
@@ -280,7 +296,7 @@ def _plain(value: Any) -> Value | None:
     return np.asarray(value, dtype=np.float64)
 
 
-def _struct(value: Struct) -> Value:
+def _struct(value: MatlabStruct) -> ParameterValue:
     elements = [
         {name: part for name, inner in one.items() if (part := known(inner)) is not None}
         for one in value.elements.ravel(order="F")
@@ -288,23 +304,23 @@ def _struct(value: Struct) -> Value:
     return elements[0] if len(elements) == 1 else tuple(elements)
 
 
-def run(found: Variables, path: Path) -> None:
+def run_parameter_script(found: VariableTable, path: Path) -> None:
     """Add the variables that a script makes; raises `InputError` where it cannot be read."""
-    text = content(path).decode("utf-8", "replace")
+    text = read_file(path).decode("utf-8", "replace")
     if is_class(text):
         _enumeration(found, text, path)
     else:
         run_text(found, text, path.name, path.parent)
 
 
-def _enumeration(found: Variables, text: str, path: Path) -> None:
+def _enumeration(found: VariableTable, text: str, path: Path) -> None:
     made = enumeration_of(text)
     if made is None:
         raise InputError.of(path.name, "is a class, and none of whole numbers", "Give scripts and enumerations.")
     found[made[0]] = variable_of(made[1], path.name)
 
 
-def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
+def run_text(found: VariableTable, text: str, name: str, folder: Path) -> None:
     """Add the variables that a text of MATLAB makes; those that it leaves without a value lose the one they had.
 
     What is given by name stays, so that it can stand in for what a script cannot say. Files that it loads are looked
@@ -314,16 +330,16 @@ def run_text(found: Variables, text: str, name: str, folder: Path) -> None:
     outcome = run_script(text, name, given, _beside(folder))
     found.findings += [replace(one, severity="warning") for one in outcome.findings]
     for key, value in outcome.variables.items():
-        made = variable_from(value, name)
+        made = to_variable(value, name)
         if made is None:
             found.findings.append(Finding(f"{name} {key}", "it is of a kind that is not supported", severity="warning"))
             continue
         before = found.get(key)
-        if before is None or not same(before.value, made.value):
+        if before is None or not equal_values(before.value, made.value):
             found[key] = _commented(made, outcome.comments.get(key, ""))
     for key, why in outcome.undefined.items():
         found.undefined[key] = why
-        if key in found and found[key].source != GIVEN:
+        if key in found and found[key].source != USER_SOURCE:
             del found[key]
 
 
@@ -334,18 +350,18 @@ def _commented(made: Variable, comment: str) -> Variable:
 def _beside(folder: Path) -> Files:
     def found(name: str) -> bytes | None:
         path = folder / name
-        return content(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
+        return read_file(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
 
     return found
 
 
-def content(path: Path) -> bytes:
+def read_file(path: Path) -> bytes:
     """What a file holds; raises `InputError` where it cannot be read."""
     try:
         return path.read_bytes()
     except FileNotFoundError:
         beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        mend = nearest(path.name, beside) or "Check the path."
-        raise InputError.of(str(path), "there is no such file", mend) from None
+        remedy = nearest(path.name, beside) or "Check the path."
+        raise InputError.of(str(path), "there is no such file", remedy) from None
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None

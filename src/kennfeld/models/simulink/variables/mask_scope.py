@@ -13,32 +13,32 @@ import numpy as np
 
 from kennfeld.errors import Finding
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.evaluator import names
-from kennfeld.matlab.parser import read_script
-from kennfeld.matlab.printer import printed
-from kennfeld.models.imperative.evaluation_errors import NoValueError
+from kennfeld.matlab.evaluator import free_names
+from kennfeld.matlab.parser import parse_leniently
+from kennfeld.matlab.printer import format_expression
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
-from kennfeld.models.simulink.reader.model_tree import Block, Solver, parted
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
 
 __all__ = [
-    "GIVEN",
-    "Coded",
-    "Masked",
+    "USER_SOURCE",
+    "MaskCodeVariable",
+    "MaskVariable",
+    "ParameterValue",
     "Scope",
-    "Value",
     "Variable",
-    "Variables",
-    "part_of",
-    "plain",
-    "same",
-    "written_names",
+    "VariableTable",
+    "equal_values",
+    "names_assigned_by_functions",
+    "nested_field",
+    "to_parameter_value",
 ]
 
-Value: TypeAlias = Union[Numbers, str, "Mapping[str, Value]", "tuple[Value, ...]"]
+ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
-GIVEN = "given"  # the source of values that are given by name
+USER_SOURCE = "given"  # the source of values that are given by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Variable:
     parameter.
     """
 
-    value: Value
+    value: ParameterValue
     lower: float | Numbers = -np.inf
     upper: float | Numbers = np.inf
     unit: str = ""
@@ -69,7 +69,7 @@ class Variable:
 
 
 @dataclass(frozen=True, eq=False)
-class Masked:
+class MaskVariable:
     """A mask's parameter: an expression over the names outside of the mask, or the text itself.
 
     `field` is "Path:Name", how the literal is promoted; `written` is what the dialog shows.
@@ -83,7 +83,7 @@ class Masked:
 
 
 @dataclass(frozen=True, eq=False)
-class Coded:
+class MaskCodeVariable:
     """A variable that a mask's code makes in a way that no single expression says."""
 
     name: str
@@ -96,20 +96,20 @@ class Scope:
     """The names that the blocks of one system see."""
 
     variables: Mapping[str, Variable]
-    masked: "dict[str, Masked | Coded]" = field(default_factory=dict)
+    masked: "dict[str, MaskVariable | MaskCodeVariable]" = field(default_factory=dict)
     outer: "Scope | None" = None
 
-    def within(self, block: Block) -> "Scope":
+    def within(self, block: ModelBlock) -> "Scope":
         """The names inside of a subsystem."""
         if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
             return self
         inside = Scope(self.variables, {}, self)
         for one in block.mask.parameters:
             field = f"{block.path}:{one.name}"
-            inside.masked[one.name] = Masked(one.meaning, self, one.evaluated, field, one.expression)
+            inside.masked[one.name] = MaskVariable(one.meaning, self, one.evaluated, field, one.expression)
         return _coded(inside, block.mask.initialization)
 
-    def inside(self, block: Block, models: "Mapping[str, Scope]") -> "Scope":
+    def inside(self, block: ModelBlock, models: "Mapping[str, Scope]") -> "Scope":
         """The names inside of a subsystem, or of a referenced model, which has names of its own.
 
         To those the block may give other values, its model arguments; an empty one leaves that of the model.
@@ -119,7 +119,7 @@ class Scope:
             return self.within(block)
         around = self.within(block)
         given = {name: text for name, text in _arguments(block) if text.strip()}
-        made = {name: Masked(text, around, True, f"{block.path}:{name}", text) for name, text in given.items()}
+        made = {name: MaskVariable(text, around, True, f"{block.path}:{name}", text) for name, text in given.items()}
         return Scope(own.variables, {**made}, own) if made else own
 
     def shown(self) -> dict[str, str]:
@@ -127,11 +127,13 @@ class Scope:
         found: dict[str, str] = {}
         here: Scope | None = self
         while here is not None:
-            said = {name: one.written for name, one in here.masked.items() if isinstance(one, Masked) and one.field}
+            said = {
+                name: one.written for name, one in here.masked.items() if isinstance(one, MaskVariable) and one.field
+            }
             found, here = {**said, **found}, here.outer
         return found
 
-    def find(self, name: str) -> "Masked | Coded | Variable | None":
+    def find(self, name: str) -> "MaskVariable | MaskCodeVariable | Variable | None":
         """What a name means here."""
         here: Scope | None = self
         while here is not None:
@@ -145,10 +147,10 @@ class Scope:
         return self.variables.get(".".join(way)) if len(way) > 1 else None
 
 
-def _arguments(block: Block) -> Iterator[tuple[str, str]]:
+def _arguments(block: ModelBlock) -> Iterator[tuple[str, str]]:
     """The arguments of a referenced model with their expressions: lists of texts, in old files parted by commas."""
     names, values = (
-        block.listed(key) or parted(block.value(key) or "")
+        block.listed(key) or split_arguments(block.value(key) or "")
         for key in ("ParameterArgumentNames", "ParameterArgumentValues")
     )
     return zip(map(str.strip, names), values, strict=False)
@@ -159,15 +161,17 @@ def _coded(scope: Scope, code: str) -> Scope:
 
     What other statements make, and what depends on that, is what the whole code leaves.
     """
-    script, _ = read_script(code)
+    script, _ = parse_leniently(code)
     inside, left = scope, set[str]()
     for statement in script.statements:
         name = _plainly_assigned(statement)
-        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names(statement.value)}):
-            inside = Scope(scope.variables, {name: Masked(printed(statement.value), inside)}, inside)
+        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *free_names(statement.value)}):
+            inside = Scope(scope.variables, {name: MaskVariable(format_expression(statement.value), inside)}, inside)
         else:
-            left |= assigned_names(statement)
-    return Scope(scope.variables, {name: Coded(name, code, scope) for name in left}, inside) if left else inside
+            left |= names_assigned(statement)
+    return (
+        Scope(scope.variables, {name: MaskCodeVariable(name, code, scope) for name in left}, inside) if left else inside
+    )
 
 
 def _plainly_assigned(statement: m.Statement) -> str:
@@ -176,26 +180,26 @@ def _plainly_assigned(statement: m.Statement) -> str:
     return targets[0].name if len(targets) == 1 and isinstance(targets[0], m.Name) else ""
 
 
-def assigned_names(statement: m.Statement) -> frozenset[str]:
+def names_assigned(statement: m.Statement) -> frozenset[str]:
     """The variables that a statement gives values to."""
     match statement:
         case m.Assign(targets):
             return frozenset(name for target in targets if (name := _base(target)))
         case m.For(target, _, body):
-            return frozenset({_base(target)}).union(*map(assigned_names, body))
+            return frozenset({_base(target)}).union(*map(names_assigned, body))
         case m.While(_, body):
-            return frozenset().union(*map(assigned_names, body))
+            return frozenset().union(*map(names_assigned, body))
         case m.If(branches, otherwise) | m.Switch(_, branches, otherwise):
             bodies = [*(one for branch in branches for one in branch.body), *otherwise]
-            return frozenset().union(*map(assigned_names, bodies))
+            return frozenset().union(*map(names_assigned, bodies))
     return frozenset()
 
 
-def written_names(code: str) -> frozenset[str]:
+def names_assigned_by_functions(code: str) -> frozenset[str]:
     """The variables that a text of functions gives values to."""
-    script, _ = read_script(code)
+    script, _ = parse_leniently(code)
     bodies = [one.body for one in script.functions]
-    return frozenset(name for body in bodies for statement in body for name in assigned_names(statement))
+    return frozenset(name for body in bodies for statement in body for name in names_assigned(statement))
 
 
 def _base(target: m.Expression | None) -> str:
@@ -204,16 +208,16 @@ def _base(target: m.Expression | None) -> str:
     return target.name if isinstance(target, m.Name) else ""
 
 
-def plain(value: Any) -> Value | None:
+def to_parameter_value(value: Any) -> ParameterValue | None:
     """A value in the few forms that models use: arrays of float64, texts, structs, tuples; None for others.
 
-    >>> plain(3), plain({"a": [1, 2]})
+    >>> to_parameter_value(3), to_parameter_value({"a": [1, 2]})
     (array([3.]), {'a': array([1., 2.])})
     """
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):
-        parts = {str(key): plain(part) for key, part in value.items()}
+        parts = {str(key): to_parameter_value(part) for key, part in value.items()}
         return {key: part for key, part in parts.items() if part is not None}
     try:
         array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
@@ -222,24 +226,24 @@ def plain(value: Any) -> Value | None:
     return np.atleast_1d(array) if array is not None else None
 
 
-def _several(value: Any) -> Value | None:
+def _several(value: Any) -> ParameterValue | None:
     if not isinstance(value, (tuple, list)):
         return None
-    parts = [plain(part) for part in value]
+    parts = [to_parameter_value(part) for part in value]
     known = tuple(part for part in parts if part is not None)
     return known if len(known) == len(parts) else None
 
 
-def part_of(value: Value, way: list[str]) -> Value:
+def nested_field(value: ParameterValue, way: list[str]) -> ParameterValue:
     """The part of a struct at the end of a way; raises `NoValueError`."""
     for at, name in enumerate(way[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
-            raise NoValueError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
+            raise EvaluationError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
         value = value[name]
     return value
 
 
-class Variables(dict[str, Variable]):
+class VariableTable(dict[str, Variable]):
     """Variables by name, with what was noticed while they were read.
 
     `undefined` says by name why scripts could give a variable no value, `solvers` are configurations by name,
@@ -250,18 +254,18 @@ class Variables(dict[str, Variable]):
         super().__init__()
         self.findings: list[Finding] = []
         self.undefined: dict[str, str] = {}
-        self.solvers: dict[str, Solver] = {}
+        self.solvers: dict[str, StoredSolver] = {}
         self.strangers = ParameterSet()
 
 
-def same(one: Value, other: Value) -> bool:
+def equal_values(one: ParameterValue, other: ParameterValue) -> bool:
     """Whether two values are equal."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)):
             return False
         return np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(equal_values(one[key], other[key]) for key in one)
     if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(same, one, other))
+        return len(one) == len(other) and all(map(equal_values, one, other))
     return type(one) is type(other) and one == other

@@ -11,32 +11,50 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.models.imperative.node_arrays import Numbers
-from kennfeld.models.simulink.reader.model_tree import Document, Solver
+from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
-from kennfeld.models.simulink.variables.m_files import beside, content, run, run_text, variable_of
-from kennfeld.models.simulink.variables.mask_scope import GIVEN, Value, Variable, Variables, plain, same
-from kennfeld.models.simulink.variables.stored_variables import Data, Entry, mat_variables, workspace_variables
+from kennfeld.models.simulink.variables.m_files import (
+    enumeration_file,
+    read_file,
+    run_parameter_script,
+    run_text,
+    variable_of,
+)
+from kennfeld.models.simulink.variables.mask_scope import (
+    USER_SOURCE,
+    ParameterValue,
+    Variable,
+    VariableTable,
+    equal_values,
+    to_parameter_value,
+)
+from kennfeld.models.simulink.variables.stored_variables import (
+    StoredVariable,
+    StoredVariables,
+    mat_variables,
+    workspace_variables,
+)
 from kennfeld.models.simulink.variables.stored_variables import Value as Stored
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["Given", "asked", "settings_of", "variables_of"]
+__all__ = ["ParameterSource", "collect_variables", "model_properties", "settings_of"]
 
-Given: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
+ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
 
 _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
 
 _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 
-def variables_of(document: Document, given: Iterable[Given]) -> Variables:
+def collect_variables(document: ModelDocument, given: Iterable[ParameterSource]) -> VariableTable:
     """The variables that a model's expressions may use.
 
     Enumerations that blocks name and whose class files lie beside the model come first, then data dictionaries, then
     the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides
     them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
     """
-    found = Variables()
+    found = VariableTable()
     _beside(found, document)
     over: list[ParameterSet] = []
     _callbacks(found, document)
@@ -44,13 +62,13 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
         if isinstance(one, ParameterSet):
             over.append(one)
         elif isinstance(one, Mapping):
-            found.update({name: Variable(value, source=GIVEN) for name, value in _plain(one).items()})
+            found.update({name: Variable(value, source=USER_SOURCE) for name, value in _plain(one).items()})
         else:
             over += _file(found, Path(one))
-    by_name = {name: one for name, one in found.items() if one.source == GIVEN}
+    by_name = {name: one for name, one in found.items() if one.source == USER_SOURCE}
     _workspace(found, document)
     found.findings += [
-        _hidden(document, name) for name, one in by_name.items() if not same(one.value, found[name].value)
+        _hidden(document, name) for name, one in by_name.items() if not equal_values(one.value, found[name].value)
     ]
     given_over = {parameter.name: parameter for values in over for parameter in values.values()}
     found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
@@ -58,17 +76,17 @@ def variables_of(document: Document, given: Iterable[Given]) -> Variables:
     return found
 
 
-def _hidden(document: Document, name: str) -> Finding:
-    what = "is given another value by the model workspace, which hides the one that is given"
-    mend = "Give it in a ParameterSet or a calibration file: those go over the workspace."
-    return Finding(f"{document.name} {name}", what, mend, severity="warning")
+def _hidden(document: ModelDocument, name: str) -> Finding:
+    message = "is given another value by the model workspace, which hides the one that is given"
+    remedy = "Give it in a ParameterSet or a calibration file: those go over the workspace."
+    return Finding(f"{document.name} {name}", message, remedy, severity="warning")
 
 
-def _beside(found: Variables, document: Document) -> None:
+def _beside(found: VariableTable, document: ModelDocument) -> None:
     """Take the enumerations and the data dictionaries that lie beside a model; a path could name any other file."""
     folder = document.path.parent
     for name in document.enumerations:
-        enumeration = beside(folder, name)
+        enumeration = enumeration_file(folder, name)
         found.update({name: enumeration} if enumeration is not None else {})
     for name in document.dictionaries:
         if Path(name).name == name:
@@ -78,26 +96,26 @@ def _beside(found: Variables, document: Document) -> None:
             found.findings.append(Finding(place, "the data dictionary is not beside the model"))
 
 
-def _plain(given: Mapping[str, object]) -> dict[str, Value]:
+def _plain(given: Mapping[str, object]) -> dict[str, ParameterValue]:
     """Values that are given by name; raises `InputError` with each that is of no use."""
-    values = {name: plain(value) for name, value in given.items()}
+    values = {name: to_parameter_value(value) for name, value in given.items()}
     wrong = [name for name, value in values.items() if value is None]
     if wrong:
-        mend = "Give numbers, texts, lists or dictionaries of them; parameters in a ParameterSet."
-        raise InputError([Finding("parameters", f"{name}={given[name]!r:.60} is no value", mend) for name in wrong])
+        remedy = "Give numbers, texts, lists or dictionaries of them; parameters in a ParameterSet."
+        raise InputError([Finding("parameters", f"{name}={given[name]!r:.60} is no value", remedy) for name in wrong])
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _file(found: Variables, path: Path) -> list[ParameterSet]:
+def _file(found: VariableTable, path: Path) -> list[ParameterSet]:
     """Take the variables of a file; a calibration file's values are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
-        content(path)  # one that is not there is a mistake here, but not where a model names it
+        read_file(path)  # one that is not there is a mistake here, but not where a model names it
         _entries(found, path)
     elif ending == ".mat":
-        _add(found, mat_variables(content(path)), path.name)
+        _add(found, mat_variables(read_file(path)), path.name)
     elif ending == ".m":
-        run(found, path)
+        run_parameter_script(found, path)
     else:
         from kennfeld.calfiles import read
 
@@ -105,7 +123,7 @@ def _file(found: Variables, path: Path) -> list[ParameterSet]:
     return []
 
 
-def _dictionary(found: Variables, path: Path) -> None:
+def _dictionary(found: VariableTable, path: Path) -> None:
     """Take the variables of the model's own dictionary; what is wrong with it is a finding."""
     try:
         _entries(found, path)
@@ -113,20 +131,20 @@ def _dictionary(found: Variables, path: Path) -> None:
         found.findings += error.findings
 
 
-def _entries(found: Variables, path: Path) -> None:
+def _entries(found: VariableTable, path: Path) -> None:
     read = read_dictionary(path)
     _add(found, read.data, path.name)
     found.solvers.update(read.solvers)
     found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
 
 
-def _callbacks(found: Variables, document: Document) -> None:
+def _callbacks(found: VariableTable, document: ModelDocument) -> None:
     for name in _CALLBACKS:
         if name in document.callbacks:
             run_text(found, document.callbacks[name], f"{document.name} {name}", document.path.parent)
 
 
-def _workspace(found: Variables, document: Document) -> None:
+def _workspace(found: VariableTable, document: ModelDocument) -> None:
     kind = document.workspace.kind
     if kind == "m-code":
         before = dict(found)
@@ -142,7 +160,7 @@ def _workspace(found: Variables, document: Document) -> None:
         _add(found, workspace_variables(document.workspace), "model workspace")
 
 
-def _add(found: Variables, data: Data, source: str) -> None:
+def _add(found: VariableTable, data: StoredVariables, source: str) -> None:
     for name, entry in data.entries.items():
         variable = _variable(entry, source)
         if variable is not None:
@@ -152,7 +170,7 @@ def _add(found: Variables, data: Data, source: str) -> None:
         found.findings.append(Finding(place, why, severity="warning"))
 
 
-def _variable(entry: Entry, source: str) -> Variable | None:
+def _variable(entry: StoredVariable, source: str) -> Variable | None:
     condition = entry.properties.get("Condition")
     if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
         return Variable({"Condition": condition}, source=source)
@@ -163,8 +181,8 @@ def _variable(entry: Entry, source: str) -> Variable | None:
     return made.limited(entry.minimum, entry.maximum)
 
 
-def _value(stored: Stored) -> Value | None:
-    if isinstance(stored, Entry):
+def _value(stored: Stored) -> ParameterValue | None:
+    if isinstance(stored, StoredVariable):
         if stored.breakpoints:
             parts = {f"Breakpoints{i + 1}": _value(one) for i, one in enumerate(stored.breakpoints)}
             parts = {"Table": _value(stored.value), **parts}
@@ -178,7 +196,7 @@ def _value(stored: Stored) -> Value | None:
         if len(several) == 1:
             return several[0]
         return tuple(part for part in several if part is not None)
-    return plain(stored) if stored is not None else None
+    return to_parameter_value(stored) if stored is not None else None
 
 
 def _with(known: Variable | None, parameter: Parameter) -> Variable:
@@ -200,7 +218,7 @@ def _extents(values: Numbers) -> list[int]:
     return [size for size in values.shape if size != 1]
 
 
-def settings_of(document: Document, variables: Variables) -> tuple[Solver, str]:
+def settings_of(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
     """The settings of the solver, those of the file or of the configuration that it refers to, and what is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
@@ -213,10 +231,10 @@ def settings_of(document: Document, variables: Variables) -> tuple[Solver, str]:
     return settings, ""
 
 
-def asked(document: Document, variables: Variables) -> dict[str, Variable]:
+def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
     """What `get_param` can ask of a model, under the names that stand for it: a struct of its settings as texts."""
     settings, _ = settings_of(document, variables)
     said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
     said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
-    value: dict[str, Value] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
+    value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}
     return {name: Variable(value, source="the model itself", fixed=True) for name in _NAMES if name not in variables}

@@ -10,23 +10,33 @@ from typing import TypeAlias, Union
 import numpy as np
 
 from kennfeld.arrays import Float, readonly
-from kennfeld.matlab.mat_nodes import Cells, DamageError, Loaded, Node, Numbers, Struct, Structs, Text, Unreadable
-from kennfeld.matlab.mat_reader import loaded_of
+from kennfeld.matlab.mat_nodes import (
+    MatCells,
+    MatFileContent,
+    MatFileError,
+    MatNumbers,
+    MatStruct,
+    MatStructArray,
+    MatText,
+    MatUnreadable,
+    Node,
+)
+from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mcos import single, workspace
-from kennfeld.models.simulink.reader.model_tree import Workspace
+from kennfeld.models.simulink.reader.model_tree import StoredWorkspace
 
 __all__ = [
-    "Data",
-    "Entry",
+    "StoredVariable",
+    "StoredVariables",
     "Value",
-    "entry_of",
     "mat_variables",
     "mxarray_value",
     "mxarray_variables",
+    "stored_variable",
     "workspace_variables",
 ]
 
-Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "Entry", None]
+Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "StoredVariable", None]
 
 _MOST_BYTES = 200_000_000  # unpacked
 _MOST_ARRAYS = 1_000_000
@@ -39,7 +49,7 @@ _WHY = {
 
 
 @dataclass(frozen=True)
-class Entry:
+class StoredVariable:
     """One variable.
 
     `value` is an array of at least two dimensions (numbers and booleans), a text, a mapping (a struct), a tuple (a
@@ -57,19 +67,19 @@ class Entry:
     minimum: float | None = None
     maximum: float | None = None
     description: str = ""
-    breakpoints: tuple["Entry", ...] = ()
+    breakpoints: tuple["StoredVariable", ...] = ()
     properties: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Data:
+class StoredVariables:
     """The variables of one source; `unreadable` says by name what could not be decoded, and why."""
 
-    entries: Mapping[str, Entry] = field(default_factory=dict)
+    entries: Mapping[str, StoredVariable] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
-def entry_of(name: str, kind: str, properties: Mapping[str, Value]) -> Entry:
+def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
     """An object by its properties: what calibration needs of it by name, the rest as it is."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
@@ -86,13 +96,13 @@ def _lookup(
     properties: Mapping[str, Value],
     table: Mapping[str, Value],
     axes: tuple[Mapping[str, Value], ...],
-) -> Entry:
+) -> StoredVariable:
     made = _plain(name, kind, table)
     named = [
         _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
         for number, axis in enumerate(axes, 1)
     ]
-    return Entry(
+    return StoredVariable(
         name,
         made.value,
         kind,
@@ -106,8 +116,8 @@ def _lookup(
     )
 
 
-def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> Entry:
-    return Entry(
+def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
+    return StoredVariable(
         name,
         properties.get("Value"),
         kind,
@@ -122,7 +132,7 @@ def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> Entry:
 
 def _part(value: Value) -> Mapping[str, Value]:
     """The properties of an inner struct or object."""
-    if isinstance(value, Entry):
+    if isinstance(value, StoredVariable):
         return {**value.properties, "Value": value.value}
     return value if isinstance(value, Mapping) else {"Value": value}
 
@@ -146,60 +156,60 @@ def _limit(value: Value) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def workspace_variables(workspace: Workspace) -> Data:
+def workspace_variables(workspace: StoredWorkspace) -> StoredVariables:
     """The variables that a model file keeps in itself; none where they are code or in another file.
 
     What cannot be read is told by name in `unreadable`; a workspace that is broken altogether under the name "".
     """
     if workspace.kind == "mxarray":
         return mxarray_variables(workspace.raw)
-    return mat_variables(workspace.raw) if workspace.kind == "mat" else Data()
+    return mat_variables(workspace.raw) if workspace.kind == "mat" else StoredVariables()
 
 
 def mxarray_value(raw: bytes) -> Value:
     """The value of a single array in the form of `.mxarray` parts; raises `DamageError` where there is none."""
     try:
-        return _Reader().value(single(raw, _MOST_BYTES), "")
+        return _NodeDecoder().value(single(raw, _MOST_BYTES), "")
     except _UnreadError as why:
-        raise DamageError(str(why)) from None
+        raise MatFileError(str(why)) from None
 
 
-def mxarray_variables(raw: bytes) -> Data:
+def mxarray_variables(raw: bytes) -> StoredVariables:
     """The variables in the bytes of a `.mxarray` part."""
     try:
         return _data(workspace(raw, _MOST_BYTES), "the model workspace cannot be read")
-    except DamageError as error:
-        return Data(unreadable={"": f"the model workspace is in an unknown form: {error}"})
+    except MatFileError as error:
+        return StoredVariables(unreadable={"": f"the model workspace is in an unknown form: {error}"})
 
 
-def mat_variables(raw: bytes) -> Data:
+def mat_variables(raw: bytes) -> StoredVariables:
     """The variables in the bytes of a MAT-file of any version."""
-    return _data(loaded_of(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
+    return _data(load_nodes(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
 
 
-def _data(loaded: Loaded, what: str) -> Data:
+def _data(loaded: MatFileContent, message: str) -> StoredVariables:
     """The variables that can be used; of what is lost with its name, the file itself is told."""
-    reader, entries = _Reader(), {}
+    reader, entries = _NodeDecoder(), {}
     for name, node in loaded.variables.items():
         try:
             entries[name] = _entry(name, node, reader.value(node, name))
         except _UnreadError as why:
             reader.unreadable[name] = str(why)
     if loaded.lost:
-        whole = what if not entries else f"{what} whole"
+        whole = message if not entries else f"{message} whole"
         reader.unreadable[""] = f"{whole}: {loaded.lost}"
-    return Data(entries, reader.unreadable)
+    return StoredVariables(entries, reader.unreadable)
 
 
-def _entry(name: str, node: Node, value: Value) -> Entry:
+def _entry(name: str, node: Node, value: Value) -> StoredVariable:
     """A variable under its name: an object keeps what it says of itself."""
-    if isinstance(value, Entry):
+    if isinstance(value, StoredVariable):
         return replace(value, name=name)
-    if isinstance(node, Numbers):
-        return Entry(name, value, node.kind or "double")
-    kind = node.elements[0].kind if isinstance(node, Structs) and node.elements else ""
-    word = "char" if isinstance(node, Text) else "cell" if isinstance(node, Cells) else "struct"
-    return Entry(name, value, kind or word)
+    if isinstance(node, MatNumbers):
+        return StoredVariable(name, value, node.kind or "double")
+    kind = node.elements[0].kind if isinstance(node, MatStructArray) and node.elements else ""
+    word = "char" if isinstance(node, MatText) else "cell" if isinstance(node, MatCells) else "struct"
+    return StoredVariable(name, value, kind or word)
 
 
 class _UnreadError(Exception):
@@ -207,7 +217,7 @@ class _UnreadError(Exception):
 
 
 @dataclass
-class _Reader:
+class _NodeDecoder:
     """Turns nodes into values; `unreadable` says what was left out within them."""
 
     unreadable: dict[str, str] = field(default_factory=dict)
@@ -215,20 +225,20 @@ class _Reader:
     def value(self, node: Node, path: str) -> Value:
         """The value of a node; raises `_UnreadError` where it is none of those that are used here."""
         match node:
-            case Numbers():
+            case MatNumbers():
                 return _numbers(node)
-            case Text():
+            case MatText():
                 return node.rows or node.text
-            case Struct():
-                return entry_of("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
-            case Structs():
+            case MatStruct():
+                return stored_variable("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
+            case MatStructArray():
                 return tuple(self.value(one, f"{path}({n})") for n, one in enumerate(node.elements, 1))
-            case Cells():
+            case MatCells():
                 return tuple(self.value(one, f"{path}{{{n}}}") for n, one in enumerate(node.cells, 1))
-            case Unreadable():
+            case MatUnreadable():
                 raise _UnreadError(_why(node))
 
-    def _fields(self, node: Struct, path: str) -> Mapping[str, Value]:
+    def _fields(self, node: MatStruct, path: str) -> Mapping[str, Value]:
         """The fields of a struct; one that cannot be read is told, and does not take the others with it."""
         fields = {}
         for name, inner in node.fields.items():
@@ -238,24 +248,24 @@ class _Reader:
                 self.unreadable[f"{path}.{name}"] = str(why)
         return fields
 
-    def _properties(self, node: Struct) -> Mapping[str, Value]:
+    def _properties(self, node: MatStruct) -> Mapping[str, Value]:
         """The properties of an object; one that cannot be read is left out, unless the object is there for it."""
         properties = {}
         for name, inner in node.fields.items():
             try:
-                properties[name] = _Reader().value(inner, name)
+                properties[name] = _NodeDecoder().value(inner, name)
             except _UnreadError:
                 if name in _NEEDED:
                     raise
         return properties
 
 
-def _numbers(node: Numbers) -> Float:
+def _numbers(node: MatNumbers) -> Float:
     with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
         return readonly(node.values)
 
 
-def _why(node: Unreadable) -> str:
+def _why(node: MatUnreadable) -> str:
     """Why a value cannot be used."""
     if node.kind in _WHY or node.kind == "damaged value":
         return node.why or _WHY[node.kind]
