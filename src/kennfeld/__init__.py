@@ -14,25 +14,32 @@ TYPE_CHECKING = False  # type checkers take this name for true; the module `typi
 if TYPE_CHECKING:
     from typing import Any
 
-    from kennfeld.analysis import cross_validate
+    from kennfeld import report
+    from kennfeld.analysis import cross_validate, residuals
+    from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.calfiles import read as read_parameters
-    from kennfeld.constraints import Limit, Pin
-    from kennfeld.criteria import Criterion, Region
+    from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
+    from kennfeld.criteria import Criterion, Region, Target
     from kennfeld.dataset import Channel, Dataset, Settling
-    from kennfeld.errors import InputError, InputWarning, KennfeldError
+    from kennfeld.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.formula import formula
-    from kennfeld.models.simulink.importing import simulink
-    from kennfeld.optimize import Options, Result, Step, Stop, calibrate, simulate
+    from kennfeld.models.simulink.importable_subsystems import inspect_simulink
+    from kennfeld.models.simulink.importing import import_simulink, simulink
+    from kennfeld.optimize import Options, Problem, Quality, Result, Step, Stop, Trust, calibrate, simulate
     from kennfeld.parameter_set import ParameterSet
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.project import Project
     from kennfeld.rbf import RBF, Expansion
+    from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, read_surrogate, write_surrogate
+    from kennfeld.surrogate.rbf_fit import compress_map
+    from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
 __all__ = [
     "RBF",
+    "ArgumentError",
     "Axis",
     "Block",
     "Channel",
@@ -40,7 +47,10 @@ __all__ = [
     "Cube",
     "Curve",
     "Dataset",
+    "DynamicSurrogate",
+    "Equality",
     "Expansion",
+    "Finding",
     "Graph",
     "InputError",
     "InputWarning",
@@ -51,48 +61,127 @@ __all__ = [
     "Options",
     "ParameterSet",
     "Pin",
+    "Problem",
     "Project",
+    "Quality",
     "Region",
     "Result",
     "Scalar",
     "Settling",
+    "Shape",
+    "StaticSurrogate",
     "Step",
     "Stop",
+    "SurrogateSettings",
+    "Target",
+    "Term",
     "Text",
+    "Trust",
     "calibrate",
+    "compress_map",
     "cross_validate",
+    "find_extrapolation",
     "formula",
+    "import_simulink",
+    "inspect_simulink",
     "read",
     "read_parameters",
+    "read_surrogate",
+    "report",
+    "residuals",
     "simulate",
     "simulink",
+    "train_surrogate",
+    "write_surrogate",
 ]
 
 __version__ = "0.1.0"
 
 _MODULES = {
-    "analysis": ("cross_validate",),
+    "analysis": (
+        "cross_validate",
+        "residuals",
+    ),
+    "analysis.extrapolation": ("find_extrapolation",),
     "calfiles": ("read_parameters",),
-    "constraints": ("Limit", "Pin"),
-    "criteria": ("Criterion", "Region"),
-    "dataset": ("Channel", "Dataset", "Settling"),
-    "errors": ("InputError", "InputWarning", "KennfeldError"),
+    "constraints": (
+        "Equality",
+        "Limit",
+        "Pin",
+        "Shape",
+        "Term",
+    ),
+    "criteria": (
+        "Criterion",
+        "Region",
+        "Target",
+    ),
+    "dataset": (
+        "Channel",
+        "Dataset",
+        "Settling",
+    ),
+    "errors": (
+        "ArgumentError",
+        "Finding",
+        "InputError",
+        "InputWarning",
+        "KennfeldError",
+    ),
     "graph": ("Graph",),
     "measurement": ("read",),
     "models": ("Model",),
     "models.formula": ("formula",),
-    "models.simulink.importing": ("simulink",),
-    "optimize": ("Options", "Result", "Step", "Stop", "calibrate", "simulate"),
+    "models.simulink.importable_subsystems": ("inspect_simulink",),
+    "models.simulink.importing": (
+        "import_simulink",
+        "simulink",
+    ),
+    "optimize": (
+        "Options",
+        "Problem",
+        "Quality",
+        "Result",
+        "Step",
+        "Stop",
+        "Trust",
+        "calibrate",
+        "simulate",
+    ),
     "parameter_set": ("ParameterSet",),
-    "parameters": ("Axis", "Block", "Cube", "Curve", "Map", "Scalar", "Text"),
+    "parameters": (
+        "Axis",
+        "Block",
+        "Cube",
+        "Curve",
+        "Map",
+        "Scalar",
+        "Text",
+    ),
     "project": ("Project",),
-    "rbf": ("RBF", "Expansion"),
+    "rbf": (
+        "RBF",
+        "Expansion",
+    ),
+    "surrogate": (
+        "DynamicSurrogate",
+        "StaticSurrogate",
+        "read_surrogate",
+        "write_surrogate",
+    ),
+    "surrogate.rbf_fit": ("compress_map",),
+    "surrogate.training": (
+        "SurrogateSettings",
+        "train_surrogate",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _NAME_THERE = {"read_parameters": "read"}
 
 
 def __getattr__(name: str) -> "Any":
+    if name == "report":  # a package, for `report.document`
+        return import_module("kennfeld.report")
     if name not in _MODULE_OF:
         from kennfeld.formatting import nearest
 
