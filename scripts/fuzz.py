@@ -175,7 +175,7 @@ def _read(path: Path) -> bool:
             work()
             good = True
         except InputError as error:
-            if not error.findings or not all(finding.what for finding in error.findings):
+            if not error.findings or not all(finding.message for finding in error.findings):
                 raise AssertionError("an error without findings") from error
     return good
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from kennfeld import cli, read
+from kennfeld import cli, read_parameters
 from kennfeld.measurement import cache as caching
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
@@ -710,11 +710,11 @@ class TestInfo:
 
 class TestConvert:
     def test_keeps_every_value(self, folder, tmp_path):
-        start = read(folder / "start.dcm")
+        start = read_parameters(folder / "start.dcm")
         steps = [folder / "start.dcm", tmp_path / "a.json", tmp_path / "b.csv", tmp_path / "c.dcm"]
         for source, target in pairwise(steps):
             assert cli.run(["convert", str(source), str(target)]) == 0
-        after = read(tmp_path / "c.dcm")
+        after = read_parameters(tmp_path / "c.dcm")
         assert {name: after[name].values.tolist() for name in after} == {
             name: start[name].values.tolist() for name in start
         }
@@ -732,7 +732,7 @@ class TestConvert:
         said = f"{target}: exists already. Add --force to replace it, or name another file.\n"
         assert (capsys.readouterr().err, target.read_text(encoding="utf-8")) == (said, "mine")
         assert cli.run(["convert", str(source), str(target), "--force"]) == 0
-        assert read(target) == read(source)
+        assert read_parameters(target) == read_parameters(source)
 
     def test_force_does_not_replace_a_write_protected_file(self, folder, capsys):
         target = folder / "new.json"
@@ -857,7 +857,7 @@ class TestDiffAndMerge:
     def test_merge_tells_what_it_replaced(self, files, capsys):
         assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "c.json"]) == 0
         assert "b.cdfx: 1 replaced\n\nWritten to c.json\n" in capsys.readouterr().out
-        assert read("c.json") == ParameterSet([Scalar("K", 1.0 + 2**-52), Scalar("Old", 1.0)])
+        assert read_parameters("c.json") == ParameterSet([Scalar("K", 1.0 + 2**-52), Scalar("Old", 1.0)])
 
     def test_merge_may_write_onto_its_input_by_force(self, files, capsys):
         before = everything_in(files)
@@ -865,7 +865,7 @@ class TestDiffAndMerge:
         assert capsys.readouterr().err == "a.dcm: exists already. Add --force to replace it, or name another file.\n"
         assert everything_in(files) == before
         assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm", "--force"]) == 0
-        assert read("a.dcm")["K"].value == 1.0 + 2**-52
+        assert read_parameters("a.dcm")["K"].value == 1.0 + 2**-52
 
     @pytest.mark.parametrize(
         ("arguments", "said"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld import parameters as module
+from kennfeld import parameter_set as module
 from kennfeld.errors import ArgumentError
 from kennfeld.parameter_set import ParameterSet, use_writer
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text, parameter
@@ -345,7 +345,8 @@ def test_saving_hands_the_set_to_the_writer(monkeypatch):
 @pytest.mark.parametrize("first", ["", "import kennfeld as kf; kf.InputError; "])
 def test_a_set_is_saved_by_whoever_imports_the_types_alone(tmp_path, first):
     script = (
-        first + "from kennfeld.parameters import ParameterSet, Scalar; ParameterSet([Scalar('a', 1)]).save('a.json')"
+        first + "from kennfeld.parameter_set import ParameterSet; from kennfeld.parameters import Scalar; "
+        "ParameterSet([Scalar('a', 1)]).save('a.json')"
     )
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["a"]["value"] == 1

@@ -31,6 +31,7 @@ class ParameterSet(Mapping[str, Parameter]):
     `values["Kp", "Engine=2"]` is one of a variant.
     `origin` is what a format keeps of the file that the set was read from, so that it can write into it again.
 
+    >>> from kennfeld.parameters import Scalar
     >>> values = ParameterSet([Scalar("Kp", 0.08), Scalar("Ki", 0.046)])
     >>> values["Kp"].value, list(values)
     (0.08, ['Kp', 'Ki'])

@@ -121,7 +121,7 @@ def test_words_without_a_place_are_told():
 
 
 @pytest.mark.parametrize(
-    ("kind", "entries", "what"),
+    ("kind", "entries", "message"),
     [
         ("TAB_INTP", "COMPU_TAB_REF X", "whose table 'X' is not defined"),
         ("FORM", '/begin FORMULA "sysc(X1)" /end FORMULA', "whose formula 'sysc(X1)' cannot be followed"),

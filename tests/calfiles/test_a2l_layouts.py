@@ -337,7 +337,7 @@ def test_blocks_and_texts_are_read():
 
 
 @pytest.mark.parametrize(
-    ("blocks", "what"),
+    ("blocks", "message"),
     [
         ([label("VALUE")], "has the record layout RL, which is not defined"),
         ([layout("AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT"), label("VALUE")], "which has no FNC_VALUES"),

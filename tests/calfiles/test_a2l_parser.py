@@ -85,7 +85,7 @@ def test_names_are_lines_of_the_file():
 
 
 @pytest.mark.parametrize(
-    ("text", "what"),
+    ("text", "message"),
     [
         ('/begin PROJECT P "" /begin MODULE M ""', "line 1: MODULE is not closed. The file is cut off."),
         ('/begin PROJECT P "" /begin MODULE M "" "open', "a quote or a comment is not closed"),
@@ -123,7 +123,7 @@ def test_files_that_include_each_other_are_an_error():
 
 
 @pytest.mark.parametrize(
-    ("block", "what"),
+    ("block", "message"),
     [
         (label("VALUE").replace("0x1000", "here"), "(L): CHARACTERISTIC has 'here' where its address should be"),
         (label("VALU"), "(L): CHARACTERISTIC is a 'VALU', which no version knows; left aside"),
@@ -191,7 +191,7 @@ def test_instances_become_the_labels_that_their_types_describe():
 
 
 @pytest.mark.parametrize(
-    ("text", "what"),
+    ("text", "message"),
     [
         ('/begin INSTANCE i "" Missing 0 /end INSTANCE', "is of the type Missing, which is not defined"),
         ('/begin INSTANCE i "" S 0 MATRIX_DIM 65535 65535 /end INSTANCE', "elements, more than 100000"),

@@ -73,7 +73,7 @@ def test_of_very_many_wrong_lines_the_first_are_told():
 
 
 @pytest.mark.parametrize(
-    ("lines", "what"),
+    ("lines", "message"),
     [
         ([hex_record(0, 0, b"\x01"), "nonsense", END], "line 2: is no record of Intel HEX"),
         ([":02000000010", END], "line 1: is no record of Intel HEX"),

@@ -121,14 +121,14 @@ def test_a_start_that_fails_is_a_row(processes):
 def test_a_start_that_raises_is_a_row_too(monkeypatch):
     from kennfeld.optimize import fit
 
-    descend = fit.gauss_newton
+    descend = fit.levenberg_marquardt
 
     def breaks(objective, start, *rest):
         if start[0] == 2.0:
             return descend(objective, start, *rest)
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr(fit, "gauss_newton", breaks)
+    monkeypatch.setattr(fit, "levenberg_marquardt", breaks)
     result = failing(starts=3, workers=1)
     assert [row.status for row in result.starts] == ["converged", "failed", "failed"]
     assert "SVD did not converge" in result.starts[1].message

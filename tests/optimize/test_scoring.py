@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.optimize import quality
 
 TRAINING = {"x": [0.0, 1.0, 2.0, 3.0], "y": [0.0, 2.5, 3.5, 6.0]}
 TEST = {"x": [1.0, 2.0, np.nan, 4.0], "y": [2.0, np.nan, 6.0, 9.0]}
@@ -57,13 +58,13 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
     data["x"][[30, 61]] = data["y"][::9] = np.nan
     held = kf.Dataset.of("d", data, time=0.1 * np.arange(100), starts=[0, 10, 13, 60])
 
-    def quality():
+    def score():
         return kf.calibrate(text, held, {"k": 1.0}, "y", options=kf.Options(max_iterations=1)).quality[0]
 
-    whole = quality()
+    whole = score()
     for block in (1, 7, 45, 100):
         monkeypatch.setattr(quality, "BLOCK", block)
-        cut = quality()
+        cut = score()
         assert cut.samples == whole.samples == np.isfinite(data["x"] + data["y"]).sum()
         for name in ("rmse_before", "rmse_after", "r2_after", "max_abs_after"):
             assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kennfeld import InputError, calibrate, read
+from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
 from kennfeld.project import fallback, folder_replacement
 from kennfeld.project.fallback import write_somewhere
@@ -74,7 +74,7 @@ def test_where_that_is_too_small_the_parameters_go_there(result, tmp_path, tempo
     told = []
     (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
     assert [one.name for one in temporary.iterdir()] == [path.parent.name]
-    assert read(path)["b"].value == pytest.approx(2.0)
+    assert read_parameters(path)["b"].value == pytest.approx(2.0)
 
 
 def test_where_nothing_can_be_written_that_is_said(result, tmp_path, monkeypatch):
@@ -92,7 +92,7 @@ def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkey
     monkeypatch.setattr(fallback, "write", fails)
     told = []
     (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
-    assert read(path)["b"].value == pytest.approx(2.0)
+    assert read_parameters(path)["b"].value == pytest.approx(2.0)
     assert "cannot be written (ZeroDivisionError: so). Written to" in str(told[0])
 
 

@@ -42,7 +42,7 @@ def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what"),
+    ("old", "new", "message"),
     [
         ('a2l = "ecu.a2l"', 'a2l = "eco.a2l"', "there is no file eco.a2l. Did you mean ecu.a2l?"),
         ('hex = "ecu.hex"', 'hex = "no.hex"', "there is no file no.hex"),

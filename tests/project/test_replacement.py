@@ -43,7 +43,7 @@ def expected(text):
 DYING = """
 import os, signal, sys
 from pathlib import Path
-from kennfeld.project.replacement import move, scratch_folder
+from kennfeld.project.folder_replacement import move, scratch_folder
 
 folder, left, replace = Path(sys.argv[1]), [None] * int(sys.argv[2]), Path.replace
 

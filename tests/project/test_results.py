@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read
+from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read, read_parameters
 from kennfeld.project.results import COLUMNS, require_room, write, write_simulation, write_text
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
@@ -59,7 +59,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
 def test_the_parameters_are_written_in_every_format(result, tmp_path):
     write(result, Line(), tmp_path)
     for name in ("parameters.json", "parameters.dcm"):
-        assert read(tmp_path / name)["b"].value == pytest.approx(2.0)
+        assert read_parameters(tmp_path / name)["b"].value == pytest.approx(2.0)
 
 
 def test_the_trace_has_a_line_for_each_step(result, tmp_path):

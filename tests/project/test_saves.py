@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from kennfeld import InputError, Stop, read
+from kennfeld import InputError, Stop, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
@@ -70,7 +70,7 @@ def test_every_nth_accepted_set_is_kept_and_the_end(make, tmp_path):
     result = make(SAVING).calibrate()
     expected = [f"1-{i:06d}.json" for i in range(2, result.iterations + 1, 2)]
     assert names(tmp_path) == [*expected, "1-end.json"]
-    last = read(tmp_path / "results" / "saves" / "1-end.json")
+    last = read_parameters(tmp_path / "results" / "saves" / "1-end.json")
     assert last["C"].values.tolist() == result.parameters["C"].values.tolist()
 
 
@@ -83,7 +83,7 @@ def test_a_state_is_a_calibration_file_like_any_other(make, tmp_path):
     make(SAVING).calibrate()
     path = tmp_path / "results" / "saves" / "1-000002.json"
     assert {p.name for p in describe(path).parameters} == {"a", "b", "C"}
-    (simulated,) = make().simulate(read(path))
+    (simulated,) = make().simulate(read_parameters(path))
     assert np.all(np.isfinite(simulated["m"].values))
 
 
@@ -204,7 +204,7 @@ def test_a_new_search_puts_the_states_of_the_one_before_aside_and_nothing_else(m
 
 def test_what_cannot_change_is_not_saved(make, tmp_path):
     make(SAVING, "[calibration]\nfree = ['a', 'b']").calibrate()
-    assert set(read(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
+    assert set(read_parameters(tmp_path / "results" / "saves" / "1-end.json")) == {"a", "b"}
 
 
 def test_a_step_added_to_a_finished_sequence_is_gone_through(make):
@@ -272,7 +272,7 @@ def test_the_folder_may_be_another_one(make, tmp_path):
 def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkeypatch):
     monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("[0, 1, 2, 3, 4] }", "[0, 1, 2, 3, 4], free = true }"))
     whole = make(SAVING).calibrate()
-    states = [read(path) for path in (tmp_path / "results" / "saves").glob("*.json")]
+    states = [read_parameters(path) for path in (tmp_path / "results" / "saves").glob("*.json")]
     assert len({tuple(state["C"].axes[0].breakpoints) for state in states}) > 1
     lines = []
     again = make(SAVING).calibrate(lines.append, resume=True)

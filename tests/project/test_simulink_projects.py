@@ -9,7 +9,7 @@ from simulink_data import sldd, thing
 from simulink_files import LAYOUTS, Model
 from torque_drawing import torque
 
-from kennfeld import cli, parameters
+from kennfeld import cli, parameter_set
 from kennfeld.calfiles import read
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import InputError
@@ -170,7 +170,7 @@ def test_a_drawn_model_becomes_formula_text_with_its_parameters(drawn, capsys):
 
 
 def test_python_writes_formula_text_though_no_calibration_file_was_read_before(drawn, monkeypatch):
-    monkeypatch.setattr(parameters, "_writer", None)
+    monkeypatch.setattr(parameter_set, "_writer", None)
     (drawn.folder / "init.m").write_text("Slope = 3;")
     folder = str(drawn.folder)
     written = write_formula(f"{folder}/line.slx", f"{folder}/line.kf", parameters=[f"{folder}/init.m"])

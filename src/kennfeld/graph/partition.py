@@ -44,7 +44,7 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
     Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
     of each would cost more memory than it saves time.
 
-    >>> b = Builder()
+    >>> b = GraphBuilder()
     >>> slow = b.call("exp", b.input("x"))
     >>> y = b.call("mul", slow, b.node("interpolate", (), type("T", (), {"name": "K"})))
     >>> sorted(partition_graph(b.finish({"y": y}), ["y"], ["K"]).columns)

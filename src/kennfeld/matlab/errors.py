@@ -23,7 +23,7 @@ class MatlabError(InputError):
 def located(name: str, place: SourcePosition) -> str:
     """How a place is told; an expression of one line without a name needs no line.
 
-    >>> located("init.m", Place(3, 7))
+    >>> located("init.m", SourcePosition(3, 7))
     'init.m line 3 column 7'
     """
     return f"{name} line {place.line} column {place.column}".strip()

@@ -27,7 +27,7 @@ _READERS = {
     FileKind.MATLAB: "matlab",
     FileKind.HDF5: "matlab",
     FileKind.MLG: "mlg",
-    FileKind.MSL: "msl",
+    FileKind.MSL: "text",
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
 }

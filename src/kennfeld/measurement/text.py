@@ -26,7 +26,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal, number
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split
 from kennfeld.measurement.encoding import GUESSED, encoding_of
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile
 from kennfeld.measurement.table import (
     KEPT,
     Column,
@@ -162,6 +162,8 @@ def _grouped_in(text: str, dialect: Dialect) -> dict[int, _Grouped] | None:
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """The one table of a text file."""
+    if source.kind is FileKind.MSL:
+        return read_msl_tables(source, selection)
     dialect = dialect_of(source)
     if source.size > BULK:
         from kennfeld.measurement.bulk_csv import read_bulk

@@ -147,7 +147,7 @@ def compare(source: str, target: str) -> UnitConversion | Kinship:
     >>> compare("1/min", "U/min"), compare("rpm", "Nm"), compare("FSN", "Nm")
     ('same', 'contrary', 'unknown')
     >>> compare("kNm", "Nm")
-    Conversion(factor=1000.0, offset=0.0)
+    UnitConversion(factor=1000.0, offset=0.0)
     """
     if says_nothing(source) or says_nothing(target):
         return "unknown"

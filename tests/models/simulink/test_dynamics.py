@@ -297,7 +297,7 @@ WIDE = {
 }
 
 
-@pytest.mark.parametrize(("what", "given"), WIDE.items())
+@pytest.mark.parametrize(("message", "given"), WIDE.items())
 def test_an_integrator_of_a_scalar_is_as_wide_as(message, given, tmp_path):
     drawn = Model(step="0.1", solver="ode1")
     drawn.inport("u")

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld import InputError, formula, read
+from kennfeld import InputError, formula, read, read_parameters
 from kennfeld.cli import run
 from kennfeld.project import Project
 from kennfeld.project.demo import petrol_engine, torque, write
@@ -163,7 +163,7 @@ def test_what_is_written_is_what_was_made(project):
         for name in made:
             assert np.array_equal(written[name].values, made[name].values)
             assert written[name].unit == made[name].unit
-    start = read(folder / "start.dcm")
+    start = read_parameters(folder / "start.dcm")
     for name, parameter in torque.start().items():
         assert np.allclose(start[name].values, parameter.values, rtol=1e-12)
     assert (folder / "torque.kf").read_text(encoding="utf-8") == torque.FORMULA

@@ -67,7 +67,7 @@ _ONE_AND_ONE = Ports(1, 1)
 def port_number(block: ModelBlock) -> int:
     """The number of an Inport or Outport; 1 where the file says none.
 
-    >>> port_number(Block("Inport", "u", "1", "u", {"Port": "3"}))
+    >>> port_number(ModelBlock("Inport", "u", "1", "u", {"Port": "3"}))
     3
     """
     written = (block.value("Port") or "1").strip()
@@ -77,7 +77,7 @@ def port_number(block: ModelBlock) -> int:
 def ports_of(block: ModelBlock) -> Ports:
     """The ports that the file counts, else those of a fresh block of the type.
 
-    >>> ports_of(Block("Switch", "S", "1", "S")).inputs
+    >>> ports_of(ModelBlock("Switch", "S", "1", "S")).inputs
     3
     """
     return block.ports if block.ports is not None else _USUAL.get(block.type, _ONE_AND_ONE)
@@ -99,7 +99,7 @@ def elements(system: System, kind: str, port: int) -> list[ModelBlock]:
 def port_label(block: ModelBlock) -> str:
     """What a port at the top is called: as its block, or of an element of a bus as the port and the way to it.
 
-    >>> port_label(Block("Inport", "In", "1", "In", {"IsBusElementPort": "on", "PortName": "Bus", "Element": "n"}))
+    >>> port_label(ModelBlock("Inport", "In", "1", "In", {"IsBusElementPort": "on", "PortName": "Bus", "Element": "n"}))
     'Bus.n'
     """
     element = element_of(block)

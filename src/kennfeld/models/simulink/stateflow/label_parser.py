@@ -175,7 +175,7 @@ def state_label(label: str, language: str = "C") -> StateLabel:
     What stands under no keyword is done at entry and during.
 
     >>> state_label("On/\nen, du: y = 1;\nex: y = 0;").actions[1]
-    Action(kind='during', code='y = 1;', event='')
+    ActionText(kind='during', code='y = 1;', event='')
     """
     text = _cleaned(label, language)
     name = _NAME.match(text)
