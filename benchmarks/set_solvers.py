@@ -19,8 +19,8 @@ class _Sum:
 
     def __init__(self, given: Given) -> None:
         self._given = given
-        self.small = self.bends = given.start.size <= SMALL_VALUES
-        self.learns = True
+        self.uses_qr = self.supports_acceleration = given.start.size <= SMALL_VALUES
+        self.supports_secant = True
 
     def cost(self, values: Float) -> float:
         residual = self._given.residual(values)

@@ -160,11 +160,11 @@ def _read(path: Path) -> bool:
     """Read a file as the commands do. Whatever is no finding is raised."""
     from kennfeld import calfiles, measurement
     from kennfeld.errors import InputError
-    from kennfeld.terminal.file_info import contents
+    from kennfeld.terminal.file_info import describe_file
 
     good = False
     for work in (
-        lambda: contents(path).lines(),
+        lambda: describe_file(path).lines(),
         *([lambda: _imported(path)] if path.suffix in (".slx", ".mdl") else []),
         *([lambda: _checked(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),

@@ -4,7 +4,7 @@ import zipfile
 
 import pytest
 
-from kennfeld.archives import LARGE, overgrown
+from kennfeld.archives import LARGE, find_oversized
 
 
 def packed(path, content, method=zipfile.ZIP_DEFLATED):
@@ -16,7 +16,7 @@ def packed(path, content, method=zipfile.ZIP_DEFLATED):
 
 def fault(path):
     with zipfile.ZipFile(path) as archive:
-        return overgrown(archive)
+        return find_oversized(archive)
 
 
 BOMB = [bytes(1_000_000)] * (LARGE // 1_000_000 + 1)
@@ -41,7 +41,7 @@ def test_a_member_that_hides_its_size_is_told(tmp_path):
     with zipfile.ZipFile(path) as archive:
         member = archive.infolist()[0]
         member.file_size = member.compress_size
-        assert overgrown(archive).startswith("sheet.xml holds ")
+        assert find_oversized(archive).startswith("sheet.xml holds ")
 
 
 def test_a_member_that_claims_to_be_longer_than_the_file_or_is_garbled_comes_to_an_end(tmp_path):
@@ -49,9 +49,9 @@ def test_a_member_that_claims_to_be_longer_than_the_file_or_is_garbled_comes_to_
     with zipfile.ZipFile(path) as archive:
         member = archive.infolist()[0]
         member.compress_size = member.file_size = 10**12
-        assert overgrown(archive) == ""
+        assert find_oversized(archive) == ""
         member.header_offset = -26 + 7  # where no packed data begin
-        assert overgrown(archive) == ""
+        assert find_oversized(archive) == ""
 
 
 def test_a_workbook_that_claims_more_texts_than_it_has_room_for_is_told(tmp_path):

@@ -98,8 +98,8 @@ class TestWrongUse:
             (["calibrate", "--worker", "3", "x"], "No such option: --worker"),
             (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers'"),
             (["info", "a", "b"], "See kennfeld info --help."),
-            (["demo", "boost"], "demo: there is no demo boost. The demos are: torque, exhaust, idle."),
-            (["check", "nowhere/kennfeld.toml"], "there is no such project file. Check the path."),
+            (["demo", "boost"], "demo: unknown demo boost. The demos are: torque, exhaust, idle."),
+            (["check", "nowhere/kennfeld.toml"], "the project file does not exist. Check the path."),
             (["info", "nowhere.csv"], "nowhere.csv: there is no such file. Check the path."),
             (["convert", "nowhere.dcm", "x.json"], "nowhere.dcm: there is no such file"),
         ],
@@ -137,7 +137,7 @@ class TestWrongUse:
 
         monkeypatch.setattr("kennfeld.project.Project.read", fails)
         assert cli.run(["check", str(project)]) == 2
-        assert capsys.readouterr().err.startswith("There is not enough memory (Unable to allocate 18.6 GiB). Use fewer")
+        assert capsys.readouterr().err.startswith("Not enough memory (Unable to allocate 18.6 GiB). Use fewer")
 
 
 def half(path):
@@ -184,7 +184,7 @@ SPOILT = {
     ),
     "a criterion that no sample reaches": (
         lambda f: change(f / "kennfeld.toml", 'files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "Speed < 0"'),
-        ["Speed < 0 holds at no sample"],
+        ["Speed < 0 is true at no sample"],
     ),
     "a target without a value": (lambda f: blank(f / "bench.csv", "Torque"), ["Torque"]),
     "half a measurement": (lambda f: half(f / "bench.csv"), ["bench.csv"]),
@@ -248,7 +248,7 @@ class TestBadInput:
         assert cli.run(["check", str(folder / "load-only.toml")]) == 0
         out, err = capsys.readouterr()
         assert "with warnings" in out
-        assert "channel Rel_Airmass is 50 throughout" in err
+        assert "channel Rel_Airmass is constant (50)" in err
         assert all(line.startswith("warning: ") for line in err.splitlines())
 
     def test_a_remark_is_told_and_is_no_warning(self, folder, project, capsys):
@@ -258,7 +258,7 @@ class TestBadInput:
         assert cli.run(["check", str(project)]) == 0
         out, err = capsys.readouterr()
         told = [line for line in err.splitlines() if line.startswith("remark: ")]
-        assert any("channel Speed is in rpm and is converted to rad/s, the unit of the input Speed" in t for t in told)
+        assert any("channel Speed is converted from rpm to rad/s, the unit of the input Speed" in t for t in told)
         assert ("with warnings" in out) == any(line.startswith("warning: ") for line in err.splitlines())
 
     def test_every_problem_is_named_at_once(self, folder, project, capsys):
@@ -503,7 +503,7 @@ class TestAFolderThatCannotBeWritten:
         out, err = capsys.readouterr()
         values = json.loads(out.partition("The values, as parameters.json:\n")[2])
         assert values["MapOptTorque"]["kind"] == "map"
-        assert "Nor can a temporary folder." in err
+        assert "A temporary folder cannot be written either." in err
 
 
 class TestSeveralStarts:
@@ -589,7 +589,7 @@ class TestResume:
         assert cli.run(["calibrate", str(project), "--resume"]) == 0
         out, err = capsys.readouterr()
         assert "Resumed from saves/1-" in out
-        assert "warning: kennfeld.toml: has changed since the states were saved" in err
+        assert "warning: kennfeld.toml: changed since the checkpoints were written" in err
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert found["status"] == "converged"
         assert found["resumed"][0].startswith("saves/1-")
@@ -599,7 +599,7 @@ class TestResume:
         assert cli.run(["calibrate", str(project), "--resume"]) == 2
         err = capsys.readouterr().err
         assert err.count("\n") == 1
-        assert "holds no saved state to resume from. Set save_every in [optimizer]" in err
+        assert "no checkpoint to resume from. Set save_every in [optimizer]" in err
 
 
 class TestSimulate:
@@ -642,20 +642,20 @@ class TestReport:
         assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "second")]) == 0
         target = tmp_path / "for the customer.html"
         assert cli.run(["report", str(project), "-r", str(tmp_path / "second"), "-o", str(target)]) == 0
-        assert "Nothing has been calibrated yet" not in target.read_text(encoding="utf-8")
+        assert "Not calibrated yet" not in target.read_text(encoding="utf-8")
         assert not (folder / "results").exists()
 
     def test_without_results_tells_about_the_start(self, folder, project):
         assert cli.run(["report", str(project)]) == 0
         text = (folder / "results" / "report.html").read_text(encoding="utf-8")
-        assert "Nothing has been calibrated yet" in text
+        assert "Not calibrated yet" in text
 
     def test_damaged_results_are_named(self, folder, project, capsys):
         assert cli.run(["calibrate", str(project)]) == 0
         (folder / "results" / "result.json").write_text("{", encoding="utf-8")
         capsys.readouterr()
         assert cli.run(["report", str(project)]) == 2
-        assert "result.json: is no result of a run" in capsys.readouterr().err
+        assert "result.json: not a valid result file" in capsys.readouterr().err
 
 
 class TestInfo:
@@ -690,7 +690,7 @@ class TestInfo:
 
     def test_names_the_nearest_where_nothing_is_found(self, pristine, capsys):
         assert cli.run(["info", str(pristine / "bench.csv"), "--search", "Ignitoin"]) == 2
-        assert "bench.csv: nothing in it has 'Ignitoin'" in (said := capsys.readouterr().err)
+        assert "bench.csv: no name or description contains 'Ignitoin'" in (said := capsys.readouterr().err)
         assert "Did you mean Ignition?" in said
 
     @pytest.mark.parametrize(
@@ -729,7 +729,7 @@ class TestConvert:
         source, target = folder / "start.dcm", folder / "new.json"
         target.write_text("mine", encoding="utf-8")
         assert cli.run(["convert", str(source), str(target)]) == 2
-        said = f"{target}: exists already. Add --force to replace it, or name another file.\n"
+        said = f"{target}: already exists. Add --force to replace it, or name another file.\n"
         assert (capsys.readouterr().err, target.read_text(encoding="utf-8")) == (said, "mine")
         assert cli.run(["convert", str(source), str(target), "--force"]) == 0
         assert read_parameters(target) == read_parameters(source)
@@ -739,7 +739,7 @@ class TestConvert:
         target.write_text("mine", encoding="utf-8")
         target.chmod(0o444)
         assert cli.run(["convert", str(folder / "start.dcm"), str(target), "--force"]) == 2
-        said = f"{target}: cannot be written: it is write-protected. Name another file.\n"
+        said = f"{target}: cannot be written: it is write-protected. Choose another path.\n"
         assert (capsys.readouterr().err, target.read_text(encoding="utf-8")) == (said, "mine")
 
     def test_an_unknown_ending_is_refused(self, folder, capsys):
@@ -839,7 +839,7 @@ class TestDiffAndMerge:
         (files / "c.dcm").write_text("FESTWERT K\nWERT x\nEND\n")
         assert cli.run(["diff", "c.dcm", "nowhere.dcm"]) == 2
         found = capsys.readouterr().err
-        assert "c.dcm line 2 (K): 'x' is no finite number" in found
+        assert "c.dcm line 2 (K): must be a finite number, got 'x'" in found
         assert "nowhere.dcm: there is no such file" in found
 
     @pytest.mark.parametrize(
@@ -847,7 +847,7 @@ class TestDiffAndMerge:
         [
             ("--tolerance", "-1", "Invalid value for '--tolerance'"),
             ("--relative", "some", "Invalid value for '--relative'"),
-            ("--relative", "inf", "relative=inf is no tolerance"),
+            ("--relative", "inf", "relative must be a finite number >= 0, got inf"),
         ],
     )
     def test_a_wrong_tolerance_is_refused(self, files, option, given, said, capsys):
@@ -862,7 +862,7 @@ class TestDiffAndMerge:
     def test_merge_may_write_onto_its_input_by_force(self, files, capsys):
         before = everything_in(files)
         assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm"]) == 2
-        assert capsys.readouterr().err == "a.dcm: exists already. Add --force to replace it, or name another file.\n"
+        assert capsys.readouterr().err == "a.dcm: already exists. Add --force to replace it, or name another file.\n"
         assert everything_in(files) == before
         assert cli.run(["merge", "a.dcm", "b.cdfx", "-o", "a.dcm", "--force"]) == 0
         assert read_parameters("a.dcm")["K"].value == 1.0 + 2**-52
@@ -870,7 +870,7 @@ class TestDiffAndMerge:
     @pytest.mark.parametrize(
         ("arguments", "said"),
         [
-            (["a.dcm", "-o", "c.dcm"], "merge: a.dcm alone is nothing to merge. Name two files or more."),
+            (["a.dcm", "-o", "c.dcm"], "merge: needs at least two files, got only a.dcm. Name another file."),
             (["a.dcm", "b.cdfx"], "Missing option '-o'"),
             (["a.dcm", "b.cdfx", "-o", "c.dmc"], "Did you mean .dcm?"),
             (["a.dcm", "b.cdfx", "-o", "nowhere/c.dcm"], "cannot be written"),
@@ -887,13 +887,13 @@ def test_a_file_that_ends_too_early_is_no_interrupt(tmp_path, capsys):
     path = tmp_path / "drive.csv.gz"
     path.write_bytes(gzip.compress(b"time,a\n0,1\n1,2\n")[:14])
     assert cli.run(["info", str(path)]) == 2
-    assert "drive.csv.gz: the packed file is damaged or cut off" in capsys.readouterr().err
+    assert "drive.csv.gz: the compressed file is damaged or cut off" in capsys.readouterr().err
 
 
 def test_an_end_of_file_that_nobody_expects_is_not_taken_for_ctrl_c(monkeypatch):
     def fail(*arguments):
         raise EOFError("unexpected")
 
-    monkeypatch.setattr("kennfeld.terminal.file_info.contents", fail)
+    monkeypatch.setattr("kennfeld.terminal.file_info.describe_file", fail)
     with pytest.raises(EOFError, match="unexpected"):
         cli.run(["info", "bench.csv"])

@@ -28,7 +28,7 @@ def test_a_channel_keeps_its_own_copy():
 
 @pytest.mark.parametrize("values", [3.0, np.zeros((2, 2))])
 def test_a_channel_is_one_list_of_numbers(values):
-    with pytest.raises(ArgumentError, match="channel Speed must be one list of numbers, not of shape"):
+    with pytest.raises(ArgumentError, match="channel Speed must be one-dimensional, got shape"):
         Channel("Speed", values)
 
 
@@ -49,7 +49,7 @@ def test_a_data_frame_is_a_source():
 
 
 def test_an_unknown_channel_is_named_with_the_nearest():
-    with pytest.raises(KeyError, match=r"Sped is no channel of dataset bench. Did you mean Speed\?"):
+    with pytest.raises(KeyError, match=r"Sped is not a channel of dataset bench. Did you mean Speed\?"):
         bench()["Sped"]
     assert "Sped" not in bench()
 
@@ -70,7 +70,7 @@ def test_an_unknown_channel_is_named_with_the_nearest():
         ({"starts": [0, 0]}, r"starts=\[0, 0\]"),
         ({"starts": [0, 2, 1]}, r"starts=\[0, 2, 1\]"),
         ({"starts": [0, 3]}, r"starts=\[0, 3\]"),
-        ({"scored": [True]}, "scored of dataset bench must have one entry a sample, 3"),
+        ({"scored": [True]}, "scored of dataset bench must have one entry per sample, 3"),
     ],
 )
 def test_what_contradicts_itself_is_refused(attributes, message):

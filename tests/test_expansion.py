@@ -50,7 +50,7 @@ def test_many_points_give_what_each_gives_alone(monkeypatch):
     model = random_expansion(0)
     x = np.random.default_rng(1).normal(size=(50, 2))
     whole, slopes = model(x), model.gradient(x)
-    monkeypatch.setattr("kennfeld.rbf.BLOCK", 12)
+    monkeypatch.setattr("kennfeld.rbf.BELLS_PER_BLOCK", 12)
     np.testing.assert_allclose(model(x), whole, rtol=1e-14)
     np.testing.assert_allclose(model.gradient(x), slopes, rtol=1e-13, atol=1e-15)
 
@@ -86,12 +86,12 @@ def test_nobody_can_write_to_its_numbers():
     ("numbers", "message"),
     [
         ((np.nan, [0.0], [1.0], [[0.0]], [[1.0]]), "offset=nan"),
-        ((0.0, [], [], np.empty((0, 0)), np.empty((0, 0))), "slopes of an expansion must be one number an input"),
-        ((0.0, [0.0], [[1.0]], [[0.0]], [[1.0]]), "weights of an expansion must be one number a centre"),
+        ((0.0, [], [], np.empty((0, 0)), np.empty((0, 0))), "slopes of an expansion must be one number per input"),
+        ((0.0, [0.0], [[1.0]], [[0.0]], [[1.0]]), "weights of an expansion must be one number per centre"),
         ((0.0, [0.0], [np.inf], [[0.0]], [[1.0]]), r"weights\[0\]=inf"),
         ((0.0, [0.0], [1.0], [0.0], [[1.0]]), r"centres of an expansion have shape \(1,\)"),
         ((0.0, [0.0], [1.0], [[0.0]], [[1.0, 1.0]]), r"widths of an expansion have shape \(1, 2\)"),
-        ((0.0, [0.0], [1.0], [[0.0]], [[0.0]]), "must be above 0, the least is 0"),
+        ((0.0, [0.0], [1.0], [[0.0]], [[0.0]]), "must be > 0, the smallest is 0"),
         ((0.0, [0.0], [1.0], [[0.0], [0.0, 1.0]], [[1.0]]), "centres of an expansion must be numbers"),
     ],
 )
@@ -101,5 +101,5 @@ def test_numbers_that_contradict_each_other_are_named(numbers, message):
 
 
 def test_points_of_the_wrong_width_are_named():
-    with pytest.raises(ArgumentError, match=r"x of shape \(3,\) must end with the 2 inputs"):
+    with pytest.raises(ArgumentError, match=r"x must have the shape \[\.\.\., 2\], got \(3,\)"):
         random_expansion(0)(np.zeros(3))

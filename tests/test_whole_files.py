@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from kennfeld.atomic_files import replacing, write_whole
+from kennfeld.atomic_files import replace_atomically, write_whole
 
 posix = pytest.mark.skipif(os.name != "posix", reason="permissions and links as POSIX has them")
 
@@ -57,7 +57,7 @@ def test_a_new_file_has_the_permissions_of_any_other(tmp_path):
 @posix
 def test_nobody_reads_the_new_content_who_could_not_read_the_old(file):
     file.chmod(0o600)
-    with replacing(file) as beside:
+    with replace_atomically(file) as beside:
         assert mode_of(beside) == 0o600
         beside.write_text("new", encoding="utf-8")
 
@@ -121,14 +121,14 @@ def test_a_pipe_is_refused_and_stays(tmp_path):
 
 
 def test_a_block_that_fails_leaves_the_old_file(file):
-    with pytest.raises(ZeroDivisionError), replacing(file) as beside:
+    with pytest.raises(ZeroDivisionError), replace_atomically(file) as beside:
         beside.write_text(f"half {1 / 0}", encoding="utf-8")
     assert file.read_text(encoding="utf-8") == "old"
     assert names_in(file.parent) == ["a.txt"]
 
 
 def test_what_a_killed_process_of_the_same_number_left_is_no_obstacle(file):
-    with replacing(file) as beside:
+    with replace_atomically(file) as beside:
         pass
     file.write_text("old", encoding="utf-8")
     beside.write_text("left", encoding="utf-8")

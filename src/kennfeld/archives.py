@@ -1,37 +1,37 @@
-"""ZIP archives that take much more memory than they should: what unpacks to too much, or claims to hold it."""
+"""Protection against ZIP bombs: archives that expand, or claim to expand, to far more than their size."""
 
 import re
 import zipfile
 import zlib
 
-__all__ = ["overgrown"]
+__all__ = ["find_oversized"]
 
-LARGE = 100_000_000  # bytes; less than that harms nobody
-DENSEST = 100  # times; the sheets of a workbook shrink to a tenth, to a thirtieth where they repeat themselves
+LARGE = 100_000_000  # bytes; smaller members are harmless
+MAX_RATIO = 100  # sheets of a workbook shrink to a tenth, repetitive ones to a thirtieth
 _CHUNK = 1 << 20
 _SHARED = "xl/sharedStrings.xml"
-_HEAD = 4096  # bytes in which the root of the document stands
+_HEAD = 4096  # bytes that contain the root element of the document
 _COUNT = re.compile(rb'\b(?:uniqueC|c)ount\s*=\s*["\'](\d{1,30})')
 
 
-def overgrown(archive: zipfile.ZipFile) -> str:
-    """What is wrong with the sizes of an archive's members; empty where nothing is.
+def find_oversized(archive: zipfile.ZipFile) -> str:
+    """Return why an archive's members are too large; empty if they are not.
 
-    A member may also state a size that is not its own, so what looks packed too badly is unpacked to see.
+    A member may also state a false size, so one that seems to be compressed too little is unpacked as a check.
     """
     for member in archive.infolist():
         packed, size = member.compress_size, member.file_size
-        if size < 2 * packed and packed * DENSEST > LARGE:
+        if size < 2 * packed and packed * MAX_RATIO > LARGE:
             size = max(size, _real_size(archive, member))
-        if size > LARGE and size > DENSEST * packed:
+        if size > LARGE and size > MAX_RATIO * packed:
             return f"{member.filename[:80]} holds {size / 1e6:.0f} MB or more, packed into {packed / 1e6:.1f} MB"
     return _claimed(archive)
 
 
 def _claimed(archive: zipfile.ZipFile) -> str:
-    """Whether the texts that the cells of a workbook share are said to be more than there can be.
+    """Return a message if a workbook claims more shared strings than its file can hold.
 
-    Readers make room for so many at once, and end the process where there is none.
+    Readers allocate memory for that many at once, and abort the process if there is not enough.
     """
     if _SHARED not in archive.namelist():
         return ""
@@ -43,23 +43,23 @@ def _claimed(archive: zipfile.ZipFile) -> str:
 
 
 def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """How much a member holds, as far as it takes to see that it is too much."""
+    """Return the unpacked size of a member, counted only until it is too large."""
     if member.compress_type != zipfile.ZIP_DEFLATED or archive.fp is None:
         return member.file_size
-    most, found = max(LARGE, DENSEST * member.compress_size) + 1, 0
+    limit, size = max(LARGE, MAX_RATIO * member.compress_size) + 1, 0
     unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
     # the header of a member repeats its name and states how long name and further fields are
     archive.fp.seek(member.header_offset + 26)
     lengths = archive.fp.read(4)
     archive.fp.seek(int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"), 1)
-    left = member.compress_size
-    while found <= most and not unpacker.eof:
-        waiting = unpacker.unconsumed_tail or archive.fp.read(min(_CHUNK, left))
-        if not waiting:
+    remaining = member.compress_size
+    while size <= limit and not unpacker.eof:
+        data = unpacker.unconsumed_tail or archive.fp.read(min(_CHUNK, remaining))
+        if not data:
             break
-        left -= 0 if unpacker.unconsumed_tail else len(waiting)
+        remaining -= 0 if unpacker.unconsumed_tail else len(data)
         try:
-            found += len(unpacker.decompress(waiting, _CHUNK))
+            size += len(unpacker.decompress(data, _CHUNK))
         except zlib.error:
-            break  # damaged, which its reader tells
-    return found
+            break  # damaged; reported by the reader
+    return size

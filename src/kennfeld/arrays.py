@@ -1,11 +1,11 @@
-"""Array types shared by the whole house; shapes are named in comments, `Float[samples]`."""
+"""Array types of the whole package; comments and docstrings state shapes, `Float[samples]`."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ArrayLike", "Bool", "Float", "Int", "Sparse", "aligned", "readonly", "silent"]
+__all__ = ["ArrayLike", "Bool", "Float", "Int", "Sparse", "aligned_zeros", "ignore_floating_errors", "readonly"]
 
 LINE = 8  # doubles in a cache line
 
@@ -16,7 +16,7 @@ Sparse = Any  # scipy.sparse.csr_array of float64; scipy has no type annotations
 
 
 def readonly(values: ArrayLike) -> Float:
-    """A float64 array that nobody can write to: the given one if it is such already, else a copy."""
+    """Return a float64 array that nobody can write to: the given one if it is such already, else a copy."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable:
         if isinstance(values, np.ndarray) and np.may_share_memory(array, values):
@@ -25,13 +25,13 @@ def readonly(values: ArrayLike) -> Float:
     return array
 
 
-def aligned(size: int) -> Float:
-    """Zeros that begin on a cache line, where loads of whole vectors are fastest."""
+def aligned_zeros(size: int) -> Float:
+    """Return zeros that begin on a cache line, where loads of whole vectors are fastest."""
     room = np.zeros(size + LINE)
     skip = (-room.ctypes.data // room.itemsize) % LINE
     return room[skip : skip + size]
 
 
-def silent() -> np.errstate:
+def ignore_floating_errors() -> np.errstate:
     """Return a context for computations whose results are checked: what is not finite there needs no warning."""
     return np.errstate(over="ignore", invalid="ignore", divide="ignore")

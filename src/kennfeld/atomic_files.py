@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing of files: a file is written completely or not at all."""
 
 import os
 import stat
@@ -8,17 +8,18 @@ from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL
 from pathlib import Path
 
-__all__ = ["replacing", "write_whole"]
+__all__ = ["replace_atomically", "write_whole"]
 
 _ANY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 
 def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> None:
-    """Write beside, then rename, so that nobody ever sees half a file; text as UTF-8. See `replacing`.
+    """Write a temporary file and rename it, so that nobody sees half a file; text as UTF-8. See `replace_atomically`.
 
-    With `durable` it is on the disk before the old file goes: a power cut leaves one of the two. Raises `OSError`.
+    With `durable` it is on the disk before the old file is removed: a power cut leaves one of the two. Raises
+    `OSError`.
     """
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replace_atomically(path) as temporary, temporary.open("wb") as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
         if durable:
             file.flush()
@@ -26,8 +27,8 @@ def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> N
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a path beside a file; what is written there takes the place of the file if the block ends well.
+def replace_atomically(path: Path) -> Iterator[Path]:
+    """Yield the path of a temporary file that replaces a file if the block raises no exception.
 
     A symbolic link stays one: the file it points to is replaced. The new file has the permissions of the old one, and
     its owner and group as far as the system allows. Other hard links to the old file keep the old content.
@@ -36,39 +37,39 @@ def replacing(path: Path) -> Iterator[Path]:
         path: The file to write, whether or not it exists.
 
     Yields:
-        A path in the same folder with the same ending, where nothing is yet or an empty file.
+        A path in the same folder with the same extension; there is no such file yet, or an empty one.
 
     Raises:
-        OSError: The file is write-protected, even for root, or is no regular file, or the system cannot write.
+        OSError: The file is write-protected, even for root, or is not a regular file, or the system cannot write.
     """
-    target = Path(os.path.realpath(path))  # unlike resolve, no error of its own for links in a circle
+    target = Path(os.path.realpath(path))  # unlike resolve, it does not raise for cyclic links
     before = _replaceable(target)
-    beside = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
     try:
         if before is not None:
-            _create_like(beside, before)
-        yield beside
-        beside.replace(target)
+            _create_like(temporary, before)
+        yield temporary
+        temporary.replace(target)
     finally:
         with suppress(OSError):
-            beside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
 
 def _replaceable(target: Path) -> os.stat_result | None:
-    """Return the status of the file that is replaced, None if there is none; raise `OSError` if it must stay."""
+    """Return the status of the file to be replaced, None if there is none; raise `OSError` if it must stay."""
     try:
-        found = target.stat()
+        status = target.stat()
     except FileNotFoundError:
         return None
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(EINVAL, "it is a folder or a device, not a file", str(target))
-    if not (found.st_mode & _ANY_WRITE and os.access(target, os.W_OK)):
+    if not (status.st_mode & _ANY_WRITE and os.access(target, os.W_OK)):
         raise PermissionError(EACCES, "it is write-protected", str(target))
-    return found
+    return status
 
 
 def _create_like(path: Path, before: os.stat_result) -> None:
-    """Create an empty file that nobody may read who could not read the one before."""
+    """Create an empty file that nobody can read who could not read the previous one."""
     path.unlink(missing_ok=True)
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
     for owner in (before.st_uid, -1) if hasattr(os, "chown") else ():

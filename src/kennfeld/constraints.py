@@ -1,4 +1,4 @@
-"""What a calibration must keep besides bounds and locks: shapes of tables, equalities, and limits of outputs."""
+"""Constraints of a calibration in addition to bounds and locks: shapes of tables, equalities, and output limits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ UNBOUNDED = float("inf")
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds that an output shall keep at every scored sample of the training data: `lower <= node <= upper`.
+    """Bounds of an output at every scored sample of the training data: `lower <= node <= upper`.
 
-    `node` is a node or an expression over nodes, inputs and channels; `where` a condition over inputs and channels, not
-    0 where the limit counts.
+    `node` is a node or an expression over nodes, inputs and channels; the limit applies to samples at which `where`, a
+    condition over inputs and channels, is not 0.
 
     >>> Limit("abs(n_set - n)", upper=50.0, where="t_since_step > 1").upper
     50.0
@@ -30,7 +30,7 @@ class Limit:
     where: str = ""
 
     def __post_init__(self) -> None:
-        _make_range(self, f"limit of {self.node}")
+        _set_range(self, f"limit of {self.node}")
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Pin:
 class Shape:
     """Limits of a table's slope or curvature along one axis, at every grid point.
 
-    `slope` is dz/dx between neighbours, in units of z per unit of x: from 0 on is monotonic. `curvature` is
-    d2z/dx2 between three neighbours: from 0 on is convex.
+    `slope` is dz/dx between neighbours, in units of z per unit of x: monotonic if >= 0. `curvature` is d2z/dx2 between
+    three neighbours: convex if >= 0.
 
     >>> Shape("MapX", 0, "slope", lower=0.0)
     Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
@@ -65,7 +65,7 @@ class Shape:
     upper: float = UNBOUNDED
 
     def __post_init__(self) -> None:
-        _make_range(self, f"{self.kind} of {self.parameter}")
+        _set_range(self, f"{self.kind} of {self.parameter}")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Equality:
-    """The sum of the terms is `value`: two values that shall be equal, or several that shall sum to a number."""
+    """The sum of the terms is `value`: two equal values, or several values with a given sum."""
 
     terms: tuple[Term, ...]
     value: float = 0.0
@@ -97,10 +97,10 @@ class Equality:
         object.__setattr__(self, "value", number(value, "value", "an equality"))
 
     def __str__(self) -> str:
-        return f"{' + '.join(map(_written, self.terms))} = {self.value:g}"
+        return f"{' + '.join(map(_term_text, self.terms))} = {self.value:g}"
 
 
-def _written(term: Term) -> str:
+def _term_text(term: Term) -> str:
     name = f"sum({term.parameter})" if term.at is None else f"{term.parameter}({', '.join(f'{x:g}' for x in term.at)})"
     return name if term.factor == 1 else f"{term.factor:g} {name}"
 
@@ -109,9 +109,9 @@ def _coordinates(at: ArrayLike, owner: str) -> tuple[float, ...]:
     return tuple(array(at, f"coordinates of {owner}").tolist())
 
 
-def _make_range(limit: Limit | Shape, owner: str) -> None:
+def _set_range(limit: Limit | Shape, owner: str) -> None:
     lower, upper = (number(getattr(limit, side), side, owner, infinite=True) for side in ("lower", "upper"))
     if not lower <= upper:
-        raise ArgumentError(f"{owner}: {lower:g} .. {upper:g} is no range, the first must not exceed the second")
+        raise ArgumentError(f"{owner}: lower limit {lower:g} exceeds upper limit {upper:g}")
     object.__setattr__(limit, "lower", lower)
     object.__setattr__(limit, "upper", upper)

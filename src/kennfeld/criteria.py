@@ -1,7 +1,4 @@
-"""How the outputs of a model count: residuals and losses in LLVM IR.
-
-What the optimizer shall reach.
-"""
+"""Criteria of a calibration: nodes, their targets, losses and weights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,9 +14,9 @@ Loss = Literal["square", "huber", "soft_l1", "excess"]
 
 @dataclass(frozen=True)
 class Target:
-    """What a node is compared with: a channel, another node, or a number.
+    """Target of a node: a channel, another node, or a number.
 
-    A bare name, kind `name`, is a channel where the data have one of that name, else a node.
+    A bare name, kind `name`, is a channel if the data have one of that name, else a node.
     """
 
     kind: Literal["name", "channel", "node", "number"]
@@ -27,15 +24,13 @@ class Target:
     value: float = 0.0
 
     @classmethod
-    def of(cls, given: "Target | str | float") -> "Target":
-        """The target that a name or a number stands for."""
-        if isinstance(given, Target):
-            return given
-        return (
-            cls("name", given)
-            if isinstance(given, str)
-            else cls("number", value=number(given, "target", "a criterion"))
-        )
+    def of(cls, target: "Target | str | float") -> "Target":
+        """Return the target of a name or a number."""
+        if isinstance(target, Target):
+            return target
+        if isinstance(target, str):
+            return cls("name", target)
+        return cls("number", value=number(target, "target", "a criterion"))
 
     def __str__(self) -> str:
         return f"{self.value:g}" if self.kind == "number" else self.name
@@ -43,7 +38,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Region:
-    """Samples with a weight of their own: those at which `where` holds, formula text over channels.
+    """Samples with their own weight: those at which `where`, formula text over channels, is true.
 
     >>> Region("Speed > 3000", 2.0)
     Region(where='Speed > 3000', weight=2.0)
@@ -61,12 +56,12 @@ class Region:
 
 @dataclass(frozen=True)
 class Criterion:
-    """A node that shall follow its target.
+    """A node that the calibration fits to its target.
 
     Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
-    `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target alone.
-    The loss of a sample is multiplied by its value of the channel `weight_channel`, where one is named, and by the
-    weight of each region that it lies in.
+    `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target only.
+    The loss of a sample is multiplied by its value of the channel `weight_channel`, if given, and by the weight of each
+    region that contains it.
 
     >>> Criterion("TorquePredict", "Torque").target
     Target(kind='name', name='Torque', value=0.0)
@@ -83,7 +78,7 @@ class Criterion:
 
     @property
     def internal(self) -> bool:
-        """Whether it stands for something else, such as a limit: its node has a name that no formula text can have."""
+        """True if it stands for something else, such as a limit; no formula text can have the name of its node."""
         return self.node.startswith("\0")
 
     def __init__(
@@ -106,5 +101,5 @@ class Criterion:
             "scale": number(scale, "scale", owner, above=0),
         }
         samples = {"loss": loss, "weight_channel": weight_channel, "regions": tuple(regions)}
-        for name, given in ({"node": node, "target": Target.of(target)} | numbers | samples).items():
-            object.__setattr__(self, name, given)
+        for name, value in ({"node": node, "target": Target.of(target)} | numbers | samples).items():
+            object.__setattr__(self, name, value)

@@ -1,4 +1,4 @@
-"""Measurements: channels of equal length, with or without time, in one or more pieces."""
+"""Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ __all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatena
 
 Use = Literal["training", "test"]
 
-PAUSE = 20.0  # usual steps; what is longer is no step but a pause of the recording
+PAUSE = 20.0  # median steps; a longer one is a pause of the recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Channel:
     def __post_init__(self) -> None:
         values = readonly(array(self.values, f"channel {self.name}"))
         if values.ndim != 1:
-            raise ArgumentError(f"channel {self.name} must be one list of numbers, not of shape {values.shape}")
+            raise ArgumentError(f"channel {self.name} must be one-dimensional, got shape {values.shape}")
         object.__setattr__(self, "values", values)
 
     def __len__(self) -> int:
@@ -41,8 +41,8 @@ class Channel:
 class Clock:
     """The column of a file that time was read from.
 
-    `in_milliseconds` says that its numbers look like milliseconds, though they were taken for seconds because the file
-    states no unit.
+    `in_milliseconds` is true if its numbers look like milliseconds but were read as seconds because the file states no
+    unit.
     """
 
     name: str
@@ -51,10 +51,10 @@ class Clock:
 
 @dataclass(frozen=True)
 class Settling:
-    """How a model with memory runs on steady-state points: each is held for `seconds`, from the model's first values.
+    """Simulation of steady-state points by a model with memory: each is held for `seconds` from the initial states.
 
-    What counts is the mean over the last `average` seconds, the last value where that is 0. `step` is the step of the
-    model in s; None takes the one it has.
+    The result is the mean over the last `average` seconds, or the last value if that is 0. `step` is the step of the
+    model in s; by default its own.
 
     >>> Settling(5.0, average=1.0, step=0.1).seconds
     5.0
@@ -70,26 +70,33 @@ class Settling:
         if self.step is not None:
             object.__setattr__(self, "step", number(self.step, "step", "a settling", above=0))
         if not 0 <= self.average <= self.seconds:
-            raise ArgumentError(f"average={self.average} of a settling must be between 0 and its {self.seconds:g} s")
+            raise ArgumentError(f"average={self.average} of a settling must be >= 0 and <= seconds={self.seconds:g}")
         if self.step is not None and not 0 < self.step <= self.seconds:
-            raise ArgumentError(f"step={self.step} of a settling must be above 0 and at most its {self.seconds:g} s")
+            raise ArgumentError(f"step={self.step} of a settling must be > 0 and <= seconds={self.seconds:g}")
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset(Mapping[str, Channel]):
     """Channels over the same samples.
 
-    `time` is in seconds and increases within each piece; without it the samples are steady-state points.
-    `starts` holds the first sample of each piece; a model's states start anew there.
-    `scored` marks the samples that count; the others are simulated only.
-    `max_gap` is how long, in s, a gap of NaN in an input may be to be interpolated; longer ones end a piece. So does a
-    pause: a time step longer than that and than `PAUSE` usual ones.
-    `warmup` is how long, in s, each piece is simulated before it counts.
-    `weight` multiplies the loss of all samples, the channel `weight_channel`, where one is named, that of each.
-    `settling` says how a model with memory runs on steady-state points.
-    `clock` names the column that time was read from, if it was read from a file.
-    `remarks` are warnings and remarks of the reader, such as how many infinite values it takes as missing.
-    Raises `ArgumentError` where lengths differ or time does not increase.
+    Attributes:
+        name: how messages name it.
+        channels: recorded quantities of equal length.
+        time: time stamps in s, Float[samples], increasing within each piece; None for steady-state points.
+        starts: first sample of each piece, Int[pieces]; a model's states restart there.
+        weight: multiplies the loss of all samples.
+        use: "training" or "test".
+        scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
+        remarks: warnings and remarks of the reader, such as the number of infinite values.
+        max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, as does a pause, a
+            time step longer than that and than `PAUSE` median ones.
+        weight_channel: channel that multiplies the loss of each sample; empty for none.
+        settling: simulation of steady-state points by a model with memory.
+        warmup: time from the start of each piece that is simulated but not scored, in s.
+        clock: the column that time was read from, for a dataset from a file.
+
+    Raises:
+        ArgumentError: lengths differ, or time does not increase.
 
     >>> data = Dataset.of("bench", {"Speed": [1000, 2000], "Torque": [80.0, 95.0]}, units={"Speed": "rpm"})
     >>> data.samples, data["Speed"].unit
@@ -132,13 +139,13 @@ class Dataset(Mapping[str, Channel]):
             )
         object.__setattr__(self, "starts", starts)
         if self.settling is not None and self.time is not None:
-            raise ArgumentError(f"settling={self.settling} of dataset {self.name} is for points without time stamps")
+            raise ArgumentError(f"settling={self.settling} of dataset {self.name} requires points without time stamps")
         if self.time is not None:
             self._check_time(readonly(array(self.time, f"time of dataset {self.name}")))
         if self.scored is not None:
             scored = truths(self.scored, f"scored of dataset {self.name}")
             if scored.shape != (self.samples,):
-                raise ArgumentError(f"scored of dataset {self.name} must have one entry a sample, {self.samples}")
+                raise ArgumentError(f"scored of dataset {self.name} must have one entry per sample, {self.samples}")
             object.__setattr__(self, "scored", scored)
 
     def _check_time(self, time: Float) -> None:
@@ -164,14 +171,14 @@ class Dataset(Mapping[str, Channel]):
         """Return a dataset of named columns.
 
         Args:
-            name: what messages call it.
+            name: how messages name it.
             columns: numbers by name: a dict of arrays, or a pandas DataFrame.
             units: the units of channels, by name.
             attributes: further attributes of the dataset.
 
         Raises:
-            InputError: columns do not hold numbers; names each of them.
-            ArgumentError: lengths or attributes contradict each other.
+            InputError: columns do not hold numbers; reports all of them.
+            ArgumentError: lengths or attributes are inconsistent.
         """
         units, channels, findings = units or {}, [], []
         for column in columns:
@@ -179,7 +186,7 @@ class Dataset(Mapping[str, Channel]):
                 values = array(columns[column], f"channel {column}")
                 channels.append(Channel(str(column), values, units.get(column, "")))
             except ArgumentError as error:
-                remedy = "Leave it out, or give numbers in its place."
+                remedy = "Omit it, or replace it by numbers."
                 findings.append(Finding(f"dataset {name}", str(error), remedy))
         if findings:
             raise InputError(findings)
@@ -187,12 +194,12 @@ class Dataset(Mapping[str, Channel]):
 
     @property
     def samples(self) -> int:
-        """How many samples every channel has."""
+        """Number of samples of every channel."""
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
 
     @property
     def counting(self) -> Bool:
-        """Whether each sample counts, Bool[samples]."""
+        """The samples that are scored, Bool[samples]."""
         return np.ones(self.samples, dtype=bool) if self.scored is None else self.scored
 
     @property
@@ -202,12 +209,12 @@ class Dataset(Mapping[str, Channel]):
         return [slice(int(a), int(b)) for a, b in zip(self.starts, ends, strict=True)]
 
     def with_channels(self, *added: Channel) -> Self:
-        """The same dataset with channels added, or replaced where the name is taken."""
+        """Return the same dataset with channels added, or replaced where the name is taken."""
         by_name = {channel.name: channel for channel in (*self.channels, *added)}
         return replace(self, channels=tuple(by_name.values()))
 
     def without_infinite(self) -> Self:
-        """Return the dataset with NaN in place of infinite values, and a warning for each channel that has some."""
+        """Return the dataset with NaN for infinite values, and a warning for each channel that has some."""
         finite, remarks = [], []
         for channel in self.channels:
             infinite = np.isinf(channel.values)
@@ -215,27 +222,27 @@ class Dataset(Mapping[str, Channel]):
                 channel = replace(channel, values=np.where(infinite, np.nan, channel.values))
                 place = f"dataset {self.name}, channel {channel.name}"
                 message = (
-                    f"{count} of {infinite.size} values {'is' if count == 1 else 'are'} infinite and taken as missing"
+                    f"{count} of {infinite.size} values {'is' if count == 1 else 'are'} infinite and treated as missing"
                 )
                 remarks.append(Finding(place, message, severity="warning"))
             finite.append(channel)
         return replace(self, channels=tuple(finite), remarks=(*self.remarks, *remarks)) if remarks else self
 
     def select(self, samples: ArrayLike) -> Self:
-        """The samples of a steady-state dataset that an index array or a mask picks, in that order."""
+        """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""
         if self.time is not None:
             raise ArgumentError(
-                f"dataset {self.name} has time stamps; samples of steady-state data alone can be picked"
+                f"dataset {self.name} has time stamps; only samples of steady-state data can be selected"
             )
-        chosen = np.asarray(samples)
-        channels = tuple(replace(c, values=c.values[chosen]) for c in self.channels)
-        scored = None if self.scored is None else self.scored[chosen]
+        indices = np.asarray(samples)
+        channels = tuple(replace(c, values=c.values[indices]) for c in self.channels)
+        scored = None if self.scored is None else self.scored[indices]
         return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored)
 
     def __getitem__(self, name: str) -> Channel:
         by_name: dict[str, Channel] = self.__dict__["_by_name"]
         if name not in by_name:
-            raise KeyError(f"{name} is no channel of dataset {self.name}. {nearest(name, by_name)}".strip())
+            raise KeyError(f"{name} is not a channel of dataset {self.name}. {nearest(name, by_name)}".strip())
         return by_name[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -246,9 +253,9 @@ class Dataset(Mapping[str, Channel]):
 
 
 def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
-    """One dataset of several recordings, each a piece of its own, over the channels they all have.
+    """Return one dataset of several recordings, each a separate piece, with the channels common to all.
 
-    Time stamps stay as recorded; either all parts have them or none.
+    Time stamps are unchanged; either all parts must have them or none. Other attributes are those of the first part.
     """
     if not parts:
         raise ArgumentError(f"dataset {name} needs at least one recording")

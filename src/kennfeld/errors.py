@@ -1,12 +1,12 @@
-"""What can go wrong, as one small tree.
+"""Exceptions, warnings and findings.
 
     KennfeldError
     ├── InputError       a file, a formula or a project is wrong; carries every finding at once
     └── ArgumentError    the Python API was called with an unusable argument (also a ValueError)
 
-`InputWarning` is the category of Python warnings about input that can be used, but perhaps not as it was meant.
+`InputWarning` is the category of Python warnings about input that is usable, but perhaps not as intended.
 
-A fit that does not converge is no exception: it is a `Result` whose status says so.
+A fit that does not converge raises no exception: the status of its `Result` states it.
 """
 
 import re
@@ -20,7 +20,7 @@ from typing import Literal
 
 __all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "visible", "warn"]
 
-# control characters but tab and newline, and what is invisible or turns the direction of writing
+# control characters except tab and newline, invisible characters, and those that change the writing direction
 _UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u00ad\u061c\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
     "\U000e0000-\U000e007f]"
@@ -28,15 +28,15 @@ _UNSEEN = re.compile(
 
 
 def visible(text: str) -> str:
-    r"""Return the text with characters that act on a terminal or cannot be seen written as escapes.
+    r"""Return the text with escapes for invisible characters and those that control a terminal.
 
-    Names in files are anybody's: they could colour, move or rewrite what a terminal shows. The escapes are those of
-    JSON, so that JSON text stays what it is.
+    Names come from untrusted files: they could colour, move or overwrite terminal output. The escapes are those of
+    JSON, so that JSON text keeps its meaning.
 
     >>> print(visible("Speed\x1b[31m"))
     Speed\u001b[31m
     """
-    return _UNSEEN.sub(lambda found: _escape(found[0]), text)
+    return _UNSEEN.sub(lambda match: _escape(match[0]), text)
 
 
 def _escape(character: str) -> str:
@@ -46,10 +46,10 @@ def _escape(character: str) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One problem of an input: where it is, what it is, how to mend it. A remark is none, but worth knowing.
+    """One problem of an input with its location and remedy, or a remark worth knowing.
 
-    >>> print(Finding("torque.kf line 4", "MapOptTorqe is no parameter", "Did you mean MapOptTorque?"))
-    torque.kf line 4: MapOptTorqe is no parameter. Did you mean MapOptTorque?
+    >>> print(Finding("torque.kf line 4", "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))
+    torque.kf line 4: unknown parameter MapOptTorqe. Did you mean MapOptTorque?
     """
 
     place: str
@@ -65,14 +65,14 @@ class Finding:
 
 
 class KennfeldError(Exception):
-    """Root of everything that Kennfeld raises on purpose."""
+    """Base class of all exceptions that Kennfeld raises on purpose."""
 
     def __str__(self) -> str:
         return visible(super().__str__())
 
 
 class InputError(KennfeldError):
-    """Wrong input; `findings` holds every problem that was found, in the order of the input."""
+    """Invalid input; `findings` holds all problems, in the order of the input."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(findings)
@@ -80,16 +80,16 @@ class InputError(KennfeldError):
 
     @classmethod
     def of(cls, place: str, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
-        """The error with a single finding."""
+        """Return an error with a single finding."""
         return cls([Finding(place, message, remedy, excerpt)])
 
 
 class ArgumentError(KennfeldError, ValueError):
-    """An argument that cannot be used; the text names it and its value."""
+    """An unusable argument; the text names it and its value."""
 
 
 class InputWarning(UserWarning):
-    """Input of the Python API that can be used, but perhaps not as it was meant; projects report it as a finding."""
+    """Input of the Python API that is usable, but perhaps not as intended; projects report it as a finding."""
 
 
 def warn(findings: Iterable[Finding]) -> None:
@@ -99,7 +99,7 @@ def warn(findings: Iterable[Finding]) -> None:
 
 
 def _frames_inside() -> int:
-    """Return how many of the calls that led to the caller are within this package."""
+    """Return the number of stack frames up to the caller that are within this package."""
     package, count = str(Path(__file__).parent), 0
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith(package):

@@ -1,16 +1,16 @@
-"""Axes whose breakpoints are values to be fitted: how they are named, which tables they belong to, and moving them.
+"""Axes whose breakpoints are fitted: their keys, their tables, and replacement of breakpoints.
 
-A group axis is one axis, however many tables share it; any other axis belongs to its table alone.
+A group axis is a single axis, however many tables share it; any other axis belongs to one table.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
-from kennfeld.formatting import nearest
+from kennfeld.formatting import list_names, nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
@@ -45,90 +45,76 @@ class AxisKey(NamedTuple):
 
 @dataclass(frozen=True)
 class FreeAxis:
-    """An axis that moves, and its places: (table, direction as a number)."""
+    """A free axis and its places: (table, number of the direction)."""
 
     key: AxisKey
     axis: Axis
     places: tuple[tuple[str, int], ...]
 
 
-def key_of(parameter: Parameter, which: int) -> AxisKey:
-    """The name of one axis of a table."""
-    axis = parameter.axes[which]
-    return AxisKey(axis.name) if axis.name else AxisKey(parameter.name, DIRECTIONS[which])
+def key_of(parameter: Parameter, direction: int) -> AxisKey:
+    """Return the key of one axis of a table."""
+    axis = parameter.axes[direction]
+    return AxisKey(axis.name) if axis.name else AxisKey(parameter.name, DIRECTIONS[direction])
 
 
 def _places(parameters: ParameterSet) -> dict[AxisKey, list[tuple[str, int]]]:
     places: dict[AxisKey, list[tuple[str, int]]] = {}
     for name, parameter in parameters.items():
-        for which in range(len(parameter.axes)):
-            places.setdefault(key_of(parameter, which), []).append((name, which))
+        for direction in range(len(parameter.axes)):
+            places.setdefault(key_of(parameter, direction), []).append((name, direction))
     return places
 
 
 def free_axes(parameters: ParameterSet) -> dict[AxisKey, FreeAxis]:
-    """The axes that are marked as free, a group axis if any of its tables says so.
+    """Return the free axes by key; a group axis is free if it is in any of its tables.
 
     >>> from kennfeld.parameters import Curve
     >>> curve = Curve("C", Axis([0, 1, 2], free=True), [0.0, 1.0, 4.0])
     >>> [str(key) for key in free_axes(ParameterSet([curve]))]
     ['C.x']
     """
-    found = {}
+    free = {}
     for key, places in _places(parameters).items():
-        axes = (parameters[name].axes[which] for name, which in places)
+        axes = (parameters[name].axes[direction] for name, direction in places)
         axis = next((axis for axis in axes if axis.free), None)
         if axis is not None and len(axis) > 1:
-            found[key] = FreeAxis(key, axis, tuple(places))
-    return found
+            free[key] = FreeAxis(key, axis, tuple(places))
+    return free
 
 
-def with_breakpoints(parameters: ParameterSet, moved: Mapping[AxisKey, Float]) -> ParameterSet:
-    """The set with other breakpoints on some axes, the same in every table of a group; values stay."""
-    if not moved:
+def with_breakpoints(parameters: ParameterSet, breakpoints: Mapping[AxisKey, Float]) -> ParameterSet:
+    """Return the set with other breakpoints on some axes, the same in every table of a group; values stay."""
+    if not breakpoints:
         return parameters
-    axes = {
-        name: tuple(_moved(axis, moved.get(key_of(member, i))) for i, axis in enumerate(member.axes))
-        for name, member in parameters.items()
-    }
-    changed = [member.changed(axes=axes[name]) for name, member in parameters.items() if axes[name] != member.axes]
-    return parameters.with_parameters(*changed)
 
+    def moved(axis: Axis, key: AxisKey) -> Axis:
+        return axis.changed(breakpoints=breakpoints[key]) if key in breakpoints else axis
 
-def _moved(axis: Axis, breakpoints: Float | None) -> Axis:
-    return axis if breakpoints is None else axis.changed(breakpoints=breakpoints)
+    return _with_axes(parameters, moved)
 
 
 def breakpoints_by_name(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
-    """Breakpoints under names that no parameter has, to stand beside the values of tables."""
+    """Return the breakpoints under names that no parameter can have, to be stored with the values of tables."""
     return {f"axis {key}": points for key, points in breakpoints.items()}
 
 
 def with_labelled(parameters: ParameterSet, values: Mapping[str, Float]) -> ParameterSet:
-    """The set with the breakpoints among some values, see `labelled`; only those of axes marked as free."""
-    moved = {key: values[f"axis {key}"] for key in free_axes(parameters) if f"axis {key}" in values}
-    return with_breakpoints(parameters, moved)
+    """Return the set with the breakpoints of its free axes among some values, named as by `breakpoints_by_name`."""
+    breakpoints = {key: values[f"axis {key}"] for key in free_axes(parameters) if f"axis {key}" in values}
+    return with_breakpoints(parameters, breakpoints)
 
 
 def with_fixed_axes(parameters: ParameterSet, keys: Iterable[AxisKey]) -> ParameterSet:
-    """The set with some axes no longer marked as free."""
-    still = set(keys)
-    changed = [
-        member.changed(
-            axes=tuple(
-                axis.changed(free=False) if key_of(member, i) in still else axis for i, axis in enumerate(member.axes)
-            )
-        )
-        for member in parameters.values()
-        if any(key_of(member, i) in still for i in range(len(member.axes)))
-    ]
-    return parameters.with_parameters(*changed)
+    """Return the set with some axes fixed."""
+    fixed = set(keys)
+    return _with_axes(parameters, lambda axis, key: axis.changed(free=False) if key in fixed else axis)
 
 
 def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:
-    """The set with the axes marked as free that a pattern matches: the name of a group axis, or `Table.x`.
+    """Return the set with the axes free that a pattern matches: the name of a group axis, or `Table.x`.
 
-    Raises `ArgumentError` where a pattern matches none.
+    Raises `ArgumentError` if a pattern matches none.
 
     >>> from kennfeld.parameters import Map
     >>> table = Map("M", [0, 1, 2], [0, 1], [[1, 2], [3, 4], [5, 6]])
@@ -136,20 +122,20 @@ def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> Paramet
     [True, False]
     """
     keys = {str(key): key for key in _places(parameters)}
-    chosen = set()
+    free = set()
     for pattern in patterns:
         matches = {key for label, key in keys.items() if label == pattern or fnmatchcase(label, pattern)}
         if not matches:
-            remedy = nearest(pattern, keys) or f"The axes are {', '.join(list(keys)[:12])}."
+            remedy = nearest(pattern, keys) or f"The axes are {list_names(keys, 12)}."
             raise ArgumentError(f"free_axes: {pattern} matches no axis. {remedy}")
-        chosen |= matches
-    changed = [
-        member.changed(
-            axes=tuple(
-                axis.changed(free=True) if key_of(member, i) in chosen else axis for i, axis in enumerate(member.axes)
-            )
-        )
-        for member in parameters.values()
-        if any(key_of(member, i) in chosen for i in range(len(member.axes)))
-    ]
+        free |= matches
+    return _with_axes(parameters, lambda axis, key: axis.changed(free=True) if key in free else axis)
+
+
+def _with_axes(parameters: ParameterSet, change: Callable[[Axis, AxisKey], Axis]) -> ParameterSet:
+    axes = {
+        name: tuple(change(axis, key_of(member, i)) for i, axis in enumerate(member.axes))
+        for name, member in parameters.items()
+    }
+    changed = [member.changed(axes=axes[name]) for name, member in parameters.items() if axes[name] != member.axes]
     return parameters.with_parameters(*changed)

@@ -1,7 +1,7 @@
-"""Numbers that callers pass, brought to float64 where an object takes them.
+"""Conversion of numbers that callers pass to float64, where an object takes them.
 
-What holds numbers of another type would work on in it: float32 rounds, whole numbers overflow or wrap, and compiled
-code reads doubles alone.
+Other types would be used in later computations: float32 rounds, integers overflow or wrap, and compiled code reads
+doubles only.
 """
 
 import numbers
@@ -20,16 +20,16 @@ _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
 
 
 def number(
-    given: object, name: str, owner: str, *, least: float = -np.inf, above: float = -np.inf, infinite: bool = False
+    value: object, name: str, owner: str, *, least: float = -np.inf, above: float = -np.inf, infinite: bool = False
 ) -> float:
     """Return a number of any numeric type as a float.
 
     Args:
-        given: a number, also one of numpy, or an array that holds a single one.
+        value: a number, also one of numpy, or an array that holds a single one.
         name: the argument, for the message.
-        owner: what the argument belongs to, for the message.
-        least: the smallest value that is allowed.
-        above: the value must exceed this one.
+        owner: the owner of the argument, for the message.
+        least: the smallest allowed value.
+        above: exclusive lower bound.
         infinite: allow infinity.
 
     Raises:
@@ -38,22 +38,23 @@ def number(
     >>> number(np.int8(2), "weight", "dataset bench", least=0)
     2.0
     """
-    value = _float(given)
-    finite = value is not None and (np.isfinite(value) or infinite)
-    if value is None or not (finite and value >= least and (value > above or above == -np.inf)):
+    result = _float(value)
+    finite = result is not None and (np.isfinite(result) or infinite)
+    if result is None or not (finite and result >= least and (result > above or above == -np.inf)):
         bound = f" >= {least:g}" if np.isfinite(least) else f" > {above:g}" if np.isfinite(above) else ""
-        raise ArgumentError(f"{name}={_shown(given)} of {owner} must be a {'' if infinite else 'finite '}number{bound}")
-    return value
+        text = repr(value) if result is None else f"{result:g}"
+        raise ArgumentError(f"{name}={text} of {owner} must be a {'' if infinite else 'finite '}number{bound}")
+    return result
 
 
 def array(given: Any, label: str) -> Float:
     """Return numbers of any numeric type as a float64 array.
 
-    What is missing is NaN: None, pandas' NA, and what a masked array masks.
+    Missing elements become NaN: None, pandas' NA, and masked elements of a masked array.
 
     Args:
         given: a list, an array, or a column of a table.
-        label: what the numbers are, for the message.
+        label: the name of the numbers, for the message.
 
     Raises:
         ArgumentError: an element is not a number, but a text, a date or a complex number, for example.
@@ -83,7 +84,7 @@ def truths(given: Any, label: str) -> Bool:
 
     Args:
         given: a list, an array, or a column of a table; 0 is false, any other number true.
-        label: what the values are, for the message.
+        label: the name of the values, for the message.
 
     Raises:
         ArgumentError: an element is a text, for example, or missing.
@@ -98,32 +99,27 @@ def truths(given: Any, label: str) -> Bool:
 
 
 def _of_objects(values: Any, label: str) -> Float:
-    """Numbers that numpy found no common type for."""
-    made = np.empty(values.shape)
-    for at, one in np.ndenumerate(values):
-        value = np.nan if _is_missing(one) else _float(one)
+    """Return the numbers of an array of objects, which have no common numeric type."""
+    numbers_ = np.empty(values.shape)
+    for index, element in np.ndenumerate(values):
+        value = np.nan if _is_missing(element) else _float(element)
         if value is None:
-            where = f" at position {', '.join(str(i + 1) for i in at)}" if at else ""
-            raise ArgumentError(f"{label} must be numbers, got {one!r}{where}")
-        made[at] = value
-    return made
+            position = f" at position {', '.join(str(i + 1) for i in index)}" if index else ""
+            raise ArgumentError(f"{label} must be numbers, got {element!r}{position}")
+        numbers_[index] = value
+    return numbers_
 
 
-def _float(given: object) -> float | None:
-    if isinstance(given, numbers.Real | Decimal | np.bool_):
+def _float(value: object) -> float | None:
+    if isinstance(value, numbers.Real | Decimal | np.bool_):
         try:
-            return float(given)
+            return float(value)
         except (OverflowError, ValueError):  # whole numbers and fractions beyond float64; Decimal's signalling NaN
             return None
-    if isinstance(given, np.ndarray) and given.ndim == 0 and given.dtype.kind in _NUMERIC:
-        return float(given)
+    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in _NUMERIC:
+        return float(value)
     return None
 
 
-def _is_missing(one: object) -> bool:
-    return one is None or type(one).__name__ in ("NAType", "NaTType")
-
-
-def _shown(given: object) -> str:
-    value = _float(given)
-    return repr(given) if value is None else f"{value:g}"
+def _is_missing(element: object) -> bool:
+    return element is None or type(element).__name__ in ("NAType", "NaTType")

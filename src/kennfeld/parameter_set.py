@@ -1,7 +1,4 @@
-"""What is calibrated: scalars, value blocks, curves, maps and cubes, and sets of them.
-
-All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpoint j.
-"""
+"""Sets of parameters by name, with texts, group axes and variants."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -17,19 +14,21 @@ from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["ParameterSet", "use_writer"]
 
-_FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, which is late: reading and writing take time
+_FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterSet(Mapping[str, Parameter]):
     """Parameters by name, in a fixed order, with the texts that belong to them.
 
-    A group axis (an axis with a name) has the same breakpoints in every table that uses it;
-    `ArgumentError` where two tables disagree or a name occurs twice.
+    A group axis (an axis with a name) has the same breakpoints in every table that uses it.
 
-    A label that has several variants is there in one of them; `others` holds the rest, `in_variant` chooses, and
-    `values["Kp", "Engine=2"]` is one of a variant.
-    `origin` is what a format keeps of the file that the set was read from, so that it can write into it again.
+    A parameter with several variants is a member in one of them; `others` holds the rest, `in_variant` selects, and
+    `values["Kp", "Engine=2"]` is the parameter in a variant. `origin` is what a format keeps of the file that the set
+    was read from, so that it can update that file.
+
+    Raises:
+        ArgumentError: a name occurs twice, or tables disagree on a group axis.
 
     >>> from kennfeld.parameters import Scalar
     >>> values = ParameterSet([Scalar("Kp", 0.08), Scalar("Ki", 0.046)])
@@ -55,12 +54,12 @@ class ParameterSet(Mapping[str, Parameter]):
         by_name: dict[str, Parameter] = {}
         for member in members:
             if member.name in by_name:
-                raise ArgumentError(f"parameter {member.name} is given twice")
+                raise ArgumentError(f"parameter {member.name} is defined twice")
             by_name[member.name] = member
         seen = {(member.name, member.variant) for member in members} | {(text.name, text.variant) for text in notes}
         for thing in rest:
             if (thing.name, thing.variant) in seen:
-                raise ArgumentError(f"parameter {thing.name} is given twice in the variant {thing.variant!r}")
+                raise ArgumentError(f"parameter {thing.name} is defined twice in the variant {thing.variant!r}")
             seen.add((thing.name, thing.variant))
         object.__setattr__(self, "parameters", members)
         object.__setattr__(self, "texts", notes)
@@ -70,15 +69,15 @@ class ParameterSet(Mapping[str, Parameter]):
         object.__setattr__(self, "_by_name", by_name)
 
     def __getitem__(self, name: str | tuple[str, str]) -> Parameter:
-        """The parameter of a name, in the variant that counts, or of a name and a variant."""
+        """Return the parameter of a name, in the selected variant, or of a name and a variant."""
         by_name: dict[str, Parameter] = self.__dict__["_by_name"]
         if isinstance(name, tuple):
-            found = self.everything.get(name)
-            if isinstance(found, Parameter):
-                return found
-            raise KeyError(f"{name[0]} is no parameter of this set in the variant {name[1]!r}")
+            member = self.everything.get(name)
+            if isinstance(member, Parameter):
+                return member
+            raise KeyError(f"{name[0]} is not a parameter of this set in the variant {name[1]!r}")
         if name not in by_name:
-            raise KeyError(f"{name} is no parameter of this set. {nearest(name, by_name)}".strip())
+            raise KeyError(f"{name} is not a parameter of this set. {nearest(name, by_name)}".strip())
         return by_name[name]
 
     def __contains__(self, name: object) -> bool:
@@ -101,7 +100,7 @@ class ParameterSet(Mapping[str, Parameter]):
 
     @property
     def chosen(self) -> tuple[Parameter | Text, ...]:
-        """Parameters and texts, each in the variant that counts."""
+        """Parameters and texts, each in the selected variant."""
         return (*self.parameters, *self.texts)
 
     @property
@@ -111,13 +110,13 @@ class ParameterSet(Mapping[str, Parameter]):
 
     @property
     def variants(self) -> tuple[str, ...]:
-        """The variants that some label has; empty where no label has any."""
+        """The variants of any member; empty if there are none."""
         return tuple(dict.fromkeys(variant for _, variant in self.everything if variant))
 
     def in_variant(self, variant: str) -> "ParameterSet":
-        """This set with the values of a variant for every label that has it; the others keep theirs.
+        """Return the set with the values of a variant for every member that has it; the others are unchanged.
 
-        Raises `ArgumentError` where no label has the variant.
+        Raises `ArgumentError` if no member has the variant.
         """
         if variant not in self.variants:
             known = ", ".join(self.variants) or "none"
@@ -128,56 +127,55 @@ class ParameterSet(Mapping[str, Parameter]):
         return self.merged(_of([thing for (_, one), thing in self.everything.items() if one == variant]))
 
     def merged(self, other: "ParameterSet") -> "ParameterSet":
-        """This set with the members of `other` replacing those of the same name and following the rest.
+        """Return the set with the members of `other`, which replace those of the same name.
 
-        What `other` has in another variant becomes the chosen one; the values of the variant before are kept. What has
-        no variant replaces the chosen one, whichever that is. Raises `ArgumentError` where a group axis of `other`
-        contradicts tables that stay.
+        If `other` has a member in another variant, that one becomes the selected one and the previous values are kept
+        as a variant. A member without a variant replaces the selected one, whichever that is. Raises `ArgumentError` if
+        a group axis of `other` contradicts tables that stay.
         """
-        stand = {thing.name: thing.variant for thing in self.chosen if thing.variant}
-        given = ParameterSet(
-            (_of_variant(member, stand) for member in other.parameters),
-            (_of_variant(text, stand) for text in other.texts),
+        selected = {member.name: member.variant for member in self.chosen if member.variant}
+        new = ParameterSet(
+            (_of_variant(member, selected) for member in other.parameters),
+            (_of_variant(text, selected) for text in other.texts),
             other.axes,
             other.others,
         )
-        members = dict(zip(self, self.parameters, strict=True)) | dict(zip(given, given.parameters, strict=True))
-        for text in given.texts:
+        members = dict(zip(self, self.parameters, strict=True)) | dict(zip(new, new.parameters, strict=True))
+        for text in new.texts:
             members.pop(text.name, None)
-        texts = {text.name: text for text in (*self.texts, *given.texts) if text.name not in given}
+        texts = {text.name: text for text in (*self.texts, *new.texts) if text.name not in new}
         used = {axis.name for member in members.values() for axis in member.axes}
-        kept = {axis.name: axis for axis in self.axes if axis.name not in used}
-        axes = (kept | {axis.name: axis for axis in given.axes}).values()
-        made = ParameterSet(members.values(), texts.values(), axes)
-        kept_aside = {**self.everything, **given.everything}
-        for thing in made.chosen:
-            kept_aside.pop((thing.name, thing.variant), None)
-        return ParameterSet(
-            made.parameters, made.texts, made.axes, kept_aside.values(), (self if self.chosen else other).origin
-        )
+        spare = {axis.name: axis for axis in self.axes if axis.name not in used}
+        axes = (spare | {axis.name: axis for axis in new.axes}).values()
+        merged = ParameterSet(members.values(), texts.values(), axes)
+        others = {**self.everything, **new.everything}
+        for member in merged.chosen:
+            others.pop((member.name, member.variant), None)
+        origin = (self if self.chosen else other).origin
+        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin)
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
-        """This set with some parameters replaced or added."""
+        """Return the set with some parameters replaced or added."""
         return self.merged(ParameterSet(changed))
 
     def select(self, names: Iterable[str]) -> "ParameterSet":
-        """The named parameters alone, in the order of `names`."""
+        """Return the named parameters alone, in the order of `names`."""
         chosen = [self[name] for name in names]
         others = [thing for thing in self.others if any(thing.name == member.name for member in chosen)]
         return ParameterSet(chosen, others=others, origin=self.origin)
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
-        """This set as if it were read from another file, into which it is to be written."""
+        """Return the set with another origin: the file that a save is to update."""
         return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
 
     def without(self, names: Collection[str]) -> "ParameterSet":
-        """All but the named parameters; group axes stay."""
+        """Return all but the named parameters; group axes stay."""
         kept = [member for member in self.parameters if member.name not in names]
         others = [thing for thing in self.others if thing.name not in names]
         return ParameterSet(kept, self.texts, self.axes, others, self.origin)
 
     def save(self, path: str | Path) -> None:
-        """Write the set to a calibration file; the ending (`.dcm`, `.json`, ...) chooses the format."""
+        """Write the set to a calibration file; the extension (`.dcm`, `.json`, ...) selects the format."""
         if _writer is None:
             import_module(_FORMATS)
         if _writer is None:
@@ -191,15 +189,15 @@ def _of(things: Iterable[Parameter | Text]) -> ParameterSet:
     return ParameterSet(members, [thing for thing in known if isinstance(thing, Text)])
 
 
-_Thing = TypeVar("_Thing", Parameter, Text)
+_Member = TypeVar("_Member", Parameter, Text)
 
 
-def _of_variant(thing: _Thing, stand: Mapping[str, str]) -> _Thing:
-    """What says no variant is of the one it replaces."""
-    variant = "" if thing.variant else stand.get(thing.name, "")
+def _of_variant(member: _Member, selected: Mapping[str, str]) -> _Member:
+    """Return the member in the variant that it replaces if it states none."""
+    variant = "" if member.variant else selected.get(member.name, "")
     if not variant:
-        return thing
-    return thing.changed(variant=variant) if isinstance(thing, Parameter) else replace(thing, variant=variant)
+        return member
+    return member.changed(variant=variant) if isinstance(member, Parameter) else replace(member, variant=variant)
 
 
 def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[Axis, ...]:
@@ -212,8 +210,8 @@ def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[
         users.setdefault(axis.name, user)
         if not np.array_equal(first.breakpoints, axis.breakpoints):
             raise ArgumentError(
-                f"group axis {axis.name} has other breakpoints in {user} than in {users[axis.name]}: "
-                f"{axis.breakpoints.tolist()} against {first.breakpoints.tolist()}"
+                f"group axis {axis.name} has different breakpoints in {user} and in {users[axis.name]}: "
+                f"{axis.breakpoints.tolist()} and {first.breakpoints.tolist()}"
             )
     return tuple(groups.values())
 
@@ -222,6 +220,6 @@ _writer: Callable[[ParameterSet, Path], object] | None = None
 
 
 def use_writer(writer: Callable[[ParameterSet, Path], object]) -> None:
-    """Tell the domain types how sets are written; the formats live on a floor above."""
+    """Set the function that `ParameterSet.save` calls; the formats are in a higher layer."""
     global _writer
     _writer = writer

@@ -1,4 +1,4 @@
-"""What is calibrated: scalars, value blocks, curves, maps and cubes, and sets of them.
+"""Calibration parameters: scalars, value blocks, curves, maps, cubes and texts.
 
 All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpoint j.
 """
@@ -31,7 +31,7 @@ __all__ = [
 Extrapolation = Literal["clip", "linear"]
 TextKind = Literal["text", "enumeration", "boolean"]
 _LABELS = ("functions", "display_name", "variant")
-CLOSEST = 0.05  # of the mean distance of breakpoints, as far as free ones approach each other
+MIN_SPACING = 0.05  # of the mean distance of breakpoints, to which free ones may approach each other
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -40,9 +40,9 @@ class Axis:
 
     `name` is set for a group axis, which several tables share; `input` names the quantity on the axis.
 
-    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart; None stands for a
-    twentieth of their mean distance, or the smallest where that is less. The first and the last one stay where they are
-    unless `range` gives the limits within which all of them may move.
+    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart, by default a twentieth of
+    their mean distance, or the smallest one if that is less. The first and the last one are fixed unless `range` gives
+    the limits within which all of them may move.
 
     >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
     array([ 700., 1000., 1500.])
@@ -67,15 +67,13 @@ class Axis:
         min_distance: float | None = None,
         range: tuple[float, float] | None = None,  # noqa: A002
     ) -> None:
-        for attribute, given in (("input", input), ("unit", unit), ("name", name), ("free", bool(free))):
-            object.__setattr__(self, attribute, given)
+        for attribute, value in (("input", input), ("unit", unit), ("name", name), ("free", bool(free))):
+            object.__setattr__(self, attribute, value)
         object.__setattr__(self, "min_distance", None if min_distance is None else float(min_distance))
         object.__setattr__(self, "range", None if range is None else (float(range[0]), float(range[1])))
         points = readonly(np.atleast_1d(array(breakpoints, f"breakpoints of axis {self.label}")))
         if points.ndim != 1 or points.size == 0:
-            raise ArgumentError(
-                f"breakpoints of axis {self.label} must be a list of numbers, not of shape {points.shape}"
-            )
+            raise ArgumentError(f"breakpoints of axis {self.label} must be one-dimensional, got shape {points.shape}")
         if not np.all(np.isfinite(points)):
             raise ArgumentError(f"breakpoints of axis {self.label} must be finite: {points.tolist()}")
         falling = np.flatnonzero(points[1:] <= points[:-1])
@@ -89,23 +87,23 @@ class Axis:
         self._check_freedom()
 
     def _check_freedom(self) -> None:
-        """Whether the start keeps what it shall keep while it moves."""
+        """Return whether the start keeps what it shall keep while it moves."""
         points = self.breakpoints
         if self.range is not None and not (self.range[0] <= points[0] and points[-1] <= self.range[1]):
             low, high = self.range
             raise ArgumentError(
-                f"range=({low:g}, {high:g}) of axis {self.label} must hold all its breakpoints, "
+                f"range=({low:g}, {high:g}) of axis {self.label} must contain all its breakpoints, "
                 f"{points[0]:g} to {points[-1]:g}"
             )
         if self.min_distance is None or not self.free:
             return
         if not (self.min_distance > 0 and np.isfinite(self.min_distance)):
-            raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be a number above 0")
+            raise ArgumentError(f"min_distance={self.min_distance:g} of axis {self.label} must be > 0")
         gaps = np.diff(points)
         if gaps.size and gaps.min() < self.min_distance - 1e-6 * gaps.mean():
             at = int(gaps.argmin())
             raise ArgumentError(
-                f"min_distance={self.min_distance:g} of axis {self.label} is more than the distance of its breakpoints "
+                f"min_distance={self.min_distance:g} of axis {self.label} exceeds the distance of its breakpoints "
                 f"{points[at]:g} and {points[at + 1]:g}"
             )
 
@@ -116,13 +114,13 @@ class Axis:
 
     @property
     def least_distance(self) -> float:
-        """How close two neighbouring breakpoints may come while they move; infinite for a single one."""
+        """Smallest distance to which free neighbouring breakpoints may approach; infinite for a single one."""
         gaps = np.diff(self.breakpoints)
-        wanted = CLOSEST * float(gaps.mean()) if self.min_distance is None and gaps.size else self.min_distance
+        wanted = MIN_SPACING * float(gaps.mean()) if self.min_distance is None and gaps.size else self.min_distance
         return min(float(gaps.min(initial=np.inf)), np.inf if wanted is None else wanted)
 
     def changed(self, **changes: Any) -> "Axis":
-        """The same axis with some of its attributes replaced."""
+        """Return the same axis with some of its attributes replaced."""
         return Axis(**({f.name: getattr(self, f.name) for f in fields(Axis)} | changes))
 
     def __len__(self) -> int:
@@ -143,10 +141,12 @@ class Axis:
 class Parameter:
     """A calibratable quantity: an array of values over zero to four axes.
 
-    Bounds and locks have the shape of `values`; a single number is spread over it. `functions` are the parts of the
-    ECU software that use it, `display_name` is its short name, and `variant` says for which of several variants
-    (`Engine=2`) the values hold; empty where there is just one.
-    Raises `ArgumentError` where shapes, bounds or axes contradict each other.
+    Bounds and locks have the shape of `values`; a single number is broadcast. `functions` are the parts of the ECU
+    software that use it, `display_name` is its short name, and `variant` is the variant (`Engine=2`) that the values
+    belong to; empty if there is just one.
+
+    Raises:
+        ArgumentError: shapes, bounds or axes are inconsistent.
     """
 
     kind: ClassVar[str] = ""
@@ -169,7 +169,7 @@ class Parameter:
         values = readonly(self.values)
         shape = self._expected_shape(values)
         if values.shape != shape:
-            raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes ask for {shape}")
+            raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes require {shape}")
         object.__setattr__(self, "values", values)
         if self.extrapolation not in ("clip", "linear"):
             raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
@@ -199,45 +199,45 @@ class Parameter:
 
     @property
     def size(self) -> int:
-        """How many values it holds."""
+        """Number of values."""
         return self.values.size
 
     @property
     def limited(self) -> bool:
-        """Whether any of its values has a bound."""
+        """True if any of its values has a bound."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
     @property
     def index_axes(self) -> tuple[Axis, ...]:
-        """The axes a lookup searches: the own ones, or the positions 0, 1, ... of a value block."""
+        """The axes that a lookup searches: its own, or the positions 0, 1, ... of a value block."""
         return self.axes
 
     @property
     def coordinates(self) -> int:
-        """How many coordinates a lookup gives."""
+        """Number of coordinates of a lookup."""
         return len(self.index_axes)
 
     @property
     def packed(self) -> Float:
-        """The values as compiled code reads them where no calibration changes them, in C order."""
+        """The values as compiled code reads them if no calibration changes them, in C order."""
         return self.values.ravel()
 
     def with_values(self, values: ArrayLike) -> Self:
-        """The same parameter holding other values: an array of its shape, or a flat one in C order."""
-        given = array(values, f"values of {self.name}")
-        if given.shape not in (self.values.shape, (self.size,)):
-            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, not {given.shape}")
-        return self.changed(values=given.reshape(self.values.shape))
+        """Return the same parameter holding other values: an array of its shape, or a flat one in C order."""
+        numbers = array(values, f"values of {self.name}")
+        if numbers.shape not in (self.values.shape, (self.size,)):
+            raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, got {numbers.shape}")
+        return self.changed(values=numbers.reshape(self.values.shape))
 
     def with_bounds(self, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> Self:
-        """The same parameter within other bounds, each a number or an array of its shape."""
+        """Return the same parameter within other bounds, each a number or an array of its shape."""
         return self.changed(lower=lower, upper=upper)
 
     def changed(self, **changes: Any) -> Self:
-        """The same parameter with some of its attributes replaced."""
-        made = object.__new__(type(self))
-        Parameter.__init__(made, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
-        return made
+        """Return the same parameter with some of its attributes replaced."""
+        copy = object.__new__(type(self))
+        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        return copy
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Parameter):
@@ -284,7 +284,7 @@ class Block(Parameter):
 
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         if values.ndim == 0 or values.ndim > 4:
-            raise ArgumentError(f"value block {self.name} needs one to four dimensions, not {values.ndim}")
+            raise ArgumentError(f"value block {self.name} needs one to four dimensions, got {values.ndim}")
         return values.shape
 
     @property
@@ -322,22 +322,22 @@ class Cube(Parameter):
     kind: ClassVar[str] = "cube"
 
     def __init__(self, name: str, axes: Iterable[Axis | ArrayLike], values: ArrayLike, **attributes: Any) -> None:
-        made = tuple(_axis(axis) for axis in axes)
-        if len(made) not in (3, 4):
-            raise ArgumentError(f"cube {name} needs 3 or 4 axes, not {len(made)}")
-        super().__init__(name=name, axes=made, values=array(values, f"values of {name}"), **attributes)
+        converted = tuple(_axis(axis) for axis in axes)
+        if len(converted) not in (3, 4):
+            raise ArgumentError(f"cube {name} needs 3 or 4 axes, got {len(converted)}")
+        super().__init__(name=name, axes=converted, values=array(values, f"values of {name}"), **attributes)
 
 
-def _axis(given: Axis | ArrayLike) -> Axis:
-    return given if isinstance(given, Axis) else Axis(given)
+def _axis(axis: Axis | ArrayLike) -> Axis:
+    return axis if isinstance(axis, Axis) else Axis(axis)
 
 
 @dataclass(frozen=True)
 class Text:
-    """A parameter that holds text; it is carried through, never calibrated.
+    """A parameter that holds text; it is passed through, never calibrated.
 
-    `kind` tells free text from an enumeration, whose text is one of the words that the control unit knows, and from a
-    boolean, which is true or false.
+    `kind` is free text, an enumeration, whose text is one of the words that the control unit defines, or a boolean,
+    which is true or false.
 
     >>> Text("Mode", "ON", kind="enumeration").kind
     'enumeration'
@@ -361,14 +361,14 @@ _KINDS: tuple[type[Parameter], ...] = (Scalar, Curve, Map, Cube, Cube)
 
 
 def parameter(name: str, values: ArrayLike, axes: Iterable[Axis] = (), **attributes: Any) -> Parameter:
-    """The scalar, curve, map or cube that has these axes.
+    """Return the scalar, curve, map or cube with these axes.
 
     >>> parameter("K", 2.0).kind, parameter("C", [1, 2], [Axis([0, 1])]).kind
     ('scalar', 'curve')
     """
-    made = tuple(axes)
-    if len(made) >= len(_KINDS):
-        raise ArgumentError(f"{name} has {len(made)} axes; tables have at most 4")
-    table = object.__new__(_KINDS[len(made)])
-    Parameter.__init__(table, name=name, values=array(values, f"values of {name}"), axes=made, **attributes)
+    own = tuple(axes)
+    if len(own) >= len(_KINDS):
+        raise ArgumentError(f"{name} has {len(own)} axes; tables have at most 4")
+    table = object.__new__(_KINDS[len(own)])
+    Parameter.__init__(table, name=name, values=array(values, f"values of {name}"), axes=own, **attributes)
     return table

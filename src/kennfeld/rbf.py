@@ -1,6 +1,7 @@
-"""A model of radial basis functions as a parameter: what data teach, and what may replace a large map.
+"""Radial basis functions: a plane plus a sum of Gaussian bells.
 
-A sum of Gaussian bells over a plane: what every data-driven model of this package computes in the end.
+`Expansion` is the function, which every data-driven model of this package evaluates; `RBF` is the parameter that holds
+its values, so that they can be calibrated, for example in place of a large map.
 """
 
 from collections.abc import Iterator
@@ -16,19 +17,20 @@ from kennfeld.parameters import Axis, Parameter
 
 __all__ = ["RBF", "Expansion", "parts"]
 
-BLOCK = 1 << 18  # bells worked out at a time: 2 MB, which stays in the cache
-FARTHEST = 1e3  # widths from a centre; the bell is exactly 0 long before
-
-NARROWEST = 0.05  # of a width at the start: how narrow a calibration may make it where no bound says otherwise
+BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache
+MAX_DISTANCE = 1e3  # widths from a centre; the bell is exactly 0 long before
+MIN_WIDTH = 0.05  # of the initial width: default lower bound of a width
 
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
     """y(x) = offset + slopes . x + sum_i weights_i exp(-1/2 sum_d ((x_d - centres_id) / widths_id)^2).
 
-    `x` and `y` are in physical units. The mean of a Gaussian process with a squared-exponential kernel is one, and so
-    is a network of radial basis functions. Two are equal where all their numbers are, bit for bit.
-    Raises `ArgumentError` where shapes contradict each other, a number is not finite or a width is not above 0.
+    `x` and `y` are in physical units. The mean of a Gaussian process with a squared-exponential kernel has this form,
+    and so does a network of radial basis functions. Two are equal if all their numbers are, bit for bit.
+
+    Raises:
+        ArgumentError: shapes are inconsistent, a number is not finite, or a width is not > 0.
 
     >>> bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
     >>> float(bell(np.array([3.0])))
@@ -48,31 +50,31 @@ class Expansion:
         for name in ("slopes", "weights", "centres", "widths"):
             object.__setattr__(self, name, _finite(name, getattr(self, name)))
         if self.slopes.ndim != 1 or not self.slopes.size:
-            raise ArgumentError(f"slopes of an expansion must be one number an input, not of shape {self.slopes.shape}")
+            raise ArgumentError(f"slopes of an expansion must be one number per input, got shape {self.slopes.shape}")
         if self.weights.ndim != 1:
             raise ArgumentError(
-                f"weights of an expansion must be one number a centre, not of shape {self.weights.shape}"
+                f"weights of an expansion must be one number per centre, got shape {self.weights.shape}"
             )
         shape = (self.weights.size, self.slopes.size)
         for name in ("centres", "widths"):
             given = getattr(self, name).shape
             if given != shape:
-                raise ArgumentError(f"{name} of an expansion have shape {given}, weights and slopes ask for {shape}")
+                raise ArgumentError(f"{name} of an expansion have shape {given}, weights and slopes require {shape}")
         if not np.all(self.widths > 0):
-            raise ArgumentError(f"widths of an expansion must be above 0, the least is {self.widths.min():g}")
+            raise ArgumentError(f"widths of an expansion must be > 0, the smallest is {self.widths.min():g}")
 
     @property
     def inputs(self) -> int:
-        """How many inputs it has."""
+        """Number of inputs."""
         return self.slopes.size
 
     @property
     def size(self) -> int:
-        """How many centres it has."""
+        """Number of centres."""
         return self.weights.size
 
     def __call__(self, x: Float) -> Float:
-        """The value at each point: Float[..., inputs] -> Float[...]."""
+        """Return the value at each point: Float[..., inputs] -> Float[...]."""
         points, shape = self._points(x)
         value = np.empty(len(points))
         for part, _, bells in self._blocks(points):
@@ -82,7 +84,7 @@ class Expansion:
         return value.reshape(shape)
 
     def gradient(self, x: Float) -> Float:
-        """The slope along each input at each point: Float[..., inputs] -> Float[..., inputs]."""
+        """Return the slope along each input at each point: Float[..., inputs] -> Float[..., inputs]."""
         points, shape = self._points(x)
         slopes = np.empty(points.shape)
         for part, distances, bells in self._blocks(points):
@@ -92,15 +94,15 @@ class Expansion:
         return slopes.reshape((*shape, self.inputs))
 
     def _points(self, x: Float) -> tuple[Float, tuple[int, ...]]:
-        """The points one after another, and the shape that their values have."""
-        given = np.asarray(x, dtype=np.float64)
-        if given.ndim == 0 or given.shape[-1] != self.inputs:
-            raise ArgumentError(f"x of shape {given.shape} must end with the {self.inputs} inputs of the expansion")
-        return given.reshape(-1, self.inputs), given.shape[:-1]
+        """Return the points one after another, and the shape that their values have."""
+        points = np.asarray(x, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != self.inputs:
+            raise ArgumentError(f"x must have the shape [..., {self.inputs}], got {points.shape}")
+        return points.reshape(-1, self.inputs), points.shape[:-1]
 
     def _blocks(self, points: Float) -> Iterator[tuple[slice, list[Float], Float]]:
-        """Block by block: its points, their distances to the centres along each input in widths, their bells."""
-        rows = max(BLOCK // max(self.size, 1), 1)
+        """Yield for each block its points, their distances to the centres along each input in widths, and its bells."""
+        rows = max(BELLS_PER_BLOCK // max(self.size, 1), 1)
         for first in range(0, len(points), rows):
             part = slice(first, first + rows)
             distances = [self._distances(points[part, d], d) for d in range(self.inputs)]
@@ -112,7 +114,7 @@ class Expansion:
     def _distances(self, x: Float, d: int) -> Float:
         with np.errstate(over="ignore", invalid="ignore"):
             distance: Float = (x[:, None] - self.centres[:, d]) / self.widths[:, d]
-        return np.clip(distance, -FARTHEST, FARTHEST, out=distance)
+        return np.clip(distance, -MAX_DISTANCE, MAX_DISTANCE, out=distance)
 
     def __eq__(self, other: object) -> bool:
         return self._content == other._content if isinstance(other, Expansion) else NotImplemented
@@ -139,7 +141,7 @@ def _finite(name: str, values: Float) -> Float:
 
 
 class Parts(NamedTuple):
-    """Where the numbers of an expansion lie among the values of a parameter."""
+    """Positions of the numbers of an expansion among the values of a parameter."""
 
     offset: slice
     slopes: slice  # [inputs]
@@ -149,7 +151,7 @@ class Parts(NamedTuple):
 
 
 def parts(inputs: int, size: int) -> Parts:
-    """The parts of an expansion with so many inputs and centres, one after the other.
+    """Return the positions of the parts of an expansion, one after the other.
 
     >>> parts(2, 10).widths
     slice(33, 53, None)
@@ -160,7 +162,7 @@ def parts(inputs: int, size: int) -> Parts:
 
 @dataclass(frozen=True, eq=False, kw_only=True, init=False)
 class RBF(Parameter):
-    """An `Expansion` whose numbers are values like those of a map: offset, slopes, weights, centres and widths.
+    """An `Expansion` as a parameter whose values are its offset, slopes, weights, centres and widths.
 
     A formula calls it like a table, `y = Model(a, b)`. `values` holds the numbers in the order of `Parts`.
 
@@ -176,7 +178,7 @@ class RBF(Parameter):
     def __init__(self, name: str, expansion: Expansion, inputs: ArrayLike = (), **attributes: Any) -> None:
         labels = tuple(map(str, np.atleast_1d(np.asarray(inputs)))) or ("",) * expansion.inputs
         if len(labels) != expansion.inputs:
-            raise ArgumentError(f"{name} has {expansion.inputs} inputs, not the {len(labels)} of inputs={list(labels)}")
+            raise ArgumentError(f"{name} has {expansion.inputs} inputs, got inputs={list(labels)}")
         object.__setattr__(self, "inputs", labels)
         tables = (expansion.centres.T.ravel(), expansion.widths.T.ravel())
         values = np.concatenate([[expansion.offset], expansion.slopes, expansion.weights, *tables])
@@ -186,7 +188,7 @@ class RBF(Parameter):
         super().__post_init__()
         widths = parts(self.coordinates, self.centres).widths
         lower = self.lower.copy()
-        lower[widths] = np.where(lower[widths] > 0, lower[widths], NARROWEST * self.values[widths])
+        lower[widths] = np.where(lower[widths] > 0, lower[widths], MIN_WIDTH * self.values[widths])
         lower.setflags(write=False)
         object.__setattr__(self, "lower", lower)
 
@@ -194,12 +196,12 @@ class RBF(Parameter):
         inputs = self.coordinates
         count, rest = divmod(values.size - 1 - inputs, 1 + 2 * inputs)
         if values.ndim != 1 or rest or count < 0:
-            raise ArgumentError(f"{self.name} has values of shape {values.shape}, which fit no {inputs} inputs")
+            raise ArgumentError(f"{self.name} has values of shape {values.shape}, which do not fit {inputs} inputs")
         return values.shape
 
     @property
     def centres(self) -> int:
-        """How many centres it has."""
+        """Number of centres."""
         return (self.values.size - 1 - self.coordinates) // (1 + 2 * self.coordinates)
 
     @property
@@ -212,7 +214,7 @@ class RBF(Parameter):
 
     @property
     def expansion(self) -> Expansion:
-        """The function that its values make."""
+        """The function of its values."""
         at = parts(self.coordinates, self.centres)
         tables = (self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths))
         return Expansion(float(self.values[0]), self.values[at.slopes], self.values[at.weights], *tables)
@@ -225,7 +227,7 @@ class RBF(Parameter):
         return packed
 
     def value_name(self, number: int) -> str:
-        """What a value is, counted from 1: `width 2 in Speed`.
+        """Return the name of a value, counted from 1: `width 2 in Speed`.
 
         >>> bell = RBF("Bell", Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]]), inputs=["Speed"])
         >>> [bell.value_name(i) for i in range(bell.size)]
@@ -240,17 +242,17 @@ class RBF(Parameter):
         if number < at.weights.stop:
             return f"weight {number - at.weights.start + 1}"
         part = "centre" if number < at.centres.stop else "width"
-        which, centre = divmod(number - (at.centres if part == "centre" else at.widths).start, self.centres)
-        return f"{part} {centre + 1} in {labels[which]}"
+        d, centre = divmod(number - (at.centres if part == "centre" else at.widths).start, self.centres)
+        return f"{part} {centre + 1} in {labels[d]}"
 
     def changed(self, **changes: Any) -> Self:
-        made = object.__new__(type(self))
-        object.__setattr__(made, "inputs", changes.pop("inputs", self.inputs))
-        Parameter.__init__(made, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
-        return made
+        copy = object.__new__(type(self))
+        object.__setattr__(copy, "inputs", changes.pop("inputs", self.inputs))
+        Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
+        return copy
 
     def value_slopes(self, x: Float) -> Float:
-        """Derivatives with respect to its own values: Float[samples, inputs] -> Float[samples, values]."""
+        """Return the derivatives by its own values: Float[samples, inputs] -> Float[samples, values]."""
         e = self.expansion
         distance = (x[:, :, None] - e.centres.T) / e.widths.T  # [samples, inputs, centres]
         bells = np.exp(-0.5 * np.sum(distance * distance, axis=1))

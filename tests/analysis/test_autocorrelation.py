@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.analysis import autocorrelation
-from kennfeld.optimize.trust.persistence import BLOCK
+from kennfeld.optimize.trust.persistence import SAMPLES_PER_BLOCK
 
 
 def slowly(error, edges, lag):
@@ -32,7 +32,7 @@ def test_is_the_mean_over_all_pairs_within_a_piece(seed, first, second, missing)
 
 def test_does_not_depend_on_the_size_of_the_blocks():
     rng = np.random.default_rng(0)
-    error = np.convolve(rng.normal(size=2 * BLOCK + 4000), np.ones(20))
+    error = np.convolve(rng.normal(size=2 * SAMPLES_PER_BLOCK + 4000), np.ones(20))
     found = autocorrelation(error, most=50)
     centred = error - error.mean()
     expected = [np.mean(centred[: error.size - k] * centred[k:]) for k in range(51)]

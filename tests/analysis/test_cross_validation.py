@@ -121,7 +121,7 @@ def test_stopping_ends_with_the_folds_so_far():
 def test_a_problem_stands_alone():
     problem = build_problem(LINE, line(), START, target="y")
     assert isinstance(kf.cross_validate(problem, folds=2), CrossValidation)
-    with pytest.raises(kf.KennfeldError, match="a problem has its data and its start"):
+    with pytest.raises(kf.KennfeldError, match="accepts only folds, kind, seed, options and progress"):
         kf.cross_validate(problem, line(), folds=2)
 
 

@@ -25,7 +25,7 @@ def made(pieces, *, timed):
 def test_every_sample_is_held_back_exactly_once(pieces, count, timed, kind):
     datasets = made(pieces, timed=timed)
     if min(sum(map(len, pieces)) if kind == "files" else sum(map(sum, pieces)), 10**6) < count:
-        with pytest.raises(kf.InputError, match=r"Ask for fewer folds\."):
+        with pytest.raises(kf.InputError, match=r"Use fewer folds\."):
             folds_of(datasets, count, kind, memory=False)
         return
     if kind == "auto" and sum(map(sum, pieces)) < count:
@@ -34,7 +34,7 @@ def test_every_sample_is_held_back_exactly_once(pieces, count, timed, kind):
     assert len(folds) == count
     for i, data in enumerate(datasets):
         assert np.sum([fold.held[i] for fold in folds], axis=0).tolist() == [1] * data.samples
-        assert not any(np.any(fold.held[i] & fold.beside[i]) for fold in folds)
+        assert not any(np.any(fold.held[i] & fold.excluded[i]) for fold in folds)
 
 
 @given(lengths, st.integers(2, 4))
@@ -56,7 +56,7 @@ def test_folds_of_files_are_about_equally_long():
 def test_beside_a_block_in_time_samples_are_not_fitted():
     block = folds_of(made([[400]], timed=True), 4, memory=False)[1]
     assert block.held[0].nonzero()[0].tolist() == list(range(100, 200))
-    assert block.beside[0].nonzero()[0].tolist() == [*range(95, 100), *range(200, 205)]
+    assert block.excluded[0].nonzero()[0].tolist() == [*range(95, 100), *range(200, 205)]
 
 
 def test_steady_points_are_held_back_at_random_and_the_same_each_time():
@@ -68,7 +68,7 @@ def test_steady_points_are_held_back_at_random_and_the_same_each_time():
 
 
 def test_what_cannot_be_is_said():
-    with pytest.raises(kf.KennfeldError, match="folds=1 must be at least 2"):
+    with pytest.raises(kf.KennfeldError, match="folds must be >= 2, got 1"):
         folds_of(made([[5]], timed=False), 1, memory=False)
-    with pytest.raises(kf.InputError, match="a model with memory cannot be cross-validated"):
+    with pytest.raises(kf.InputError, match="a model with states cannot be cross-validated"):
         folds_of(made([[50]], timed=True), 2, "random", memory=True)

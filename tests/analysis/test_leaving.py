@@ -56,7 +56,7 @@ def test_it_names_the_input_that_is_farthest_out_and_where():
     (row,) = found("y = F(x, z)", static(), data)
     assert (row.name, row.dataset, row.use, row.samples, row.outside) == ("F", "set values", "training", 4, 2)
     assert str(row) == (
-        "F is used outside the data it was trained on at 2 of 4 samples of set values (50 %), "
+        "F is used outside its training data at 2 of 4 samples of set values (50 %), "
         "worst at 0.2 s, where x is 3, above 1"
     )
     assert row.as_json() == {
@@ -73,7 +73,7 @@ def test_below_the_least_counts_as_well_and_test_data_are_judged():
     inside = Dataset.of("bench", {"x": [0.2, 0.8], "z": [0.3, 0.6]})
     bench, test = found("y = F(x, z)", static(), inside, fresh)
     assert (bench.outside, bench.worst) == (0, None)
-    assert str(bench) == "F stays within the data it was trained on, over 2 samples of bench"
+    assert str(bench) == "F stays within its training data over 2 samples of bench"
     assert test.use == "test"
     assert str(test).endswith("worst at sample 2, where x is -1.5, below 0")
 
@@ -101,14 +101,16 @@ def test_inputs_that_never_came_together_are_told_as_such():
     (row,) = found("y = F(x, z)", narrow, Dataset.of("d", {"x": [0.5, 1.0], "z": [0.5, 0.0]}))
     assert row.outside == 1
     assert (row.worst.input, row.worst.sample) == ("", 2)
-    assert str(row).endswith("where no input is beyond its range, but all together are far from the training data")
+    assert str(row).endswith(
+        "where each input is within its range, but their combination is far from the training data"
+    )
     json.dumps(row.as_json(), allow_nan=False)
 
 
 def test_a_point_that_is_no_number_is_outside():
     (row,) = found("y = F(log(x), z)", static(), Dataset.of("d", {"x": [1.5, -1.0], "z": [0.5, 0.5]}))
     assert row.outside == 1
-    assert str(row).endswith("where x is no finite number")
+    assert str(row).endswith("where x is not finite")
     assert row.as_json()["worst"]["value"] is None
     json.dumps(row.as_json(), allow_nan=False)
 
@@ -116,7 +118,7 @@ def test_a_point_that_is_no_number_is_outside():
 def test_one_that_does_not_say_for_which_data_it_holds():
     (row,) = found("y = F(x, z)", static(validity=False), Dataset.of("d", {"x": [9.0], "z": [0.5]}))
     assert (row.outside, row.worst, row.share) == (None, None, 0.0)
-    assert str(row) == "F does not say for which data it holds"
+    assert str(row) == "F has no validity range"
 
 
 def test_missing_inputs_are_no_samples():
@@ -172,8 +174,8 @@ def test_blocks_change_nothing(text, monkeypatch):
         starts=np.array([0, 50]),
     )
     whole = found(text, static(), data)
-    monkeypatch.setattr(module, "BLOCK", 7)
-    monkeypatch.setattr(scoring_module, "BLOCK", 7)
+    monkeypatch.setattr(module, "SAMPLES_PER_BLOCK", 7)
+    monkeypatch.setattr(scoring_module, "SAMPLES_PER_BLOCK", 7)
     assert found(text, static(), data) == whole
     assert whole[0].outside
 

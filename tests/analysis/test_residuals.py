@@ -120,7 +120,7 @@ def test_many_samples_are_taken_block_by_block(monkeypatch):
     table = Cube("M", [[0, 5, 10], [0, 2, 5], [0, 1]], np.zeros((3, 3, 2)))
     problem = problem_of("y = M(x, z, sin(x))", [table], data)
     (whole,) = residuals(problem, problem.parameters)
-    monkeypatch.setattr("kennfeld.optimize.lookup_coverage.BLOCK", 64)
+    monkeypatch.setattr("kennfeld.optimize.lookup_coverage.SAMPLES_PER_BLOCK", 64)
     (parts,) = residuals(problem, problem.parameters)
     np.testing.assert_array_equal(parts.cells[0].samples, whole.cells[0].samples)
     np.testing.assert_allclose(parts.cells[0].mean, whole.cells[0].mean)

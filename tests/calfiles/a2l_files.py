@@ -1,6 +1,6 @@
 """Small A2L files and images, for tests."""
 
-from kennfeld.calfiles.a2l import parse_a2l, read_parameters, stored
+from kennfeld.calfiles.a2l import parse_a2l, read_parameters, write_values
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import Findings
 
@@ -66,24 +66,24 @@ def s_file(memory, width=16, newline="\n"):
 
 
 def image_of(memory):
-    notes = Findings("ecu.hex")
-    image = read_image(hex_file(memory if isinstance(memory, dict) else {ADDRESS: memory}), "ecu.hex", notes)
-    assert notes.settle() == ()
+    findings = Findings("ecu.hex")
+    image = read_image(hex_file(memory if isinstance(memory, dict) else {ADDRESS: memory}), "ecu.hex", findings)
+    assert findings.finish() == ()
     return image
 
 
 def parsed(raw, include=None):
-    notes = Findings("ecu.a2l")
-    a2l = parse_a2l(raw, "ecu.a2l", notes, include)
-    return a2l, [str(one) for one in notes.settle()]
+    findings = Findings("ecu.a2l")
+    a2l = parse_a2l(raw, "ecu.a2l", findings, include)
+    return a2l, [str(one) for one in findings.finish()]
 
 
 def read(raw, memory):
     """The parameters, and the remarks."""
     a2l, remarks = parsed(raw)
-    notes = Findings("ecu.a2l")
-    found = read_parameters(a2l, image_of(memory), notes)
-    return found, remarks + [str(one) for one in notes.settle()]
+    findings = Findings("ecu.a2l")
+    found = read_parameters(a2l, image_of(memory), findings)
+    return found, remarks + [str(one) for one in findings.finish()]
 
 
 def write(raw, memory, change):
@@ -91,8 +91,8 @@ def write(raw, memory, change):
     a2l, _ = parsed(raw)
     image = image_of(memory)
     given = change(read_parameters(a2l, image, Findings("")))
-    notes = Findings("new.hex")
-    content = stored(a2l, image, given, notes)
-    remarks = [str(one) for one in notes.settle()]
+    findings = Findings("new.hex")
+    content = write_values(a2l, image, given, findings)
+    remarks = [str(one) for one in findings.finish()]
     again = Findings("")
     return read_image(content, "new.hex", again), remarks

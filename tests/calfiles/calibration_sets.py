@@ -42,11 +42,11 @@ def parameter_sets(draw, units=line_texts, descriptions=line_texts, quantities=n
         for name in unique
     ]
     kinds = st.sampled_from(["text", "enumeration"])
-    notes = [
+    findings = [
         Text(f"T{name}", draw(line_texts), draw(descriptions), unit=draw(units), kind=draw(kinds))
         for name in unique[: 2 * texts]
     ]
-    return ParameterSet(members, notes, groups)
+    return ParameterSet(members, findings, groups)
 
 
 def _scalar(draw, name, axes, **attributes):

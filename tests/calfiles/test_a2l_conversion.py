@@ -6,7 +6,7 @@ from a2l_files import label, layout, method, module, parsed, read, write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.calfiles.a2l.conversion import arithmetic, conversion_of
+from kennfeld.calfiles.a2l.conversion import conversion_of, parse_formula
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.parameters import Text
 
@@ -66,7 +66,7 @@ def test_numbers_without_a_physical_one_are_missing_and_told():
     blocks = BYTE, method("CM", "RAT_FUNC", "COEFFS 0 0 1 0 1 0"), label("VAL_BLK", "NUMBER 3", conversion="CM")
     found, remarks = read(module(*blocks), bytes([0, 1, 2]))
     assert np.array_equal(found["L"].values, [np.nan, 1, 0.5], equal_nan=True)
-    assert "1 of 3 values have no finite physical number under the conversion CM" in remarks[0]
+    assert "1 of 3 values have no finite physical value under the conversion CM" in remarks[0]
 
 
 def test_a_table_is_interpolated_within_its_ends():
@@ -111,11 +111,11 @@ def test_the_words_true_and_false_are_a_boolean():
 def test_words_without_a_place_are_told():
     blocks = BYTE, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), WORDS.format("")
     assert (
-        "holds the number 9, for which W has no word; left aside"
+        "has the raw value 9, for which W defines no text; skipped"
         in read(module(*blocks, label("VALUE", conversion="CM")), b"\x09")[1][0]
     )
     assert (
-        "is a VAL_BLK of words, which are no numbers to calibrate; left aside"
+        "is a VAL_BLK of verbal values, which cannot be calibrated; skipped"
         in read(module(*blocks, label("VAL_BLK", "NUMBER 2", conversion="CM")), b"\x01\x02")[1][0]
     )
 
@@ -124,11 +124,11 @@ def test_words_without_a_place_are_told():
     ("kind", "entries", "message"),
     [
         ("TAB_INTP", "COMPU_TAB_REF X", "whose table 'X' is not defined"),
-        ("FORM", '/begin FORMULA "sysc(X1)" /end FORMULA', "whose formula 'sysc(X1)' cannot be followed"),
+        ("FORM", '/begin FORMULA "sysc(X1)" /end FORMULA', "whose formula 'sysc(X1)' is not supported"),
         ("FORM", "", "which has no FORMULA"),
-        ("CURIOUS", "", "of the kind 'CURIOUS', which no version knows"),
+        ("CURIOUS", "", "of the unknown kind 'CURIOUS'"),
         ("RAT_FUNC", "COEFFS 0 0 5 0 0 1", "which has no physical value"),
-        ("RAT_FUNC", "COEFFS 0 2 4 0 1 2", "gives every number the same raw one"),
+        ("RAT_FUNC", "COEFFS 0 2 4 0 1 2", "maps every value to the same raw value"),
     ],
 )
 def test_a_conversion_that_cannot_be_followed_is_told(kind, entries, message):
@@ -153,7 +153,7 @@ def test_a_conversion_that_cannot_be_followed_is_told(kind, entries, message):
     ],
 )
 def test_a_formula_is_followed(text, value):
-    assert arithmetic(text)(np.array([3.0])) == pytest.approx([value])
+    assert parse_formula(text)(np.array([3.0])) == pytest.approx([value])
 
 
 @pytest.mark.parametrize(
@@ -174,11 +174,11 @@ def test_a_formula_is_followed(text, value):
     ],
 )
 def test_a_formula_with_something_else_in_it_is_not(text):
-    assert arithmetic(text) is None
+    assert parse_formula(text) is None
 
 
 def test_a_formula_without_a_finite_value_gives_none():
-    assert np.isnan(arithmetic("1/X1")(np.array([0.0])))
+    assert np.isnan(parse_formula("1/X1")(np.array([0.0])))
 
 
 @given(

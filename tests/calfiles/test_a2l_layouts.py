@@ -66,7 +66,7 @@ def test_an_order_that_two_versions_name_differently_is_told():
     blocks = module(layout("FNC_VALUES 1 UWORD ROW_DIR DIRECT"), label("VALUE"), common=common)
     found, remarks = read(blocks, b"\x01\x02")
     assert found["L"].value == 0x0102
-    assert "BYTE_ORDER BIG_ENDIAN is taken as MSB_FIRST" in remarks[0]
+    assert "BYTE_ORDER BIG_ENDIAN is read as MSB_FIRST" in remarks[0]
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_cube_of_four_axes_is_read_and_one_of_five_is_not():
     blocks = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("CUBE_4", axes)
     assert one(*blocks, memory=bytes(range(16))).values[1, 0, 1, 1] == 13
     five = label("CUBE_5", axes + axis("FIX_AXIS", 2, "FIX_AXIS_PAR_DIST 0 1 2"))
-    assert "has five axes, a table at most four; left aside" in aside(blocks[0], five)
+    assert "has five axes, but a table has at most four; skipped" in aside(blocks[0], five)
 
 
 def test_a_point_and_its_values_may_alternate():
@@ -116,7 +116,7 @@ def test_a_point_and_its_values_may_alternate():
     curve = one(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=content)
     assert (list(curve.axes[0].breakpoints), list(curve.values)) == ([10, 20, 30], [1, 2, 3])
     static = aside(layout(*entries, "STATIC_RECORD_LAYOUT"), label("CURVE", axis("STD_AXIS", 3)), memory=content)
-    assert "with ALTERNATE_WITH_X that cannot be followed; left aside" in static
+    assert "with ALTERNATE_WITH_X, which is not supported here; skipped" in static
 
 
 def test_rows_and_columns_may_alternate_with_the_points_of_one_axis():
@@ -138,7 +138,7 @@ def test_rows_and_columns_may_alternate_with_the_points_of_one_axis():
 
 def test_curves_that_share_memory_are_left_aside():
     blocks = layout("FNC_VALUES 1 UBYTE ALTERNATE_CURVES DIRECT"), label("CURVE", axis("FIX_AXIS", 2))
-    assert "ALTERNATE_CURVES does not say how many curves share the memory; left aside" in aside(*blocks)
+    assert "ALTERNATE_CURVES does not state how many curves share the memory; skipped" in aside(*blocks)
 
 
 def test_parts_that_say_nothing_to_calibration_take_their_room():
@@ -209,7 +209,7 @@ def test_numbers_of_points_may_stand_behind_them_in_a_static_layout():
     curve = label("CURVE", axis("STD_AXIS", 3))
     content = bytes([1, 2, 0, 7, 8, 0, 2])
     assert list(one(layout(*entries, "STATIC_RECORD_LAYOUT"), curve, memory=content).values) == [7, 8]
-    assert "counts the points behind them; left aside" in aside(layout(*entries), curve, memory=content)
+    assert "stores the number of points after the points; skipped" in aside(layout(*entries), curve, memory=content)
 
 
 def test_a_number_of_points_may_be_fixed_by_the_layout():
@@ -222,7 +222,7 @@ def test_a_number_of_points_may_be_fixed_by_the_layout():
 def test_a_number_of_points_that_cannot_be_is_told(count):
     entries = ["NO_AXIS_PTS_X 1 UBYTE", "AXIS_PTS_X 2 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 3 UBYTE ROW_DIR DIRECT"]
     message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4)), memory=bytes([count, *range(40)]))
-    assert f"states {count} axis points in direction X, of at most 4; left aside" in message
+    assert f"states {count} axis points in direction X, but at most 4 are allowed; skipped" in message
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,7 @@ def test_a_rescale_axis_gives_breakpoints_where_every_pair_is_a_column(positions
         assert list(found["L"].axes[0].breakpoints) == [10, 20, 30]
     else:
         assert "L" not in found
-        assert "has breakpoints that do not follow from the positions of A; left aside" in remarks[1]
+        assert "has breakpoints that cannot be derived from the positions of A; skipped" in remarks[1]
 
 
 @pytest.mark.parametrize(("positions", "read_in"), [((0, 1, 2), True), ((0, 0, 2), False)])
@@ -333,7 +333,7 @@ def test_blocks_and_texts_are_read():
     assert found.texts[0].text == "Grüße"
     found, _ = read(module(rows[0], label("ASCII", "MATRIX_DIM 6 ENCODING UTF8")), "Süß".encode() + b"\0")
     assert found.texts[0].text == "Süß"
-    assert "holds bytes that are no text" in aside(rows[0], label("ASCII", "NUMBER 3"), memory=b"a\x07b")
+    assert "contains bytes that are not text" in aside(rows[0], label("ASCII", "NUMBER 3"), memory=b"a\x07b")
 
 
 @pytest.mark.parametrize(
@@ -343,8 +343,11 @@ def test_blocks_and_texts_are_read():
         ([layout("AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT"), label("VALUE")], "which has no FNC_VALUES"),
         ([layout("FNC_VALUES 1 UBYT ROW_DIR DIRECT"), label("VALUE")], "with the data type 'UBYT'"),
         ([layout("FNC_VALUES 1 UBYTE ROW_DIR PLONG"), label("VALUE")], "whose FNC_VALUES is a pointer"),
-        ([layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT", "NEW_PART 2"), label("VALUE")], "'NEW_PART', which no version"),
-        ([layout("FNC_VALUES 1 UBYTE UPWARDS DIRECT"), label("VAL_BLK", "MATRIX_DIM 2 2")], "the index mode 'UPWARDS'"),
+        ([layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT", "NEW_PART 2"), label("VALUE")], "the unknown keyword 'NEW_PART'"),
+        (
+            [layout("FNC_VALUES 1 UBYTE UPWARDS DIRECT"), label("VAL_BLK", "MATRIX_DIM 2 2")],
+            "the unknown index mode 'UPWARDS'",
+        ),
         ([layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("VAL_BLK")], "is a VAL_BLK that states no size"),
         ([layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("MAP", axis("FIX_AXIS", 2))], "is a MAP with 1 axes"),
         (
@@ -371,48 +374,48 @@ def test_blocks_and_texts_are_read():
 def test_what_cannot_be_read_is_left_aside_with_its_reason(blocks, message):
     said = aside(*blocks)
     assert message in said
-    assert said.endswith("; left aside")
+    assert said.endswith("; skipped")
 
 
 def test_labels_with_variants_in_the_memory_are_left_aside():
     variants = "/begin VARIANT_CODING /begin VAR_CHARACTERISTIC L Engine /end VAR_CHARACTERISTIC /end VARIANT_CODING"
     message = aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), variants, label("VALUE"))
-    assert "(L): is variant-coded: it has a place in the memory for each variant; left aside" in message
+    assert "(L): is variant-coded: it is stored once per variant; skipped" in message
 
 
 def test_breakpoints_that_repeat_are_told():
     entries = "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ROW_DIR DIRECT"
     message = aside(layout(*entries), label("CURVE", axis("STD_AXIS", 3)), memory=bytes([1, 5, 5, 1, 2, 3]))
-    assert "has breakpoints that neither rise nor fall: number 2 is 5, number 3 is 5; left aside" in message
+    assert "has breakpoints that are not monotonic: number 2 is 5, number 3 is 5; skipped" in message
 
 
 def test_many_labels_with_one_reason_are_told_in_one_remark():
     labels = [label("VALUE", name=f"L{i}", conversion="C") for i in range(25)]
     found, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels), bytes(4))
     assert not found
-    [remark] = remarks
-    assert "25 labels (L0, L1, L2, L3, L4 and 20 more) left aside, since each has the conversion C, which is" in remark
+    [warning] = remarks
+    assert "skipped 25 labels (L0, L1, L2, L3, L4 and 20 more): each has the conversion C, which is" in warning
 
 
 def test_labels_that_are_not_in_the_image_are_told_once():
     labels = [label("VALUE", name=f"L{i}", address=0x9000 + i) for i in range(8)]
     found, remarks = read(module(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), *labels, label("VALUE")), bytes(4))
     assert list(found) == ["L"]
-    [remark] = remarks
-    assert "8 labels (L0, L1, L2, L3, L4 and 3 more) left aside: their addresses are not in ecu.hex" in remark
+    [warning] = remarks
+    assert "skipped 8 labels (L0, L1, L2, L3, L4 and 3 more): address not in ecu.hex" in warning
 
 
 @pytest.mark.parametrize("size", ["MATRIX_DIM 65535 65535", "NUMBER 4000000000", "MATRIX_DIM 65535 65535 65535 65535"])
 def test_a_size_beyond_all_memory_takes_no_memory(size):
     said = aside(layout("FNC_VALUES 1 FLOAT64_IEEE ROW_DIR DIRECT"), label("VAL_BLK", size))
-    assert "are not in ecu.hex" in said
+    assert "address not in ecu.hex" in said
 
 
 def test_an_axis_beyond_all_memory_takes_no_memory():
     fixed = axis("FIX_AXIS", 2, "FIX_AXIS_PAR_DIST 0 1 4000000000")
-    assert "are not in ecu.hex" in aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("CURVE", fixed))
+    assert "address not in ecu.hex" in aside(layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("CURVE", fixed))
     entries = "AXIS_PTS_X 1 UBYTE INDEX_INCR DIRECT", "FNC_VALUES 2 UBYTE ALTERNATE_WITH_X DIRECT"
-    assert "are not in ecu.hex" in aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4000000000)))
+    assert "address not in ecu.hex" in aside(layout(*entries), label("CURVE", axis("STD_AXIS", 4000000000)))
 
 
 def test_limits_become_bounds_unless_they_are_those_of_the_data_type():
@@ -436,5 +439,5 @@ def test_an_image_of_another_program_is_told():
     blocks = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"), label("VALUE")
     content = bytes(16) + b"PROG1"
     _, remarks = read(module(identity, *blocks), content)
-    assert "holds the program identifier 'PROG1' at 0x1010, ecu.a2l is for 'PROG2'" in remarks[0]
+    assert "contains the program identifier 'PROG1' at 0x1010, but ecu.a2l is for 'PROG2'" in remarks[0]
     assert read(module(identity, *blocks), content.replace(b"1", b"2"))[1] == []

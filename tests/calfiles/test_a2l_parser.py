@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from a2l_files import COMMON, label, layout, method, module, parsed, shared_axis
 
-from kennfeld.calfiles.a2l import described
+from kennfeld.calfiles.a2l import summarise_labels
 from kennfeld.errors import InputError
 
 SCALAR = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
@@ -87,16 +87,16 @@ def test_names_are_lines_of_the_file():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('/begin PROJECT P "" /begin MODULE M ""', "line 1: MODULE is not closed. The file is cut off."),
+        ('/begin PROJECT P "" /begin MODULE M ""', "line 1: MODULE is not closed. The file is truncated."),
         ('/begin PROJECT P "" /begin MODULE M "" "open', "a quote or a comment is not closed"),
         ("/begin PROJECT P /* open", "a quote or a comment is not closed"),
         ('/begin PROJECT P "" /begin MODULE M "" /begin A2ML', "A2ML is not closed"),
         ('/begin PROJECT P "" /begin MODULE M "" /end PROJECT', "/end PROJECT comes before the MODULE of line 1 is"),
-        ("/begin MODULE M /end MODULE /end MODULE", "/end MODULE closes nothing that was begun"),
-        ("/begin MODULE M /end", "ends behind /end"),
-        ("/begin X " * 70, "more than 64 blocks are within each other"),
+        ("/begin MODULE M /end MODULE /end MODULE", "/end MODULE without a matching /begin"),
+        ("/begin MODULE M /end", "ends after /end"),
+        ("/begin X " * 70, "blocks are nested more than 64 levels deep"),
         ("ASAP2_VERSION 1 61", "has no MODULE"),
-        ('/begin MODULE M "" /include "more.a2l" /end MODULE', "/include names 'more.a2l', which cannot be read"),
+        ('/begin MODULE M "" /include "more.a2l" /end MODULE', "/include 'more.a2l': cannot be read"),
     ],
 )
 def test_a_broken_structure_is_an_error(text, message):
@@ -112,7 +112,7 @@ def test_another_file_may_be_included():
 def test_a_missing_file_about_interfaces_does_not_matter():
     a2l, remarks = parsed(module('/include "XCP_104.aml"', label("VALUE")))
     assert list(a2l.characteristics) == ["L"]
-    assert "line 5: /include names 'XCP_104.aml', which is not there; it describes interfaces" in remarks[0]
+    assert "line 5: /include 'XCP_104.aml': file not found; skipped" in remarks[0]
 
 
 def test_files_that_include_each_other_are_an_error():
@@ -126,13 +126,13 @@ def test_files_that_include_each_other_are_an_error():
     ("block", "message"),
     [
         (label("VALUE").replace("0x1000", "here"), "(L): CHARACTERISTIC has 'here' where its address should be"),
-        (label("VALU"), "(L): CHARACTERISTIC is a 'VALU', which no version knows; left aside"),
+        (label("VALU"), "(L): CHARACTERISTIC has the unknown type 'VALU'; skipped"),
         ("/begin CHARACTERISTIC L /end CHARACTERISTIC", "(L): CHARACTERISTIC has no description in quotes"),
-        (label("VAL_BLK", "MATRIX_DIM -1 3"), "has MATRIX_DIM -1 3, which are no sizes"),
-        (label("VALUE", "BIT_MASK none"), "has 'none' behind BIT_MASK"),
-        (method("C", "RAT_FUNC", "COEFFS 0 1 0 0 0"), "has too few words behind COEFFS"),
+        (label("VAL_BLK", "MATRIX_DIM -1 3"), "has an invalid MATRIX_DIM: -1 3"),
+        (label("VALUE", "BIT_MASK none"), "has 'none' after BIT_MASK"),
+        (method("C", "RAT_FUNC", "COEFFS 0 1 0 0 0"), "has too few words after COEFFS"),
         (method("C", "LINEAR", ""), "(C): COMPU_METHOD is LINEAR without 2 finite coefficients"),
-        ('/begin COMPU_TAB T "" TAB_INTP 1000000000 1 2 /end COMPU_TAB', "states 1000000000 rows, which are not there"),
+        ('/begin COMPU_TAB T "" TAB_INTP 1000000000 1 2 /end COMPU_TAB', "states 1000000000 rows, but has fewer"),
     ],
 )
 def test_a_wrong_object_is_told_and_left_aside(block, message):
@@ -145,7 +145,7 @@ def test_a_wrong_object_is_told_and_left_aside(block, message):
 def test_of_two_objects_with_one_name_the_first_counts():
     a2l, remarks = parsed(module(label("VALUE"), label("VALUE", address=5)))
     assert a2l.characteristics["L"].address == 0x1000
-    assert "(L): CHARACTERISTIC is defined a second time; the first one counts" in remarks[0]
+    assert "(L): duplicate CHARACTERISTIC; the first one is used" in remarks[0]
 
 
 def test_functions_come_from_both_sides():
@@ -195,7 +195,7 @@ def test_instances_become_the_labels_that_their_types_describe():
     [
         ('/begin INSTANCE i "" Missing 0 /end INSTANCE', "is of the type Missing, which is not defined"),
         ('/begin INSTANCE i "" S 0 MATRIX_DIM 65535 65535 /end INSTANCE', "elements, more than 100000"),
-        ('/begin INSTANCE i "" R 0 /end INSTANCE', "more than 16 structures within each other"),
+        ('/begin INSTANCE i "" R 0 /end INSTANCE', "structures nested more than 16 levels deep"),
         ('/begin INSTANCE i "" T 0 /begin OVERWRITE a 0 /end OVERWRITE /end INSTANCE', "overwrites parts of its type"),
     ],
 )
@@ -207,7 +207,7 @@ def test_an_instance_that_cannot_be_expanded_is_told(text, message):
 
 def test_a_description_tells_every_label():
     blocks = (label("VAL_BLK", "MATRIX_DIM 3 4 1", limits="0 5", conversion="CM"), method("CM", "IDENTICAL", "", "bar"))
-    found = described(parsed(module(*blocks, shared_axis(7), SCALAR))[0])
+    found = summarise_labels(parsed(module(*blocks, shared_axis(7), SCALAR))[0])
     assert [(one.name, one.kind, one.shape, one.unit) for one in found] == [
         ("L", "block", (3, 4), "bar"),
         ("A", "group axis", (7,), ""),

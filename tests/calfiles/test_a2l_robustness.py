@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 
-from kennfeld.calfiles.a2l import described, parse_a2l, read_parameters, stored
+from kennfeld.calfiles.a2l import parse_a2l, read_parameters, summarise_labels, write_values
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import Findings
 from kennfeld.errors import InputError
@@ -81,16 +81,16 @@ def damaged(raw, draw):
 
 def used(a2l_raw, image_raw):
     """Read and write everything there is; gives how many labels were read."""
-    notes = Findings("ecu.a2l")
-    a2l = parse_a2l(a2l_raw, "ecu.a2l", notes, lambda _: None)
-    image = read_image(image_raw, "ecu.hex", notes)
-    notes.settle()
-    described(a2l)
-    found = read_parameters(a2l, image, notes)
-    notes.settle()
-    assert stored(a2l, image, found, Findings("")) == image.raw
+    findings = Findings("ecu.a2l")
+    a2l = parse_a2l(a2l_raw, "ecu.a2l", findings, lambda _: None)
+    image = read_image(image_raw, "ecu.hex", findings)
+    findings.finish()
+    summarise_labels(a2l)
+    found = read_parameters(a2l, image, findings)
+    findings.finish()
+    assert write_values(a2l, image, found, Findings("")) == image.raw
     changed = found.with_parameters(*(one.with_values(one.values * 1.1 + 1) for one in found.parameters))
-    stored(a2l, image, changed, Findings(""))
+    write_values(a2l, image, changed, Findings(""))
     return len(found)
 
 
@@ -139,18 +139,18 @@ def test_absurd_sizes_take_no_memory():
     ],
 )
 def test_hostile_texts_end_at_once(text):
-    notes = Findings("ecu.a2l")
-    parse_a2l(text, "ecu.a2l", notes, lambda *_: (Path("a"), text))
+    findings = Findings("ecu.a2l")
+    parse_a2l(text, "ecu.a2l", findings, lambda *_: (Path("a"), text))
     with pytest.raises(InputError):
-        notes.settle()
+        findings.finish()
 
 
 def test_numbers_that_no_float_holds_stay_apart():
     text = module(layout("FNC_VALUES 1 A_UINT64 ROW_DIR DIRECT"), label("VAL_BLK", "NUMBER 2"))
     raw = hex_file({ADDRESS: b"\xff" * 16})
-    notes = Findings("")
-    a2l, image = parse_a2l(text, "", notes), read_image(raw, "", notes)
-    found = read_parameters(a2l, image, notes)
+    findings = Findings("")
+    a2l, image = parse_a2l(text, "", findings), read_image(raw, "", findings)
+    found = read_parameters(a2l, image, findings)
     changed = found["L"].with_values(np.array([found["L"].values[0], 5.0]))
-    again = read_image(stored(a2l, image, found.with_parameters(changed), Findings("")), "", notes)
+    again = read_image(write_values(a2l, image, found.with_parameters(changed), Findings("")), "", findings)
     assert again.read(ADDRESS, 16) == b"\xff" * 8 + (5).to_bytes(8, "little")

@@ -8,7 +8,7 @@ from a2l_files import ADDRESS, axis, hex_file, image_of, label, layout, method, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.calfiles.a2l import read_parameters, stored
+from kennfeld.calfiles.a2l import read_parameters, write_values
 from kennfeld.calfiles.format import Findings
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
@@ -16,7 +16,7 @@ from kennfeld.parameters import Curve, Map, Scalar, Text
 
 BYTE = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
 TENTH = method("CM", "LINEAR", "COEFFS_LINEAR 0.1 0", "bar")
-CHECKSUMS = "new.hex: the checksums of the control unit are left to the flash tool"
+CHECKSUMS = "new.hex: checksums of the control unit are not updated; the flash tool must do it"
 
 
 def values(*numbers, name="L"):
@@ -48,7 +48,7 @@ def test_what_rounding_costs_is_told():
     text = module(BYTE, TENTH, label("VAL_BLK", "NUMBER 2", conversion="CM"))
     image, remarks = write(text, bytes(2), values(0.24, 1.0))
     assert image.read(ADDRESS, 2) == bytes([2, 10])
-    assert "1 number of 1 label rounded to what the control unit can store, at most by 0.04 bar (L, 0.04" in remarks[0]
+    assert "1 number of 1 label rounded to storable values, by at most 0.04 bar (L, 0.04" in remarks[0]
 
 
 def test_of_two_numbers_as_near_the_even_one_is_stored():
@@ -63,9 +63,7 @@ def test_of_two_numbers_as_near_the_even_one_is_stored():
 def test_a_value_beyond_what_is_allowed_is_an_error(limits, entries, number, span):
     text = module(BYTE, TENTH, label("VAL_BLK", f"NUMBER 2 {entries}", conversion="CM", limits=limits))
     [found] = errors(text, bytes(2), values(0.0, number))
-    assert found == (
-        f"new.hex (L): the value [2] is {number:g} bar, which is outside what can be stored and is allowed: {span}"
-    )
+    assert found == f"new.hex (L): the value [2] is {number:g} bar, outside the storable and allowed range {span}"
 
 
 def test_limits_printed_with_few_digits_do_not_forbid_what_can_be_stored():
@@ -103,20 +101,20 @@ def test_two_labels_may_share_a_byte_but_no_bit():
         return given.with_parameters(given["Low"].with_values(3), given["Whole"].with_values(4))
 
     found = errors(module(BYTE, low, whole), b"\x00", clash)
-    assert "(Whole): lies in the same memory as Low at 0x1000, which shall have another value" in found[0]
+    assert "(Whole): shares memory with Low at 0x1000, which is set to another value" in found[0]
 
 
 def test_a_label_that_changes_along_with_another_is_an_error_where_it_was_given():
     text = module(BYTE, label("VALUE", name="One"), label("VALUE", name="Other"))
     found = errors(text, b"\x01", values(5, name="One"))
-    assert "(Other): changes although it is not to" in found[0]
+    assert "(Other): changes unintentionally" in found[0]
 
     def alone(given):
         return ParameterSet([given["One"].with_values(5)])
 
     image, remarks = write(text, b"\x01", alone)
     assert image.read(ADDRESS, 1) == b"\x05"
-    assert any("(Other): changes although it is not to" in one for one in remarks)
+    assert any("(Other): changes unintentionally" in one for one in remarks)
 
 
 MAP = layout(
@@ -146,7 +144,7 @@ def test_a_table_may_get_as_many_breakpoints_as_there_is_room_for():
     assert again["L"].values.tolist() == made.values.tolist()
     made = Map("L", [10, 20, 30, 40], [1, 2], np.ones((4, 2)))
     assert (
-        "states 4 axis points in direction X, of at most 3"
+        "states 4 axis points in direction X, but at most 3 are allowed"
         in errors(text, before, lambda given: given.with_parameters(made))[0]
     )
 
@@ -158,7 +156,7 @@ def test_a_table_without_a_number_of_points_keeps_it():
     )
     made = Curve("L", [1, 2, 3], [4, 5, 6])
     found = errors(text, bytes([1, 2, 3, 4]), lambda given: given.with_parameters(made))
-    assert "(L): has 3 points here, 2 in the image, which keeps no number of them" in found[0]
+    assert "(L): has 3 points, but 2 in the image, which stores no point count" in found[0]
 
 
 COMMON = (
@@ -190,7 +188,7 @@ def test_common_breakpoints_may_become_more_with_all_their_tables():
     assert image.read(0x2000, 5) == bytes([4, 10, 20, 30, 40])
     assert image.read(ADDRESS, 4) == bytes([1, 2, 3, 5])
     found = errors(module(*COMMON), MEMORY, lambda given: moved(given, [10, 20, 30, 40], ("L",), (5,)))
-    assert "1 label (M) that share them are not given" in found[0]
+    assert "1 label (M) sharing them are not given" in found[0]
 
 
 def test_a_table_with_other_breakpoints_than_its_common_axis_is_an_error():
@@ -236,7 +234,7 @@ def test_what_is_read_only_stays_and_is_told():
     text = module(BYTE, label("VALUE", "READ_ONLY"))
     image, remarks = write(text, b"\x01", values(2))
     assert image.read(ADDRESS, 1) == b"\x01"
-    assert remarks == ["new.hex (L): is READ_ONLY: 1 other value given for it not written"]
+    assert remarks == ["new.hex (L): is READ_ONLY: 1 changed value not written"]
 
 
 def test_a_conversion_without_an_inverse_cannot_be_changed():
@@ -261,7 +259,7 @@ def test_texts_are_written_and_filled_up():
     text = module(BYTE, label("ASCII", "NUMBER 5"))
     assert write(text, b"abc\0x", texts("ab"))[0].read(ADDRESS, 5) == b"ab\0\0\0"
     assert write(text, b"abc\0x", texts("abc"))[0].read(ADDRESS, 5) == b"abc\0x"
-    assert "has 6 characters, there is room for 5" in errors(text, b"abc\0x", texts("abcdef"))[0]
+    assert "has 6 characters, but there is room for 5" in errors(text, b"abc\0x", texts("abcdef"))[0]
 
 
 def test_words_are_written_as_their_numbers():
@@ -270,7 +268,7 @@ def test_words_are_written_as_their_numbers():
         BYTE, words, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), label("VALUE", "BIT_MASK 0x0C", conversion="CM")
     )
     assert write(text, b"\xf7", texts("off"))[0].read(ADDRESS, 1) == b"\xfb"
-    assert "'of' is no word that it can have. Choose from on, off" in errors(text, b"\xf7", texts("of"))[0]
+    assert "must be one of its texts, got 'of'. Choose from on, off" in errors(text, b"\xf7", texts("of"))[0]
 
 
 def test_a_word_of_another_kind_is_written_and_told():
@@ -278,7 +276,7 @@ def test_a_word_of_another_kind_is_written_and_told():
     text = module(BYTE, words, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), label("VALUE", conversion="CM"))
     image, remarks = write(text, b"\x01", lambda given: ParameterSet([], [Text("L", "off")]))
     assert image.read(ADDRESS, 1) == b"\x02"
-    assert remarks == ["new.hex (L): is of the kind text here, enumeration in the control unit", CHECKSUMS]
+    assert remarks == ["new.hex (L): is of kind text, but enumeration in the control unit", CHECKSUMS]
 
 
 def test_labels_that_the_description_does_not_have_are_told():
@@ -287,7 +285,7 @@ def test_labels_that_the_description_does_not_have_are_told():
 
     image, remarks = write(module(BYTE, label("VALUE")), b"\x01", change)
     assert image.read(ADDRESS, 1) == b"\x01"
-    assert remarks == ["new.hex: 2 labels (New, Words) left out: ecu.a2l does not have them"]
+    assert remarks == ["new.hex: 2 labels (New, Words) left out: not in ecu.a2l"]
 
 
 def test_further_variants_are_left_out_which_is_told():
@@ -305,18 +303,18 @@ def test_labels_that_follow_from_changed_ones_are_told():
     dependent = '/begin DEPENDENT_CHARACTERISTIC "X1*5" L /end DEPENDENT_CHARACTERISTIC'
     text = module(BYTE, label("VALUE"), label("VALUE", dependent, name="Five", address=ADDRESS + 1))
     _, remarks = write(text, b"\x01\x05", values(2))
-    assert "1 label (Five) follow from changed labels by formulas, which are not calculated" in "\n".join(remarks)
+    assert "not recomputed although labels in their formulas changed: 1 label (Five)" in "\n".join(remarks)
 
 
 def test_another_unit_is_told():
     text = module(BYTE, TENTH, label("VALUE", conversion="CM"))
     _, remarks = write(text, b"\x01", lambda given: ParameterSet([Scalar("L", 0.1, unit="kPa")]))
-    assert "1 label in another unit than ecu.a2l states, written as they are: L in kPa, not bar" in remarks[0]
+    assert "written without conversion, since ecu.a2l states another unit: L in kPa, not bar" in remarks[0]
 
 
 def test_another_kind_is_an_error():
     found = errors(module(BYTE, label("VALUE")), b"\x01", lambda given: ParameterSet([Curve("L", [1, 2], [1, 2])]))
-    assert "(L): is a curve here and a scalar in the control unit" in found[0]
+    assert "(L): is a curve, but a scalar in the control unit" in found[0]
 
 
 def test_a_label_outside_the_image_is_told():
@@ -373,7 +371,7 @@ def test_what_is_written_is_read_again_in_every_layout(table):
     assert [one.breakpoints.tolist() for one in found["L"].axes] == [one.breakpoints.tolist() for one in made.axes]
     a2l, _ = parsed(text)
     memory = image_of(image.read(ADDRESS, len(start)))
-    assert stored(a2l, memory, read_parameters(a2l, memory, Findings("")), Findings("")) == memory.raw
+    assert write_values(a2l, memory, read_parameters(a2l, memory, Findings("")), Findings("")) == memory.raw
 
 
 @given(st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans())

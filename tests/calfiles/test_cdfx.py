@@ -48,7 +48,7 @@ def cdfx(written):
 
 
 def remarks(path):
-    return [str(remark) for remark in describe(path).remarks]
+    return [str(warning) for warning in describe(path).remarks]
 
 
 def refused(path):
@@ -84,7 +84,7 @@ class TestReading:
     def test_booleans_given_as_numbers_are_scalars_which_is_told(self, cdfx):
         path = cdfx(instance("K", "BOOLEAN", numbers("1")), instance("L", "BOOLEAN", numbers("0")))
         assert list(read(path)) == ["K", "L"]
-        said = "2 labels (K, L) are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
+        said = "BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK: 2 labels (K, L)"
         assert said in "\n".join(map(str, describe(path).remarks))
 
     def test_hexadecimal_and_float_numbers(self, cdfx):
@@ -108,7 +108,7 @@ class TestReading:
     def test_a_common_axis_that_is_elsewhere_leaves_the_table_aside(self, cdfx):
         path = cdfx(instance("C", "CURVE", numbers(1, 2), axis(reference("N"), "COM_AXIS")))
         assert len(read(path)) == 0
-        assert "(C): refers to the x axis N, which is not in this file; left aside" in remarks(path)[0]
+        assert "(C): refers to the x axis N, which is not in this file; skipped" in remarks(path)[0]
 
     def test_a_curve_axis_gives_breakpoints_where_the_lookup_stays_the_same(self, cdfx):
         maker = instance("A", "CURVE_AXIS", numbers(0, 1, 2), axis(numbers(10, 40, 90)))
@@ -120,7 +120,7 @@ class TestReading:
         maker = instance("A", "CURVE_AXIS", numbers(*positions), axis(numbers(10, 40, 90)))
         path = cdfx(maker, instance("C", "CURVE", numbers(7, 8, 9), axis(reference("A"), "CURVE_AXIS")))
         assert list(read(path)) == ["A"]
-        assert "(C): has breakpoints that do not follow from the CURVE_AXIS A; left aside" in remarks(path)[0]
+        assert "(C): has breakpoints that cannot be derived from the CURVE_AXIS A; skipped" in remarks(path)[0]
 
     def test_a_rescale_axis_gives_breakpoints(self, cdfx):
         pairs = instance("A", "RES_AXIS", groups([10, 0], [40, 1]))
@@ -197,10 +197,10 @@ class TestReading:
     @pytest.mark.parametrize(
         ("values", "said"),
         [
-            ("<V>1</V>\n<V>2 3</V>", "line 4 (B): '2 3' is no finite number"),
-            ("<V>1</V>\n<V></V>\n<V>x</V>", "line 4 (B): '' is no finite number"),
-            ("<V>1</V>\n<V>1|2</V>", "line 4 (B): '1|2' is no finite number"),
-            ("<V>1</V>\n<V>1_0</V><V>2</V>", "line 4 (B): '1_0' is no finite number"),
+            ("<V>1</V>\n<V>2 3</V>", "line 4 (B): must be a finite number, got '2 3'"),
+            ("<V>1</V>\n<V></V>\n<V>x</V>", "line 4 (B): must be a finite number, got ''"),
+            ("<V>1</V>\n<V>1|2</V>", "line 4 (B): must be a finite number, got '1|2'"),
+            ("<V>1</V>\n<V>1_0</V><V>2</V>", "line 4 (B): must be a finite number, got '1_0'"),
         ],
     )
     def test_a_wrong_number_among_many_is_named_with_its_line(self, cdfx, values, said):
@@ -210,7 +210,7 @@ class TestReading:
         values = "<SW-VALUES-PHYS><VT>on</VT><VT>off</VT></SW-VALUES-PHYS>"
         path = cdfx(instance("C", "CURVE", values, axis(numbers(1, 2))))
         assert len(read(path)) == 0
-        assert "CURVE holds text" in remarks(path)[0]
+        assert "CURVE contains text" in remarks(path)[0]
 
 
 class TestRefusing:
@@ -230,23 +230,24 @@ class TestRefusing:
         )
         assert refused(path) == [
             "a.cdfx line 3 (K): VALUE has 2 values, not one",
-            "a.cdfx line 4 (C): '1,5' is no finite number. Write a decimal point.",
-            "a.cdfx line 5 (D): CURVE has 3 values, its axes ask for 2",
-            "a.cdfx line 6 (E): the x axis does not increase: breakpoint 2 (1) does not exceed breakpoint 1 (2). "
-            "Each breakpoint must be larger than the one before.",
-            "a.cdfx line 7 (F): group 2 has 1 value, the first has 2 values",
-            "a.cdfx line 8 (G): MAP has 1 SW-AXIS-CONT, it needs 2",
+            "a.cdfx line 4 (C): must be a finite number, got '1,5'. Write a decimal point.",
+            "a.cdfx line 5 (D): CURVE has 3 values, but its axes require 2",
+            "a.cdfx line 6 (E): the x axis is not strictly increasing: breakpoint 2 (1) "
+            "does not exceed breakpoint 1 (2). Each breakpoint must be greater than the previous one.",
+            "a.cdfx line 7 (F): group 2 has 1 value, but the first has 2 values",
+            "a.cdfx line 8 (G): MAP has 1 SW-AXIS-CONT, but needs 2",
             "a.cdfx line 9 (H): CURVE has no SW-VALUES-PHYS",
-            "a.cdfx line 10 (I): '1_000' is no finite number",
-            "a.cdfx line 11 (N): COM_AXIS does not increase: breakpoint 2 (1) does not exceed breakpoint 1 (1)",
-            "a.cdfx line 13 (B): VAL_BLK has 2 values, SW-ARRAYSIZE asks for 4",
+            "a.cdfx line 10 (I): must be a finite number, got '1_000'",
+            "a.cdfx line 11 (N): COM_AXIS is not strictly increasing: breakpoint 2 (1) does not "
+            "exceed breakpoint 1 (1)",
+            "a.cdfx line 13 (B): VAL_BLK has 2 values, but SW-ARRAYSIZE states 4",
         ]
 
     def test_a_label_may_come_twice_only_with_the_same_content(self, cdfx):
         once = instance("K", "VALUE", numbers(1))
         assert len(read(cdfx(once, once))) == 1
         assert refused(cdfx(once, instance("K", "VALUE", numbers(2)))) == [
-            "a.cdfx line 4 (K): K is defined a second time, with another content than in line 3. Keep one of the two."
+            "a.cdfx line 4 (K): K is already defined in line 3, with different content. Keep one of the two."
         ]
 
     @pytest.mark.parametrize(
@@ -266,18 +267,16 @@ class TestRefusing:
     def test_an_entity_of_an_outer_document_is_refused(self, cdfx):
         head = f'{HEAD}<!DOCTYPE MSRSW PUBLIC "a" "http://localhost/cdf.dtd">\n'
         found = refused(cdfx(instance("K", "VALUE", numbers("&a;")), head=head))
-        assert found == [
-            "a.cdfx line 4: uses the entity a, which it does not declare. Write the characters themselves."
-        ]
+        assert found == ["a.cdfx line 4: uses the undeclared entity a. Write the characters themselves."]
 
     def test_endless_depth_is_refused(self, written):
         found = refused(written(f"{HEAD}<MSRSW>{'<SW-INSTANCE>' * 100_000}", "a.cdfx"))
-        assert found == ["a.cdfx line 2: has elements more than 100 levels deep"]
+        assert found == ["a.cdfx line 2: has elements nested more than 100 levels deep"]
 
     def test_a_cut_off_file_is_refused(self, cdfx):
         path = cdfx(instance("K", "VALUE", numbers(1)))
         path.write_bytes(path.read_bytes()[:-30])
-        assert "is no well-formed XML" in refused(path)[0]
+        assert "is not well-formed XML" in refused(path)[0]
 
     def test_a_file_without_labels_is_refused(self, written):
         assert "has no SW-INSTANCE-TREE" in refused(written(f"{HEAD}<MSRSW></MSRSW>", "a.cdfx"))[0]
@@ -291,10 +290,10 @@ class TestWriting:
             write(parameters, tmp_path / "a.cdfx")
         assert [str(finding) for finding in caught.value.findings] == [
             "a.cdfx (' C'): ".replace("' C'", " C")
-            + "' C' cannot be a name in CDFX: blanks around it or controls in it. Rename it.",
-            "a.cdfx (K): is given twice; parameters, texts and group axes share their names. Rename one.",
-            "a.cdfx (K): CDFX cannot hold values that are not finite. Write it as .json.",
-            "a.cdfx (T): XML cannot hold a text with control characters. Write it as .json.",
+            + "' C' is not a valid CDFX name: it has surrounding blanks or control characters. Rename it.",
+            "a.cdfx (K): is defined twice; parameters, texts and group axes share one namespace. Rename one.",
+            "a.cdfx (K): CDFX cannot store non-finite values. Write it as .json.",
+            "a.cdfx (T): XML cannot store a text with control characters. Write it as .json.",
         ]
         assert not list(tmp_path.iterdir())
 
@@ -319,7 +318,7 @@ class TestWriting:
 
     def test_a_label_has_one_category_in_all_variants(self, tmp_path):
         parameters = ParameterSet([Scalar("K", 1)], others=[Curve("K", [1, 2], [1, 2], variant="b")])
-        with pytest.raises(InputError, match="a label of CDFX has one category"):
+        with pytest.raises(InputError, match="a CDFX label has one category"):
             write(parameters, tmp_path / "a.cdfx")
 
     def test_texts_keep_their_line_breaks(self, tmp_path):

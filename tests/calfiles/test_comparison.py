@@ -72,7 +72,7 @@ def test_tolerances(tolerance, equal):
 
 @pytest.mark.parametrize("given", [-1.0, np.nan, np.inf])
 def test_a_tolerance_must_be_a_number_from_0_on(given):
-    with pytest.raises(ArgumentError, match="is no tolerance"):
+    with pytest.raises(ArgumentError, match="must be a finite number >= 0"):
         Tolerance(given)
 
 

@@ -117,7 +117,7 @@ def test_a_breakpoint_more_is_a_row_more(book):
 
 def test_a_column_more_of_a_group_axis_belongs_on_its_sheet_too(book):
     said = refused(book({("MapX", "E8"): 2000, ("MapX", "E9"): 1, ("MapX", "E10"): 1}))
-    assert "Sheet MapX cell B8 begins 4 breakpoints, the group axis AxisSpeed has 3" in said
+    assert "Sheet MapX cell B8 starts 4 breakpoints, but the group axis AxisSpeed has 3" in said
 
 
 def test_a_row_added_to_the_scalars_is_a_parameter(book):
@@ -128,32 +128,32 @@ def test_a_row_added_to_the_scalars_is_a_parameter(book):
 @pytest.mark.parametrize(
     ("cell", "value", "said"),
     [
-        (("MapX", "C9"), "1,5", "Sheet MapX cell C9 holds '1,5', which is no number. Write it as a number"),
-        (("MapX", "C9"), "", "Sheet MapX cell C9 is empty; a number is missing"),
-        (("MapX", "C9"), True, "Sheet MapX cell C9 holds True"),
+        (("MapX", "C9"), "1,5", "Sheet MapX cell C9 must be a number, got '1,5'. Write it as a number"),
+        (("MapX", "C9"), "", "Sheet MapX cell C9 must be a number, but is empty"),
+        (("MapX", "C9"), True, "Sheet MapX cell C9 must be a number, got True"),
         (
             ("MapX", "C8"),
             1200,
-            "cell C8 holds 1200, not 1000 of the group axis AxisSpeed in Sheet Axes cell E2",
+            "cell C8 contains 1200 instead of 1000 of the group axis AxisSpeed in Sheet Axes cell E2",
         ),
-        (("MapX", "A10"), -1, "Sheet MapX cell A10 holds -1, no more than the breakpoint before, 0"),
-        (("MapX", "A10"), "", "Sheet MapX cell A10 is empty; the numbers beside it have no y breakpoint"),
+        (("MapX", "A10"), -1, "Sheet MapX cell A10 contains -1, which does not exceed the previous breakpoint 0"),
+        (("MapX", "A10"), "", "Sheet MapX cell A10 is empty; the numbers next to it have no y breakpoint"),
         (("MapX", "D8"), "", "Sheet MapX cell D8 is empty; the numbers below it have no x breakpoint"),
-        (("MapX", "A8"), "", "Sheet MapX holds no table. Write 'y down / x right'"),
-        (("Axes", "E2"), 700, "Sheet Axes cell E2 holds 700, no more than the breakpoint before, 700"),
+        (("MapX", "A8"), "", "Sheet MapX contains no table. Write 'y down / x right'"),
+        (("Axes", "E2"), 700, "Sheet Axes cell E2 contains 700, which does not exceed the previous breakpoint 700"),
         (("Axes", "E2"), "", "Sheet Axes cell E2 is empty; a breakpoint is missing"),
-        (("Scalars", "B2"), "", "Sheet Scalars cell B2 is empty; a number is missing"),
-        (("Scalars", "A3"), "Kp", "Sheet Scalars cell A3 names Kp a second time"),
+        (("Scalars", "B2"), "", "Sheet Scalars cell B2 must be a number, but is empty"),
+        (("Scalars", "A3"), "Kp", "Sheet Scalars cell A3 repeats the name Kp"),
         (
             ("Parameters", "B3"),
             "mop",
-            "cell B3 holds 'mop', which is no kind of parameter. Did you mean map?",
+            "cell B3 must be a kind of parameter, got 'mop'. Did you mean map?",
         ),
-        (("Parameters", "A3"), "Kp", "Sheet Parameters cell A3 names Kp a second time"),
-        (("Parameters", "I4"), "MapX", "names the sheet 'MapX', as Sheet Parameters cell A3 does"),
-        (("Parameters", "I3"), "MapY", "which this workbook does not have. Did you mean MapX?"),
-        (("Cube", "B15"), 6, "Sheet Cube cell B15 gives a page that was there before"),
-        (("Cube", "B16"), 9, "Sheet Cube cell B16 holds 9, Sheet Cube cell B10 holds 1"),
+        (("Parameters", "A3"), "Kp", "Sheet Parameters cell A3 repeats the name Kp"),
+        (("Parameters", "I4"), "MapX", "refers to the sheet 'MapX', which Sheet Parameters cell A3 already uses"),
+        (("Parameters", "I3"), "MapY", "refers to the unknown sheet 'MapY'. Did you mean MapX?"),
+        (("Cube", "B15"), 6, "Sheet Cube cell B15 repeats an earlier page"),
+        (("Cube", "B16"), 9, "Sheet Cube cell B16 contains 9, but Sheet Cube cell B10 contains 1"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_cell(book, cell, value, said):
@@ -235,19 +235,19 @@ def test_entities_are_not_expanded(book, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("thing", "said"),
+    ("item", "said"),
     [
-        (Scalar("K", np.nan), "cannot hold values that are not finite"),
-        (Scalar(" K", 1.0), "cannot be a name in Excel"),
+        (Scalar("K", np.nan), "cannot store non-finite values"),
+        (Scalar(" K", 1.0), "is not a valid name in Excel"),
         (Scalar("K", 1.0, description="a\0b"), "control characters"),
-        (Scalar("K", 1.0, functions=["a,b"]), "parted by commas"),
+        (Scalar("K", 1.0, functions=["a,b"]), "commas or surrounding blanks"),
         (Scalar("K", 1.0, description="x" * 40_000), "at most 32767 characters"),
-        (Block("K", np.zeros((20_000, 2))), "cannot hold its 20000 x 2 values"),
+        (Block("K", np.zeros((20_000, 2))), "cannot store its 20000 x 2 values"),
     ],
 )
-def test_what_excel_cannot_hold_is_refused(tmp_path, thing, said):
+def test_what_excel_cannot_hold_is_refused(tmp_path, item, said):
     with pytest.raises(InputError, match=said):
-        write(ParameterSet([thing]), tmp_path / "a.xlsx")
+        write(ParameterSet([item]), tmp_path / "a.xlsx")
 
 
 def test_sheets_are_called_as_excel_allows():

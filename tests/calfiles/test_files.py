@@ -104,7 +104,7 @@ def test_a_description_says_what_is_in_a_file(tmp_path):
         (b"PK\x03\x04\0\0", "it looks like a ZIP archive"),
         (b"\xef\xbb\xbf<?xml version='1.0'?>", "it looks like XML"),
         (b"<?xml version='1.0'?>\n<!-- <a> --><PaCo><x/></PaCo>", "it looks like XML with the root PaCo"),
-        (b"\x7fELF\x02\0\0", "it looks like a program (ELF)"),
+        (b"\x7fELF\x02\0\0", "it looks like an ELF program"),
         (b"time,Torque\n0,1\n", "it begins with 'time,Torque'"),
     ],
 )
@@ -122,12 +122,12 @@ def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
         (
             "a.par",
             b"Kp 1.0\n",
-            "is a parameter file (.par), such as CANape writes, which cannot be read. Export it from",
+            "is a parameter file (.par), as written by CANape, which cannot be read. Export it from",
         ),
         ("a.PAR", b"<?xml version='1.0'?><a/>", "is a parameter file (.par)"),
-        ("a.cdm", b"\0\1", "is a calibration data file (.cdm) of INCA, which cannot be read. Export it from that tool"),
-        ("a.lab", b"[Label]\nK\n", "is a list of labels (.lab), which holds no values"),
-        ("a.bin", b"\0\1", "is a plain copy of a memory (.bin), which holds no addresses. Convert it to Intel HEX"),
+        ("a.cdm", b"\0\1", "is an INCA calibration data file (.cdm), which cannot be read. Export it from that tool"),
+        ("a.lab", b"[Label]\nK\n", "is a list of labels (.lab), which contains no values"),
+        ("a.bin", b"\0\1", "is a raw memory dump (.bin), which contains no addresses. Convert it to Intel HEX"),
     ],
 )
 def test_calibration_data_that_cannot_be_read_are_named_with_a_way_out(tmp_path, name, raw, said):

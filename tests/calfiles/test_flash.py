@@ -56,15 +56,17 @@ def test_a_description_may_be_named(folder):
     (folder / "elsewhere").mkdir()
     named = (folder / "ecu.a2l").rename(folder / "elsewhere" / "x.a2l")
     assert kf.read_parameters(folder / "ecu.hex", a2l=named)["K"].value == 1.5
-    assert "there is none beside it. Name it: --a2l FILE, or" in error(read, folder / "ecu.hex")
-    assert "there is no such A2L file. Did you mean x.a2l?" in error(read, folder / "ecu.hex", named.with_name("y.a2l"))
+    assert "its folder contains none. Specify it: --a2l FILE, or" in error(read, folder / "ecu.hex")
+    assert "A2L file not found. Did you mean x.a2l?" in error(read, folder / "ecu.hex", named.with_name("y.a2l"))
 
 
 def test_several_descriptions_are_a_question(folder):
     for name in ("one.a2l", "two.a2l"):
         (folder / name).write_bytes(TEXT)
     (folder / "ecu.a2l").unlink()
-    assert "beside it are one.a2l, two.a2l. Name the right one: --a2l FILE, or" in error(read, folder / "ecu.hex")
+    assert "its folder contains one.a2l, two.a2l. Specify the right one: --a2l FILE, or" in error(
+        read, folder / "ecu.hex"
+    )
 
 
 def test_a_file_that_is_included_lies_beside(folder):
@@ -75,7 +77,7 @@ def test_a_file_that_is_included_lies_beside(folder):
     (folder / "ecu.a2l").write_text(text, encoding="utf-8")
     assert read(folder / "ecu.hex")["K"].value == 1.5
     (folder / "parts" / "labels.a2l").unlink()
-    assert "which cannot be read. Put it where the name says" in error(read, folder / "ecu.hex")
+    assert ": cannot be read. Its path is relative to" in error(read, folder / "ecu.hex")
 
 
 @pytest.mark.parametrize("place", ["parts/inner/types.a2l", "inner/types.a2l"])
@@ -106,8 +108,8 @@ FRAGMENT = '/* labels */\n/begin COMPU_METHOD CM "" IDENTICAL "%5.2" "bar"\n/end
 def test_a_fragment_of_an_a2l_file_is_named_as_such(folder):
     (folder / "part.a2l").write_text(FRAGMENT, encoding="utf-8")
     said = (
-        "part.a2l: is a fragment of an A2L file: it begins with COMPU_METHOD, without a PROJECT and a MODULE around "
-        "it. Name the A2L file that includes it."
+        "part.a2l: is a fragment of an A2L file: it starts with COMPU_METHOD, without an enclosing PROJECT "
+        "and MODULE. Pass the A2L file that includes it."
     )
     assert error(read, folder / "part.a2l") == said
     assert error(describe_a2l, folder / "part.a2l") == said
@@ -121,7 +123,7 @@ def test_a_module_without_a_project_is_a_description(folder):
 
 
 def test_an_a2l_file_alone_holds_no_values(folder):
-    assert "ecu.a2l: is an A2L description, which holds no values" in error(read, folder / "ecu.a2l")
+    assert "ecu.a2l: is an A2L description, which contains no values" in error(read, folder / "ecu.a2l")
     found = describe_a2l(folder / "ecu.a2l")
     assert [one.name for one in found.labels] == ["K", "C"]
 
@@ -136,24 +138,28 @@ def test_a_set_from_an_image_is_saved_into_it(folder):
 
 def test_a_set_from_elsewhere_needs_an_image(folder):
     values = ParameterSet([Scalar("K", 2.0)])
-    assert "an image is written over one to start from, and there is none" in error(write, values, folder / "new.hex")
+    assert "writing an image requires an existing image to modify, but none is given" in error(
+        write, values, folder / "new.hex"
+    )
     remarks = write(values, folder / "new.s19", folder / "ecu.s19")
-    assert [str(one) for one in remarks] == ["new.s19: the checksums of the control unit are left to the flash tool"]
+    assert [str(one) for one in remarks] == [
+        "new.s19: checksums of the control unit are not updated; the flash tool must do it"
+    ]
     assert (folder / "new.s19").read_bytes() == s_file({ADDRESS: bytes([4, 2, 4, 6])})
 
 
 def test_the_ending_says_what_the_image_holds(folder):
     message = error(kf.read_parameters(folder / "ecu.hex").save, folder / "new.s19")
-    assert ".s19 is not what ecu.hex holds, Intel HEX. Write a file .hex, .ihex." in message
+    assert "ecu.hex is Intel HEX, which has other endings than .s19. Use .hex, .ihex." in message
     assert {".hex", ".s19"} <= set(endings())
-    with pytest.raises(ArgumentError, match="has no ending of a calibration file"):
+    with pytest.raises(ArgumentError, match="must end like a calibration file"):
         write(ParameterSet(), folder / "new.bin")
 
 
 def test_a_damaged_image_is_refused_with_its_lines(folder):
     lines = hex_file(MEMORY).replace(b"03020406", b"03020407")
     (folder / "ecu.hex").write_bytes(lines)
-    assert "ecu.hex line 2: has the checksum DD, its bytes give DC" in error(read, folder / "ecu.hex")
+    assert "ecu.hex line 2: has the checksum DD, but its bytes give DC" in error(read, folder / "ecu.hex")
 
 
 def test_info_shows_descriptions_and_images(folder, capsys):
@@ -187,8 +193,8 @@ def test_convert_goes_both_ways(folder, capsys):
     status = run(["convert", str(folder / "new.json"), str(folder / "new.hex"), "--image", str(folder / "ecu.hex")])
     assert status == 0
     said = capsys.readouterr().err
-    assert "1 label (Other) left out: ecu.a2l does not have them" in said
-    assert "1 number of 1 label rounded to what the control unit can store, at most by 0.2 Nm" in said
+    assert "1 label (Other) left out: not in ecu.a2l" in said
+    assert "1 number of 1 label rounded to storable values, by at most 0.2 Nm" in said
     assert (folder / "new.hex").read_bytes() == hex_file({ADDRESS: bytes([15, 2, 4, 6])})
 
 
@@ -196,9 +202,7 @@ def test_values_that_cannot_be_stored_leave_no_file(folder, capsys):
     write(ParameterSet([Scalar("K", 500.0)]), folder / "new.json")
     target = folder / "new.hex"
     assert run(["convert", str(folder / "new.json"), str(target), "--image", str(folder / "ecu.hex")]) == 2
-    assert (
-        "the value is 500 Nm, which is outside what can be stored and is allowed: 0 to 127.5" in capsys.readouterr().err
-    )
+    assert "the value is 500 Nm, outside the storable and allowed range 0 to 127.5" in capsys.readouterr().err
     assert not target.exists()
 
 

@@ -32,20 +32,20 @@ def test_lines_end_in_a_line_feed_whatever_the_file_uses():
 
 
 def test_notes_settle_in_the_order_of_the_file():
-    notes = Findings("a.dcm")
-    notes.error(9, "K", "wrong", "Mend it.", "  K 9  ")
-    notes.remark(5, "", "odd")
-    notes.error(2, "", "worse")
+    findings = Findings("a.dcm")
+    findings.error(9, "K", "wrong", "Mend it.", "  K 9  ")
+    findings.warning(5, "", "odd")
+    findings.error(2, "", "worse")
     with pytest.raises(InputError) as caught:
-        notes.settle()
+        findings.finish()
     assert str(caught.value) == "a.dcm line 2: worse\na.dcm line 9 (K): wrong. Mend it."
     assert caught.value.findings[1].excerpt == "K 9"
 
 
 def test_remarks_alone_refuse_nothing():
-    notes = Findings("a.dcm")
-    notes.remark(0, "K", "odd")
-    assert [(str(remark), remark.severity) for remark in notes.settle()] == [("a.dcm (K): odd", "warning")]
+    findings = Findings("a.dcm")
+    findings.warning(0, "K", "odd")
+    assert [(str(warning), warning.severity) for warning in findings.finish()] == [("a.dcm (K): odd", "warning")]
 
 
 def test_a_text_becomes_one_line():

@@ -13,9 +13,9 @@ END = hex_record(1, 0)
 
 
 def image(*lines, newline="\n"):
-    notes = Findings("ecu.hex")
-    made = read_image(newline.join(lines).encode("latin-1"), "ecu.hex", notes)
-    return made, [str(one) for one in notes.settle()]
+    findings = Findings("ecu.hex")
+    made = read_image(newline.join(lines).encode("latin-1"), "ecu.hex", findings)
+    return made, [str(one) for one in findings.finish()]
 
 
 def errors(*lines):
@@ -61,8 +61,8 @@ def test_records_in_any_order_make_one_piece():
 def test_every_wrong_checksum_is_told_with_its_line():
     good = hex_record(0, 0, b"\x01")
     found = errors(good[:-2] + "00", good, hex_record(0, 1, b"\x01")[:-2] + "11", END)
-    assert "ecu.hex line 1: has the checksum 00, its bytes give FE" in found[0]
-    assert "ecu.hex line 3: has the checksum 11, its bytes give FD" in found[1]
+    assert "ecu.hex line 1: has the checksum 00, but its bytes give FE" in found[0]
+    assert "ecu.hex line 3: has the checksum 11, but its bytes give FD" in found[1]
     assert len(found) == 2
 
 
@@ -75,17 +75,17 @@ def test_of_very_many_wrong_lines_the_first_are_told():
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ([hex_record(0, 0, b"\x01"), "nonsense", END], "line 2: is no record of Intel HEX"),
-        ([":02000000010", END], "line 1: is no record of Intel HEX"),
-        ([":0200000001FD", END], "states 2 bytes and holds 1"),
-        ([hex_record(7, 0, b"\x01"), END], "is a record of type 07"),
+        ([hex_record(0, 0, b"\x01"), "nonsense", END], "line 2: is not an Intel HEX record"),
+        ([":02000000010", END], "line 1: is not an Intel HEX record"),
+        ([":0200000001FD", END], "states 2 bytes, but contains 1"),
+        ([hex_record(7, 0, b"\x01"), END], "is a record of unknown type 07"),
         ([hex_record(0, 0, b"\x01")], "has no end record (:00000001FF)"),
-        ([END], "holds no bytes of any memory"),
+        ([END], "contains no data"),
         ([""], "is empty"),
-        (["MDF"], "is neither Intel HEX nor a file of S-records"),
+        (["MDF"], "is neither an Intel HEX nor an S-record file"),
         ([s_record(3, 0, b"\x01")[:-2] + "00"], "has the checksum 00"),
-        ([s_record(3, 0, b"\x01"), s_record(5, 2, size=2)], "counts 2 records, there were 1"),
-        ([s_record(3, 0, b"\x01"), "S9zz"], "is no S-record"),
+        ([s_record(3, 0, b"\x01"), s_record(5, 2, size=2)], "states 2 records, but there are 1"),
+        ([s_record(3, 0, b"\x01"), "S9zz"], "is not an S-record"),
     ],
 )
 def test_what_is_wrong_has_a_finding(lines, message):
@@ -99,13 +99,13 @@ def test_what_tools_write_around_the_records_is_accepted():
 
 def test_records_behind_the_end_are_told():
     _, remarks = image(hex_record(0, 0, b"\x01"), END, hex_record(0, 1, b"\x01"))
-    assert remarks == ["ecu.hex line 3: there is something behind the end record; left aside"]
+    assert remarks == ["ecu.hex line 3: content after the end record; skipped"]
 
 
 def test_of_records_that_overlap_the_last_one_counts():
     made, remarks = image(hex_record(0, 0, b"\x01\x02\x03"), hex_record(0, 1, b"\x09"), END)
     assert made.read(0, 3) == b"\x01\x09\x03"
-    assert "1 record overlap with others, the first at 0x1; of each byte the last record counts" in remarks[0]
+    assert "1 record overlap with others, the first at 0x1; the last record takes precedence" in remarks[0]
     again, _ = image(made.changed({1: b"\x05"}).decode())
     assert again.read(0, 3) == b"\x01\x05\x03"
 
@@ -155,9 +155,9 @@ pieces = st.dictionaries(
 )
 def test_only_the_digits_of_changed_bytes_and_their_checksums_change(memory, file, width, newline, data):
     memory = {address % 2**32: content for address, content in memory.items()}
-    raw, notes = file(memory, width, newline), Findings("")
-    made = read_image(raw, "ecu", notes)
-    notes.settle()
+    raw, findings = file(memory, width, newline), Findings("")
+    made = read_image(raw, "ecu", findings)
+    findings.finish()
     assert {one.address: one.content for one in made.segments} == memory
     assert made.changed({}) == raw
     start = data.draw(st.sampled_from(sorted(memory)))

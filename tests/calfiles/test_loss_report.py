@@ -1,4 +1,4 @@
-"""What a file cannot hold is told, aspect by aspect; what it holds is not."""
+"""What a file cannot store is told, aspect by aspect; what it holds is not."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ ASPECTS = {
 }
 
 
-def set_of(thing):
-    return ParameterSet([], [thing]) if isinstance(thing, Text) else ParameterSet([thing])
+def set_of(item):
+    return ParameterSet([], [item]) if isinstance(item, Text) else ParameterSet([item])
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("thing", ASPECTS.values(), ids=ASPECTS)
-def test_every_aspect_comes_back_or_is_refused_or_told(tmp_path, ending, thing):
-    path, members = tmp_path / f"a{ending}", set_of(thing)
+@pytest.mark.parametrize("item", ASPECTS.values(), ids=ASPECTS)
+def test_every_aspect_comes_back_or_is_refused_or_told(tmp_path, ending, item):
+    path, members = tmp_path / f"a{ending}", set_of(item)
     try:
         write(members, path)
     except InputError:
@@ -54,7 +54,7 @@ def test_every_aspect_comes_back_or_is_refused_or_told(tmp_path, ending, thing):
 def test_group_axes_with_another_unit_in_a_table_are_told_for_cvx(tmp_path):
     tables = ParameterSet([Curve("A", GROUP, [1, 2, 3]), Curve("B", GROUP.changed(unit="1/min"), [1, 2, 3])])
     assert [str(one) for one in losses(tables, "a.csv")] == [
-        "a.csv: units of group axes that differ from table to table become that of the first table: 1 label (B). "
+        "a.csv: units of a group axis that differ between tables become that of the first table: 1 label (B). "
         "Write it as .json to keep them."
     ]
     write(tables, tmp_path / "a.xlsx")
@@ -69,12 +69,12 @@ def test_axis_units_pass_through_cvx(tmp_path):
 
 def test_many_labels_are_told_in_one_remark():
     many = ParameterSet([Scalar(f"K{i}", 1, lower=0) for i in range(9)])
-    [remark] = losses(many, "a.dcm")
-    assert str(remark) == (
-        "a.dcm: bounds are left out: 9 labels (K0, K1, K2, K3, K4 and 4 more). A project file holds them."
+    [warning] = losses(many, "a.dcm")
+    assert str(warning) == (
+        "a.dcm: bounds are left out: 9 labels (K0, K1, K2, K3, K4 and 4 more). Keep them in a project file."
     )
 
 
 def test_losses_of_an_unknown_format_are_refused():
-    with pytest.raises(ArgumentError, match=r"no ending of a calibration file"):
+    with pytest.raises(ArgumentError, match=r"must end like a calibration file"):
         losses(ParameterSet(), "a.txt")

@@ -150,7 +150,7 @@ def test_a_file_of_7_3_that_claims_gigabytes_is_refused(newest):
 
 def test_recorded_samples_are_no_calibration(tmp_path):
     path = saved(tmp_path, {"log": {"time": np.arange(100.0), "n": np.ones(100)}})
-    assert "holds recorded samples (log.time), not a calibration. Name it as a file of a dataset." in refused(path)
+    assert "contains recorded samples (log.time), not a calibration. Use it as a dataset file." in refused(path)
     assert not is_calibration_mat(CalibrationSource("a", path.read_bytes()))
     write(SET, path)
     assert is_calibration_mat(CalibrationSource("a", path.read_bytes()))
@@ -207,7 +207,7 @@ def test_hostile_claims_are_refused(tmp_path, content, said):
 
 
 def test_a_variable_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.calfiles.matlab_reader._MOST_BYTES", 10_000_000)
+    monkeypatch.setattr("kennfeld.calfiles.matlab_reader._MAX_UNPACKED_BYTES", 10_000_000)
     path = tmp_path / "a.mat"
     path.write_bytes(packed(matrix(6, (1, 5_000_000), element(9, bytes(40_000_000)))))
     assert path.stat().st_size < 100_000

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.matlab_reader import comment_of, recognises_script, said_by
+from kennfeld.calfiles.matlab_reader import format_comment, parse_comment, recognises_script
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
@@ -70,10 +70,10 @@ def test_what_people_write_is_read(script):
 
 
 def test_what_is_left_aside_is_told_with_its_line(script):
-    remarks = "\n".join(str(remark) for remark in describe(script(PEOPLE)).remarks)
+    remarks = "\n".join(str(warning) for warning in describe(script(PEOPLE)).remarks)
     assert "clear" not in remarks
-    assert "the fields Min, y_is say nothing about values" in remarks
-    assert "(Turned): has a row for each of the 3 y breakpoints; it is read turned" in remarks
+    assert "unknown fields skipped: Min, y_is" in remarks
+    assert "(Turned): has one row per y breakpoint (3); read transposed" in remarks
 
 
 def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
@@ -82,7 +82,7 @@ def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
     assert [summary.name for summary in found.parameters] == ["L", "M", "M2"]
     assert read(script(text))["L"].value == 5
     assert [remark.place for remark in found.remarks] == ["start.m line 4 column 5"]
-    assert "system is no function that is known here; K stays undefined" in str(found.remarks[0])
+    assert "unknown function system; K remains undefined" in str(found.remarks[0])
 
 
 def test_loops_and_files_beside_are_followed(tmp_path, script):
@@ -91,7 +91,7 @@ def test_loops_and_files_beside_are_followed(tmp_path, script):
     text = "first = 1;\nload data.mat\naxes\nfor i = 1:2\n  Map.values(i) = i*K;\nend\nMap.x = Speed; % [rpm]\n"
     found = read(script(text))
     assert found["Map"] == Curve("Map", Axis([700, 1000], unit="rpm"), [2, 4])
-    assert "../data.mat is not there" in str(describe(script("K = 1;\nload ../data.mat")).remarks[0])
+    assert "file ../data.mat not found" in str(describe(script("K = 1;\nload ../data.mat")).remarks[0])
 
 
 def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
@@ -102,17 +102,20 @@ def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("M.x = [1 1];\nM.values = [2 3];\n", "start.m line 1 (M): M.x does not increase: breakpoint 2 is 1 after 1"),
-        ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, its axes ask for 3 x 2"),
-        ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y holds no numbers"),
-        ("M.x = 'a';\nM.values = [2 3];\n", "M.x holds no numbers. Assign numbers in brackets."),
+        (
+            "M.x = [1 1];\nM.values = [2 3];\n",
+            "start.m line 1 (M): M.x is not strictly increasing: breakpoint 2 is 1 after 1",
+        ),
+        ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, but its axes require 3 x 2"),
+        ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y contains no numbers"),
+        ("M.x = 'a';\nM.values = [2 3];\n", "M.x contains no numbers. Assign numbers in brackets."),
         ("K = 1;\nM = [1 2\n3 4;\n", "start.m line 2 column 5: [ is never closed"),
         (
             "A.x = [1 2]; A.x_name = 'G'; A.values = [1 2]; B.x = [1 3]; B.x_name = 'G'; B.values = [1 2];",
             "group axis G",
         ),
-        ("K.name = 'a'; K.value = 1; L.name = 'a'; L.value = 2;", "a is given twice"),
-        ("B.size = [2 2]; B.values = [1 2 3];", "B.size does not fit its 3 values"),
+        ("K.name = 'a'; K.value = 1; L.name = 'a'; L.value = 2;", "a is defined twice"),
+        ("B.size = [2 2]; B.values = [1 2 3];", "B.size does not match its 3 values"),
         ("K = foo(1);", "assigns no numbers"),
     ],
 )
@@ -177,9 +180,9 @@ def test_hostile_scripts_end(script, hostile):
 
 @pytest.mark.parametrize(("unit", "said"), [("Nm", "gain"), ("", "gain"), ("Nm", ""), ("a b", "x % y")])
 def test_a_comment_says_unit_and_description(unit, said):
-    assert said_by(comment_of(unit, said)) == (unit, said)
+    assert parse_comment(format_comment(unit, said)) == (unit, said)
 
 
 @pytest.mark.parametrize(("unit", "said"), [("a]", ""), ("", "[x] y"), ("", " blank"), ("", "a\nb")])
 def test_what_a_comment_cannot_say_goes_elsewhere(unit, said):
-    assert comment_of(unit, said) is None
+    assert format_comment(unit, said) is None

@@ -54,8 +54,8 @@ def test_a_table_that_stays_keeps_its_group_axis(new):
     with pytest.raises(InputError) as caught:
         merge([("old.dcm", old), ("new.dcm", new)])
     assert str(caught.value) == (
-        "new.dcm: group axis Speed has other breakpoints than in old.dcm, from where D, E would stay. "
-        "Give these tables in new.dcm too, or make the breakpoints agree."
+        "new.dcm: group axis Speed has other breakpoints than in old.dcm, where 2 labels (D, E) are defined. "
+        "Define these tables in new.dcm too, or make the breakpoints equal."
     )
 
 

@@ -97,16 +97,18 @@ def test_the_usual_pairs_serve_where_no_definition_file_is(tune):
 
 def test_a_definition_file_of_another_firmware_is_told(tune, written):
     written(INI.replace("mine 1", "other"), "mainController.ini")
-    [remark] = describe(tune()).remarks
-    assert "mainController.ini is for the firmware 'other', the tune for 'mine 1'" in str(remark)
+    [warning] = describe(tune()).remarks
+    assert "mainController.ini is for the firmware 'other', but the tune for 'mine 1'" in str(warning)
 
 
 def test_breakpoints_that_do_not_increase_make_blocks(tune):
     path = tune(TUNE.replace("700.0", "500.0"))
     assert (read(path)["veTable"].kind, read(path)["rpmBins"].kind) == ("block", "block")
     assert read(path)["veTable"].values.shape == (3, 2)
-    [remark] = describe(path).remarks
-    assert "line 9 (veTable): is read as a value block: its breakpoints rpmBins do not increase" in str(remark)
+    [warning] = describe(path).remarks
+    assert "line 9 (veTable): is read as a value block: its breakpoints rpmBins are not strictly increasing" in str(
+        warning
+    )
 
 
 def test_an_unchanged_tune_is_the_same_file(tune, tmp_path):
@@ -135,8 +137,8 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
     before = read(tune())
     values = before["veTable"].values + np.array([[0.04, 0], [0, 0.26], [0, 0]])
     remarks = write(before.with_parameters(before["veTable"].with_values(values)), tmp_path / "new.msq")
-    assert [str(remark) for remark in remarks] == [
-        "new.msq (veTable): rounded to 1 digit, as the tune stores it, by at most 0.04"
+    assert [str(warning) for warning in remarks] == [
+        "new.msq (veTable): rounded to 1 digit, as the tune stores it; the largest change is 0.04"
     ]
     assert read(tmp_path / "new.msq")["veTable"].values.tolist() == [[39, 50], [40, 51.3], [41, 52]]
     write(before.with_parameters(Scalar("gain", 1 / 3, functions=["page 1"])), tmp_path / "new.msq")
@@ -146,13 +148,13 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (Scalar("new", 1.0), "new.msq (new): is no parameter of the tune. Leave it out."),
-        (Block("gain", [1.0, 2.0]), "is a block 2, in the tune a scalar"),
-        (Curve("odd", [1, 2], [1, 2]), "is a curve 2, in the tune a block 2"),
-        (Scalar("gain", np.nan), "cannot hold values that are not finite"),
+        (Scalar("new", 1.0), "new.msq (new): is not a parameter of the tune. Leave it out."),
+        (Block("gain", [1.0, 2.0]), "is a block 2, but a scalar in the tune"),
+        (Curve("odd", [1, 2], [1, 2]), "is a curve 2, but a block 2 in the tune"),
+        (Scalar("gain", np.nan), "cannot store non-finite values"),
         (
             Map("veTable", SPEED.changed(breakpoints=[500, 500.1, 1000]), LOAD, np.zeros((3, 2))),
-            "when rounded to 0 digits",
+            "after rounding to 0 digits",
         ),
         (Map("veTable", [1, 2, 3], LOAD, np.zeros((3, 2))), "Change the group axis rpmBins"),
     ],
@@ -175,11 +177,11 @@ def test_values_from_elsewhere_are_merged_into_a_tune(tune, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("51.0 ", "", "tune.msq line 9 (veTable): has 5 values, its rows and columns ask for 2 x 3"),
-        ("51.0", "x", "line 9 (veTable): 'x' is no number"),
-        ("51.0", "5-1", "line 9 (veTable): '5-1' is no finite number"),
+        ("51.0 ", "", "tune.msq line 9 (veTable): has 5 values, but its rows and columns state 2 x 3"),
+        ("51.0", "x", "line 9 (veTable): must be a number, got 'x'"),
+        ("51.0", "5-1", "line 9 (veTable): must be a finite number, got '5-1'"),
         (' name="gain"', "", "a constant has no name"),
-        ("</msq>", "", "is no well-formed XML"),
+        ("</msq>", "", "is not well-formed XML"),
         ("<msq", '<!DOCTYPE m [<!ENTITY e SYSTEM "file:///etc/passwd">]><msq', "declares the entity e"),
     ],
 )
@@ -238,8 +240,9 @@ def test_another_unit_and_another_kind_than_in_the_tune_are_told(tune, tmp_path)
     other = ParameterSet([before["rpmhigh"].changed(unit="1/s")], [Text("mode", "Speed & \xe4")])
     said = [str(one) for one in write(before.merged(other), tmp_path / "new.msq")]
     assert said == [
-        "new.msq (mode): is of the kind text here, enumeration in the tune",
-        "new.msq: 1 label (rpmhigh) in another unit than in the tune, written as they are. See whether that is meant.",
+        "new.msq (mode): is of kind text, but enumeration in the tune",
+        "new.msq: written without conversion, since the tune has another unit: 1 label (rpmhigh). "
+        "Check that this is intended.",
     ]
 
 

@@ -75,10 +75,10 @@ def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, parameters):
     assert read(path) == parameters
 
 
-def labelled(thing, functions, display_name, variant):
+def labelled(item, functions, display_name, variant):
     """A parameter or text with all that says where it belongs."""
     labels = {"functions": tuple(functions), "display_name": display_name, "variant": variant}
-    return replace(thing, **labels) if isinstance(thing, Text) else thing.changed(**labels)
+    return replace(item, **labels) if isinstance(item, Text) else item.changed(**labels)
 
 
 @st.composite
@@ -88,12 +88,11 @@ def labelled_sets(draw):
     functions = draw(st.lists(st.sampled_from(["Idle", "Trq", "A b"]), unique=True, max_size=2))
     display_name = draw(st.sampled_from(["", "k", "k 1"]))
     first, second = draw(st.sampled_from([("", "Car=A"), ("Car=A,Gear=M", "Car=B,Gear=M"), ("A", "B=2")]))
-    things = [
-        [labelled(thing, functions, display_name, first) for thing in group]
-        for group in (plain.parameters, plain.texts)
+    items = [
+        [labelled(item, functions, display_name, first) for item in group] for group in (plain.parameters, plain.texts)
     ]
-    others = [labelled(thing, functions, display_name, second) for thing in (*plain.parameters[::2], *plain.texts[:1])]
-    return ParameterSet(*things, plain.axes, others)
+    others = [labelled(item, functions, display_name, second) for item in (*plain.parameters[::2], *plain.texts[:1])]
+    return ParameterSet(*items, plain.axes, others)
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])

@@ -56,9 +56,9 @@ def test_a_kind_stays_or_a_remark_says_that_it_does_not(tmp_path_factory, ending
 
 def test_a_boolean_of_other_words_is_an_enumeration_in_dcm(tmp_path):
     members = ParameterSet([], [Text("T", "ON", kind="boolean")])
-    [remark] = losses(members, tmp_path / "a.dcm")
-    assert str(remark) == (
-        "a.dcm (T): is of the kind boolean; 'ON' reads back as enumeration. "
+    [warning] = losses(members, tmp_path / "a.dcm")
+    assert str(warning) == (
+        "a.dcm (T): is of kind boolean, but 'ON' reads back as enumeration. "
         "Write it as .cdfx or .json to keep the kind."
     )
 

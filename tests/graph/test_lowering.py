@@ -4,7 +4,7 @@ import pytest
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import AxisRef, lower_lookups
-from kennfeld.graph.traversal import dependent, rewrite
+from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar
 
@@ -66,7 +66,7 @@ def test_shapes_are_those_of_the_tables_looked_up():
 def test_a_wrong_number_of_coordinates_is_an_error(count):
     b = GraphBuilder()
     y = b.lookup("M", *[b.input("x")] * count)
-    with pytest.raises(ArgumentError, match=f"gives M {count} coordinates, but it has 2 axes"):
+    with pytest.raises(ArgumentError, match=f"looks up M with {count} coordinates, but it has 2 axes"):
         lower_lookups(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
 
 
@@ -74,13 +74,13 @@ def test_a_table_used_with_two_numbers_of_coordinates_is_an_error():
     b = GraphBuilder()
     x = b.input("x")
     y = b.call("add", b.lookup("M", x), b.lookup("M", x, x))
-    with pytest.raises(ArgumentError, match="gives M 1 coordinates, but it has 2 axes"):
+    with pytest.raises(ArgumentError, match="looks up M with 1 coordinates, but it has 2 axes"):
         lower_lookups(b.finish({"y": y}), ParameterSet([Map("M", SPEED, SPEED, np.zeros((3, 3)))]))
 
 
 def test_a_parameter_that_is_missing_is_an_error():
     b = GraphBuilder()
-    with pytest.raises(ArgumentError, match="looks up K, which is no parameter of the set"):
+    with pytest.raises(ArgumentError, match="looks up K, which is not in the parameter set"):
         lower_lookups(b.finish({"y": b.lookup("K")}), ParameterSet())
 
 
@@ -151,8 +151,8 @@ def test_dependence_reaches_through_memory_only_if_asked():
         return node.op == "lookup" and node.payload == "Inner"
 
     late = next(i for i, n in enumerate(graph.nodes) if n.op == "lookup" and n.payload == "Late")
-    assert late in dependent(graph, source)
-    assert late not in dependent(graph, source, through_states=False)
+    assert late in dependents(graph, source)
+    assert late not in dependents(graph, source, through_states=False)
 
 
 def test_dependence_passes_from_state_to_state_and_from_first_values():
@@ -160,6 +160,6 @@ def test_dependence_passes_from_state_to_state_and_from_first_values():
     far = b.prev(b.prev(b.prev(b.input("x"), b.lookup("K")), b.const(0.0)), b.const(0.0))
     other = b.prev(b.input("x"), b.const(0.0))
     graph = b.finish({"far": far, "other": other})
-    live = dependent(graph, lambda node: node.op == "lookup")
+    live = dependents(graph, lambda node: node.op == "lookup")
     assert graph.names["far"] in live
     assert graph.names["other"] not in live

@@ -15,7 +15,7 @@ from kennfeld.parameters import Scalar
 def pulled(graph, outputs, free):
     """The linearization by a pull-back, however small the graph."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(derivative, "MOST_VISITS", -1)
+        patch.setattr(derivative, "MAX_VISITS", -1)
         patch.setattr(derivative, "SHARED", 0.0)
         return differentiate(graph, outputs, free)
 

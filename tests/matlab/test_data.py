@@ -13,8 +13,8 @@ from simulink_data import Thing, mxarray, pairs
 
 from kennfeld.errors import InputError
 from kennfeld.matlab.mat_nodes import MatFileError, MatStruct, MatUnreadable
-from kennfeld.matlab.mat_reader import load_variables, nodes_of, workspace_of
-from kennfeld.matlab.mat_v5 import elements_from
+from kennfeld.matlab.mat_reader import load_variables, load_workspace, read_nodes
+from kennfeld.matlab.mat_v5 import read_elements
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import to_calibration_parameter
 from kennfeld.matlab.values import MatlabCell, OpaqueValue, class_name, text
@@ -74,7 +74,7 @@ def test_a_script_loads_a_data_file():
     assert outcome.variables["L"].tolist() == [[307.5, 310, 312.5]]
 
 
-def test_a_damaged_data_file_is_told_where_it_is_loaded():
+def test_loading_a_damaged_data_file_is_reported():
     content = saved(PLAIN)
     outcome = run_script("K = 1;\nload a.mat\nL = 2;", "init.m", files={"a.mat": content[:200]}.get)
     assert "a.mat: the MATLAB file is damaged" in str(outcome.findings[0])
@@ -96,7 +96,7 @@ def objects():
 
 @pytest.mark.parametrize("version", [2, 3, 4])
 def test_objects_of_a_model_workspace_have_values_limits_and_units(version):
-    found = workspace_of(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version), "m.slx")
+    found = load_workspace(mxarray(objects(), {"Simulink.Parameter": {"Unit": "rad"}}, version), "m.slx")
     p, q, lookup = (to_calibration_parameter(found[name]) for name in "PQL")
     assert (p.value.tolist(), p.min, p.max) == ([[0, 1, 2], [3, 4, 5]], -1.0, 9.5)
     assert (q.value.tolist(), q.unit, q.description) == ([[4.0]], "rad", "a factor")
@@ -108,7 +108,7 @@ def test_objects_of_a_model_workspace_have_values_limits_and_units(version):
 
 
 def test_objects_are_used_like_their_values():
-    found = workspace_of(mxarray(objects()), "m.slx")
+    found = load_workspace(mxarray(objects()), "m.slx")
     outcome = run_script("a = P(2, 1)*Q + K; b = P.Max;", variables=found)
     assert outcome.findings != ()
     outcome = run_script("a = P.Value(2, 1)*Q + K; b = P.Max;", variables=found)
@@ -116,26 +116,26 @@ def test_objects_are_used_like_their_values():
 
 
 def test_workspaces_of_older_releases_are_lists_of_names_and_values():
-    found = workspace_of(pairs({"K": 2.5, "name": "turbo"}), "m.mdl")
+    found = load_workspace(pairs({"K": 2.5, "name": "turbo"}), "m.mdl")
     assert found["K"].tolist() == [[2.5]]
     assert text(found["name"]) == "turbo"
 
 
-def test_objects_without_their_properties_stay_closed():
+def test_objects_without_their_properties_stay_opaque():
     raw = mxarray({"K": 1.0, "P": Thing("Simulink.Parameter", {"Value": 1.0})})
-    found = workspace_of(raw[: 16 + int.from_bytes(raw[12:16], "little")], "m.slx")
+    found = load_workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")], "m.slx")
     assert found["K"].tolist() == [[1.0]]
     assert found["P"] == OpaqueValue("Simulink.Parameter")
     outcome = run_script("x = P*2;", variables=found)
-    assert "a Simulink.Parameter is no number" in str(outcome.findings[0])
+    assert "a Simulink.Parameter is not a number" in str(outcome.findings[0])
 
 
-def test_bytes_that_are_no_workspace_are_told():
-    with pytest.raises(InputError, match="the model workspace is damaged: it does not begin like a workspace"):
-        workspace_of(b"abc", "m.slx")
+def test_invalid_workspaces_are_rejected():
+    with pytest.raises(InputError, match="the model workspace is damaged: unknown header"):
+        load_workspace(b"abc", "m.slx")
 
 
-def test_a_garbled_workspace_gives_values_or_the_error_of_the_house():
+def test_a_corrupt_workspace_gives_values_or_an_input_error():
     raw = bytearray(mxarray(objects()))
     chance = random.Random(3)
     for _ in range(300):
@@ -143,7 +143,7 @@ def test_a_garbled_workspace_gives_values_or_the_error_of_the_house():
         for _ in range(chance.randint(1, 6)):
             broken[chance.randrange(len(broken))] = chance.randrange(256)
         try:
-            found = workspace_of(bytes(broken[: chance.randint(8, len(broken))]), "m.slx")
+            found = load_workspace(bytes(broken[: chance.randint(8, len(broken))]), "m.slx")
         except InputError:
             continue
         assert all(to_calibration_parameter(value) is None or value.fields for value in found.values())
@@ -151,10 +151,10 @@ def test_a_garbled_workspace_gives_values_or_the_error_of_the_house():
 
 def test_the_tree_tells_objects_from_structs():
     content = saved({"K": 1.0})
-    nodes = nodes_of(content + mxarray({"P": Thing("Simulink.Parameter", {"Value": 1.0})})[8:])
+    nodes = read_nodes(content + mxarray({"P": Thing("Simulink.Parameter", {"Value": 1.0})})[8:])
     assert "K" in nodes
     with pytest.raises(MatFileError):
-        nodes_of(content[:150])
+        read_nodes(content[:150])
     assert not isinstance(nodes["K"], MatStruct | MatUnreadable)
 
 
@@ -166,7 +166,7 @@ REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulink"
 def test_arrays_that_simulink_wrote_are_read(name):
     with zipfile.ZipFile(REAL / name) as archive:
         parts = [part for part in archive.namelist() if part.endswith(".mxarray")]
-        found = [elements_from(memoryview(archive.read(part)), 8, "<").further for part in parts]
+        found = [read_elements(memoryview(archive.read(part)), 8, "<").further for part in parts]
     assert len(found) == 19
     assert all(isinstance(arrays[0], MatStruct) and arrays[0].fields for arrays in found)
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld.matlab.errors import Budget, MatlabError
-from kennfeld.matlab.evaluator import evaluate, free_names
+from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.parser import parse_expression
+from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, class_name, text
 
 nan, inf = math.nan, math.inf
@@ -430,45 +431,45 @@ TEXTS = {
 }
 WRONG = {
     "Kp": "line 1 column 1: Kp is not defined",
-    "lenght(x)": "lenght is no function that is known here. Did you mean length?",
-    "tf(1, [1 1])": "tf is no function that is known here",
+    "lenght(x)": "unknown function lenght. Did you mean length?",
+    "tf(1, [1 1])": "unknown function tf",
     "1 + wrod": "line 1 column 5: wrod is not defined. Did you mean word?",
-    "x(4)": "the index is 4, of 3",
-    "x(0)": "0 is no index; indices are whole numbers from 1",
-    "x(1.5)": "1.5 is no index",
-    "A(3, 1)": "index 1 is 3, of 2",
-    "x + [1 2]": "the sizes 1 x 3 and 1 x 2 do not fit",
-    "x * x": "matrices of 1 x 3 and 1 x 3 do not fit *; write .* for their elements",
-    "[1 2; 3]": "arrays of size 1 x 2, 1 x 1 cannot stand below each other",
+    "x(4)": "the index is 4, but the size is 3",
+    "x(0)": "indices must be integers >= 1, got 0",
+    "x(1.5)": "indices must be integers >= 1, got 1.5",
+    "A(3, 1)": "index 1 is 3, but the size is 2",
+    "x + [1 2]": "the sizes 1 x 3 and 1 x 2 are not compatible",
+    "x * x": "matrices of size 1 x 3 and 1 x 3 are not compatible with *; use .* for their elements",
+    "[1 2; 3]": "arrays of size 1 x 2, 1 x 1 cannot be concatenated vertically",
     "sqrt(-1)": "sqrt: the root of a negative number is complex",
-    "(-8)^(1/3)": "a root of a negative number is complex",
-    "2i": "complex numbers are not known here",
+    "(-8)^(1/3)": "a fractional power of a negative number is complex",
+    "2i": "complex numbers are not supported",
     "int8(1) + uint8(1)": "cannot be combined",
-    "s.z": "there is no field z",
-    "s.b.aa": "there is no field aa",
+    "s.z": "unknown field z",
+    "s.b.aa": "unknown field aa",
     "x.a": "a double has no field a",
-    "x{1}": "a double has no cells",
-    "c{:} + 1": "this has 3 values where one is needed",
-    "zeros(1e9)": "asks for too much memory",
-    "zeros(1e5, 1e5)": "asks for too much memory",
-    "1:1e12": "asks for too much memory",
-    "0:1e-300:1": "asks for too much memory",
-    "repmat(1, 1e6, 1e6)": "asks for too much memory",
-    "linspace(0, 1, 1e12)": "asks for too much memory",
-    "1:Inf": "a range without end",
-    "ones(1, 2.5)": "a size has to be a whole number",
-    "size()": "size takes 1 to 2 arguments, not 0",
-    "sin(1, 2)": "sin takes 1 arguments, not 2",
-    "inv([1 1; 1 1])": "inv has no value for these arguments (double of 2 x 2)",
-    "[1 1; 1 1] \\ [1; 2]": "the matrix cannot be solved",
-    "interp1([1 1], [1 2], 1)": "the points have to be two or more different numbers",
-    "interp1([1 2 3], [1 2], 1)": "3 points and 2 values do not fit",
-    "reshape(1:6, 4, 2)": "6 elements do not fill 4 x 2",
+    "x{1}": "a double cannot be indexed with braces",
+    "c{:} + 1": "this expression has 3 values, expected one",
+    "zeros(1e9)": "requires too much memory",
+    "zeros(1e5, 1e5)": "requires too much memory",
+    "1:1e12": "requires too much memory",
+    "0:1e-300:1": "requires too much memory",
+    "repmat(1, 1e6, 1e6)": "requires too much memory",
+    "linspace(0, 1, 1e12)": "requires too much memory",
+    "1:Inf": "the range is infinite",
+    "ones(1, 2.5)": "a size must be an integer",
+    "size()": "size takes 1 to 2 arguments, got 0",
+    "sin(1, 2)": "sin takes 1 arguments, got 2",
+    "inv([1 1; 1 1])": "inv cannot be computed for these arguments (double of 2 x 2)",
+    "[1 1; 1 1] \\ [1; 2]": "the linear system cannot be solved",
+    "interp1([1 1], [1 2], 1)": "the points must be at least two distinct finite numbers",
+    "interp1([1 2 3], [1 2], 1)": "3 points, but 2 values",
+    "reshape(1:6, 4, 2)": "6 elements cannot be reshaped to 4 x 2",
     "NaN && 1": "NaN is neither true nor false",
-    "sprintf('%*d', 1, 2)": "the width of %*d is not known",
-    "feval(@(f) f(f), @(f) f(f))": "functions call each other too deep",
-    "fieldnames(5)": "a struct is needed, not a double",
-    "char(-1)": "a number is the code of no character",
+    "sprintf('%*d', 1, 2)": "the width of %*d is not supported",
+    "feval(@(f) f(f), @(f) f(f))": "function calls are nested too deeply",
+    "fieldnames(5)": "must be a struct, got a double",
+    "char(-1)": "a number is not a character code",
     "(end)": "a value is missing",
 }
 
@@ -489,7 +490,7 @@ def test_an_expression_is_this_text(expression, wanted):
 
 
 @pytest.mark.parametrize(("expression", "said"), WRONG.items())
-def test_what_has_no_value_is_told(expression, said):
+def test_expressions_without_a_value_are_reported(expression, said):
     with pytest.raises(MatlabError, match=re.escape(said)):
         evaluate(expression, VARIABLES)
 
@@ -511,7 +512,7 @@ def test_functions_of_the_caller_come_first():
 
 
 def test_the_names_of_an_expression_are_those_from_outside():
-    found = free_names(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
+    found = names_read(parse_expression("K*interp1(x.y, [1 2], u(end)) + arrayfun(@(a) a*b, c{:})"))
     assert found == {"K", "interp1", "x", "u", "arrayfun", "b", "c"}
 
 
@@ -525,7 +526,7 @@ def test_nothing_that_is_given_is_changed():
     assert given_array.tolist() == [[1.0, 2.0]]
 
 
-def test_a_budget_of_steps_ends_what_takes_long():
+def test_a_budget_of_steps_ends_long_evaluations():
     with pytest.raises(MatlabError, match="too many steps"):
         evaluate("arrayfun(@(a) a + 1, 1:1000)", budget=Budget(steps=500))
 

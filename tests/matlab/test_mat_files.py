@@ -15,8 +15,8 @@ from scipy.sparse import csc_array
 from simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
 from kennfeld.matlab.mat_nodes import MatFileError, MatNumbers, MatStruct, MatText, MatUnreadable
-from kennfeld.matlab.mat_reader import load_nodes, nodes_of
-from kennfeld.matlab.mcos import single, workspace
+from kennfeld.matlab.mat_reader import load_nodes, read_nodes
+from kennfeld.matlab.mcos import read_array, read_workspace
 
 SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
 
@@ -62,18 +62,18 @@ def save_sparse73(path, full, name="z"):
 
 @pytest.mark.parametrize("options", [{"format": "4"}, {}, {"do_compression": True}])
 def test_sparse_matrices_are_written_out(options):
-    found = nodes_of(saved({"z": csc_array(SPARSE_VALUES), "empty": csc_array((2, 3))}, **options))
+    found = read_nodes(saved({"z": csc_array(SPARSE_VALUES), "empty": csc_array((2, 3))}, **options))
     np.testing.assert_array_equal(found["z"].values, SPARSE_VALUES)
     np.testing.assert_array_equal(found["empty"].values, np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize("full", [SPARSE_VALUES, np.zeros((2, 3))])
 def test_sparse_matrices_of_the_newest_version_are_written_out(full, tmp_path):
-    np.testing.assert_array_equal(nodes_of(save_sparse73(tmp_path / "a.mat", full))["z"].values, full)
+    np.testing.assert_array_equal(read_nodes(save_sparse73(tmp_path / "a.mat", full))["z"].values, full)
 
 
 def test_sparse_logical_arrays_stay_logical():
-    found = nodes_of(five(sparse((2, 2), [1], [0, 1, 1], [1.0], LOGICAL)))["z"]
+    found = read_nodes(five(sparse((2, 2), [1], [0, 1, 1], [1.0], LOGICAL)))["z"]
     assert (found.kind, found.whole, found.values.tolist()) == ("logical", True, [[0, 0], [1, 0]])
 
 
@@ -91,15 +91,15 @@ def test_sparse_logical_arrays_stay_logical():
 )
 def test_sparse_matrices_that_do_not_fit_together_are_refused(parts, said):
     with pytest.raises(MatFileError, match=said):
-        nodes_of(five(sparse(*parts)))
+        read_nodes(five(sparse(*parts)))
 
 
 def test_sparse_matrices_take_no_more_memory_than_they_deserve():
     tracemalloc.start()
     try:
-        found = nodes_of(five(sparse((2_000_000_000, 1), [0], [0, 1], [1.0])))
+        found = read_nodes(five(sparse((2_000_000_000, 1), [0], [0, 1], [1.0])))
         triples = saved({"z": np.array([[1.0, 1.0, 1.0], [2e9, 2e9, 0.0]])}, format="4")
-        old = nodes_of(struct.pack("<i", 2) + triples[4:])
+        old = read_nodes(struct.pack("<i", 2) + triples[4:])
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
@@ -109,24 +109,24 @@ def test_sparse_matrices_take_no_more_memory_than_they_deserve():
 @pytest.mark.parametrize(
     ("triples", "said"),
     [
-        ([[3.0, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
-        ([[0.5, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
-        ([[np.nan, 1.0, 1.0], [2.0, 2.0, 0.0]], "make no sense"),
-        ([[1.0, 1.0, 1.0], [-2.0, 2.0, 0.0]], "make no sense"),
-        ([[1.0, 1.0]], "make no sense"),
+        ([[3.0, 1.0, 1.0], [2.0, 2.0, 0.0]], "are inconsistent"),
+        ([[0.5, 1.0, 1.0], [2.0, 2.0, 0.0]], "are inconsistent"),
+        ([[np.nan, 1.0, 1.0], [2.0, 2.0, 0.0]], "are inconsistent"),
+        ([[1.0, 1.0, 1.0], [-2.0, 2.0, 0.0]], "are inconsistent"),
+        ([[1.0, 1.0]], "are inconsistent"),
     ],
 )
 def test_sparse_matrices_of_version_4_that_do_not_fit_are_refused(triples, said):
     with pytest.raises(MatFileError, match=said):
-        nodes_of(struct.pack("<i", 2) + saved({"z": np.array(triples)}, format="4")[4:])
+        read_nodes(struct.pack("<i", 2) + saved({"z": np.array(triples)}, format="4")[4:])
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
-def test_complex_numbers_are_told(version):
-    found = nodes_of(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
+def test_complex_numbers_are_reported(version):
+    found = read_nodes(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
     assert found["z"] == MatUnreadable("complex numbers")
     assert found["K"].values.tolist() == [[1.0]]
-    assert nodes_of(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
+    assert read_nodes(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
         "complex numbers"
     )
 
@@ -134,7 +134,7 @@ def test_complex_numbers_are_told(version):
 @pytest.mark.parametrize("kind", [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)])
 def test_integers_of_all_kinds_keep_their_kind(kind):
     extremes = np.array([[np.iinfo(kind).min, 5, np.iinfo(kind).max]], dtype=kind)
-    found = nodes_of(saved({"k": extremes}))["k"]
+    found = read_nodes(saved({"k": extremes}))["k"]
     assert (found.kind, found.whole, found.values.tolist()) == (kind, True, extremes.tolist())
 
 
@@ -147,12 +147,12 @@ def test_files_of_the_other_byte_order_are_read():
     written = part(14, head + part(9, struct.pack(">dd", 2.5, -4))) + part(
         14, word + part(17, "aé".encode("utf-16-be"))
     )
-    found = nodes_of(five(written, order=">"))
+    found = read_nodes(five(written, order=">"))
     assert (found["K"].values.tolist(), found["w"]) == ([[2.5, -4]], MatText("aé"))
 
 
 def test_a_header_may_say_anything_before_the_mark_of_its_byte_order():
-    assert nodes_of(b"written by a test".ljust(124) + five()[124:] + numbers([[2.5]], name="K"))["K"].values == 2.5
+    assert read_nodes(b"written by a test".ljust(124) + five()[124:] + numbers([[2.5]], name="K"))["K"].values == 2.5
 
 
 @pytest.mark.parametrize("version", ["4", "5", "7.3"])
@@ -163,14 +163,14 @@ def test_rows_of_characters_stay_rows(version, tmp_path):
             del file["name"]
             file["name"] = np.array([[ord(letter) for letter in row] for row in ("ab", "cd", "e ")], np.uint16).T
             file["name"].attrs["MATLAB_class"] = np.bytes_("char")
-        found = nodes_of((tmp_path / "a.mat").read_bytes())["name"]
+        found = read_nodes((tmp_path / "a.mat").read_bytes())["name"]
     else:
-        found = nodes_of(saved({"name": np.array(["ab", "cd", "e "])}, format=version))["name"]
+        found = read_nodes(saved({"name": np.array(["ab", "cd", "e "])}, format=version))["name"]
     assert (found.rows, found.text) == (("ab", "cd", "e"), "ab\ncd\ne")
 
 
 def test_a_line_end_within_a_text_makes_no_rows():
-    assert nodes_of(five(text("one\ntwo", "note")))["note"] == MatText("one\ntwo")
+    assert read_nodes(five(text("one\ntwo", "note")))["note"] == MatText("one\ntwo")
 
 
 def broken(name):
@@ -185,7 +185,7 @@ def test_a_damaged_variable_does_not_take_the_others_with_it():
     assert [loaded.variables[name].values.item() for name in "AC"] == [1.0, 3.0]
     assert (loaded.damage, loaded.lost) == ("an array claims 3 x 3 values in 8 bytes", "")
     with pytest.raises(MatFileError, match="claims 3 x 3 values"):
-        nodes_of(content)
+        read_nodes(content)
 
 
 def test_damage_within_a_struct_stays_within_its_field():
@@ -196,12 +196,12 @@ def test_damage_within_a_struct_stays_within_its_field():
     assert loaded.damage
 
 
-def test_a_garbled_packed_variable_does_not_take_the_others_with_it():
+def test_a_corrupt_compressed_variable_does_not_affect_the_others():
     garbled = bytearray(packed(numbers(np.arange(50.0), name="B")))
     garbled[40] ^= 255
     loaded = load_nodes(five(packed(numbers([[1.0]], name="A")), bytes(garbled), packed(numbers([[3.0]], name="C"))))
     assert set(loaded.variables) == {"A", "C"}
-    assert "packed element at byte" in loaded.lost
+    assert "compressed element at byte" in loaded.lost
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
@@ -221,24 +221,24 @@ def test_a_damaged_variable_of_the_newest_version_does_not_take_the_others_with_
     loaded = load_nodes(content)
     assert (loaded.variables["K"].values.item(), loaded.lost) == (1.0, "")
     assert "rows of a sparse matrix" in loaded.variables["z"].why
-    assert "cut off" in load_nodes(content[: len(content) // 2]).lost
+    assert "truncated" in load_nodes(content[: len(content) // 2]).lost
 
 
 @pytest.mark.parametrize("content", [b"", b"no data file at all, but a text", b"\0" * 19 + b"\1", b"short"])
-def test_what_is_no_data_file_is_told(content):
+def test_invalid_data_files_are_rejected(content):
     with pytest.raises(MatFileError):
-        nodes_of(content)
+        read_nodes(content)
 
 
 @pytest.mark.parametrize("shape", [(1,), (), (1,) * 40])
 def test_sizes_that_no_array_has_are_refused(shape):
     with pytest.raises(MatFileError, match="dimensions"):
-        nodes_of(five(array(DOUBLE, shape, element(9, bytes(8)), name="K")))
+        read_nodes(five(array(DOUBLE, shape, element(9, bytes(8)), name="K")))
     with pytest.raises(MatFileError, match="claims 0 x 2147483647"):
-        nodes_of(five(array(DOUBLE, (0, 2**31 - 1, 2**31 - 1), element(9, b""), name="K")))
+        read_nodes(five(array(DOUBLE, (0, 2**31 - 1, 2**31 - 1), element(9, b""), name="K")))
 
 
-def test_a_bomb_of_packed_zeros_is_refused_and_what_stands_before_it_is_read():
+def test_a_bomb_of_compressed_zeros_is_rejected_and_variables_before_it_are_read():
     bomb = packed(numbers(np.zeros(3_000_000), name="B"))
     tracemalloc.start()
     try:
@@ -253,19 +253,19 @@ def test_a_bomb_of_packed_zeros_is_refused_and_what_stands_before_it_is_read():
 def test_a_packed_array_may_lack_the_end_of_its_stream():
     packer = zlib.compressobj()
     stream = packer.compress(numbers(np.arange(50.0), name="K")) + packer.flush(zlib.Z_SYNC_FLUSH)
-    found = nodes_of(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
+    found = read_nodes(five(struct.pack("<II", COMPRESSED, len(stream)) + stream))
     np.testing.assert_array_equal(found["K"].values, [np.arange(50.0)])
-    with pytest.raises(MatFileError, match=r"garbled|cut off"):
-        nodes_of(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
+    with pytest.raises(MatFileError, match=r"corrupt|truncated"):
+        read_nodes(five(struct.pack("<II", COMPRESSED, 40) + stream[:40]))
 
 
-def test_more_arrays_are_read_where_that_is_asked_for():
+def test_more_arrays_are_read_if_requested():
     content = five(array(CELL, (120_000, 1), *[element(14, b"")] * 120_000, name="c"))
     assert "claims 120000 x 1 values" in load_nodes(content).variables["c"].why
-    assert len(load_nodes(content, most_nodes=200_000).variables["c"].cells) == 120_000
+    assert len(load_nodes(content, max_nodes=200_000).variables["c"].cells) == 120_000
 
 
-def test_packed_arrays_share_what_may_be_unpacked():
+def test_compressed_arrays_share_the_size_limit():
     one = packed(numbers(np.zeros(100_000), name="A"))
     loaded = load_nodes(five(one, packed(numbers(np.zeros(100_000), name="B"))), 1_000_000)
     assert set(loaded.variables) == {"A"}
@@ -284,19 +284,19 @@ def test_arrays_of_nothing_are_counted(kind):
 
 
 def test_an_array_without_a_header_is_read():
-    node = single(b"\0\1IM\0\0\0\0" + numbers(np.arange(6.0).reshape(2, 3)))
+    node = read_array(b"\0\1IM\0\0\0\0" + numbers(np.arange(6.0).reshape(2, 3)))
     np.testing.assert_array_equal(node.values, np.arange(6.0).reshape(2, 3))
-    assert single(b"\0\1IM\0\0\0\0" + packed(text("x"))) == MatText("x")
+    assert read_array(b"\0\1IM\0\0\0\0" + packed(text("x"))) == MatText("x")
 
 
 @pytest.mark.parametrize("content", [b"", b"\0\1IM\0\0\0\0", b"\0\1IM\0\0\0\0" + numbers([[1.0]])[:-4], b"a" * 90])
-def test_bytes_without_an_array_are_told(content):
+def test_bytes_without_an_array_are_rejected(content):
     with pytest.raises(MatFileError):
-        single(content)
+        read_array(content)
 
 
 def test_a_damaged_variable_of_a_workspace_does_not_take_the_others_with_it():
-    loaded = workspace(b"\0\1IM\0\0\0\0" + struct_of({"A": numbers([[1.0]]), "B": broken("")}))
+    loaded = read_workspace(b"\0\1IM\0\0\0\0" + struct_of({"A": numbers([[1.0]]), "B": broken("")}))
     assert loaded.variables["A"].values.item() == 1.0
     assert isinstance(loaded.variables["B"], MatUnreadable)
     assert loaded.damage
@@ -304,7 +304,7 @@ def test_a_damaged_variable_of_a_workspace_does_not_take_the_others_with_it():
 
 
 @pytest.mark.parametrize("version", ["4", "5", "7"])
-def test_garbled_files_are_read_as_far_as_they_go(version):
+def test_corrupt_files_are_read_as_far_as_possible(version):
     given = {
         "A": np.arange(9.0),
         "S": {"a": 1, "b": "x"},

@@ -13,8 +13,8 @@ from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray
 
 from kennfeld.matlab.mat_nodes import MatCells, MatFileError, MatStruct, MatStructArray, MatText, MatUnreadable, Node
 from kennfeld.matlab.mat_reader import load_nodes
-from kennfeld.matlab.mat_v5 import elements_from
-from kennfeld.matlab.mcos import workspace
+from kennfeld.matlab.mat_v5 import read_elements
+from kennfeld.matlab.mcos import read_workspace
 
 TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"
@@ -38,7 +38,7 @@ def read(request):
     """Reads variables out of a model workspace, or out of a data file."""
 
     def of(variables):
-        return workspace(mxarray(variables)) if request.param == "workspace" else load_nodes(matfile(variables))
+        return read_workspace(mxarray(variables)) if request.param == "workspace" else load_nodes(matfile(variables))
 
     return of
 
@@ -71,23 +71,23 @@ def test_an_object_that_is_not_there_takes_no_other_with_it(read):
     raw = bytearray(mxarray(whole))
     at = raw.index(TAG)
     raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
-    found = workspace(bytes(raw)).variables
-    assert found["P"] == MatUnreadable(SIMULINK, why="it holds no object 99")
+    found = read_workspace(bytes(raw)).variables
+    assert found["P"] == MatUnreadable(SIMULINK, why="object 99 not found")
     assert found["Q"].fields["Value"].values.item() == 2.0
     assert read(whole).variables["P"].fields["Value"].values.item() == 1.0
 
 
 def test_a_table_of_an_unknown_version_leaves_the_plain_variables():
     raw = mxarray({"K": 1.0, "P": parameter(2.0)}, version=9)
-    found = workspace(raw).variables
+    found = read_workspace(raw).variables
     assert found["K"].values.item() == 1.0
-    assert (found["P"].kind, found["P"].why) == (SIMULINK, "the table of its objects is of an unknown version")
+    assert (found["P"].kind, found["P"].why) == (SIMULINK, "the object table has an unknown version")
 
 
 def test_an_object_without_its_properties_says_so():
     raw = mxarray({"P": parameter(1.0)})
-    found = workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")]).variables["P"]
-    assert (found.kind, found.why) == (SIMULINK, "the file does not hold its properties")
+    found = read_workspace(raw[: 16 + int.from_bytes(raw[12:16], "little")]).variables["P"]
+    assert (found.kind, found.why) == (SIMULINK, "the file does not contain its properties")
 
 
 def test_an_enumeration_says_that_it_is_none_of_the_known_objects():
@@ -105,7 +105,7 @@ def test_objects_that_hold_each_other_end():
     raw = bytearray(mxarray({"P": Thing("A.B", {"Value": Thing("A.B", {"Value": 1.0})})}))
     at = raw.rindex(TAG)
     raw[at + 16 : at + 20] = (2).to_bytes(4, "little")  # the inner object, from now on the outer one itself
-    node, depth = workspace(bytes(raw)).variables["P"], 0
+    node, depth = read_workspace(bytes(raw)).variables["P"], 0
     while isinstance(node, MatStruct):
         node, depth = node.fields["Value"], depth + 1
     assert depth < 100
@@ -118,16 +118,16 @@ def test_objects_that_know_each_other_in_many_ways_are_opened_once_each():
     outer, at = int.from_bytes(raw[raw.index(TAG) + 16 : raw.index(TAG) + 20], "little"), raw.index(TAG)
     while (at := raw.find(TAG, at + 1)) >= 0:
         raw[at + 16 : at + 20] = outer.to_bytes(4, "little")
-    fields = workspace(bytes(raw)).variables["P"].fields
+    fields = read_workspace(bytes(raw)).variables["P"].fields
     assert fields["K"].values.item() == 1.0
-    assert all("hold each other" in fields[name].why for name in "abcd")
+    assert all("nested too deeply" in fields[name].why for name in "abcd")
 
 
 def test_structs_may_be_as_deep_as_a_file_can_hold():
     inner = {"K": 1.0}
     for _ in range(40):
         inner = {"s": inner}
-    node = workspace(mxarray({"S": inner, "P": parameter(1.0)})).variables["S"]
+    node = read_workspace(mxarray({"S": inner, "P": parameter(1.0)})).variables["S"]
     while "s" in node.fields:
         node = node.fields["s"]
     assert node.fields["K"].values.item() == 1.0
@@ -139,7 +139,7 @@ def test_an_array_of_more_objects_than_the_file_holds_is_refused():
     many = np.array([[0xDD000000, 2, 2**31, 2**31 - 1, 1, 1]]).T
     raw = b"\0\1IM\0\0\0\0" + struct_of({"P": numbers(many, 13, "<u4", 6)})
     raw += numbers(np.frombuffer(store.written(), np.uint8)[:, None], UINT8, "u1", 2)
-    assert "make no sense" in workspace(raw).variables["P"].why
+    assert "are inconsistent" in read_workspace(raw).variables["P"].why
 
 
 def test_a_bomb_within_the_properties_is_refused():
@@ -148,7 +148,7 @@ def test_a_bomb_within_the_properties_is_refused():
     raw = mxarray({"K": 1.0}) + numbers(np.frombuffer(subsystem, np.uint8)[:, None], UINT8, "u1", 2)
     tracemalloc.start()
     try:
-        found = workspace(raw, 10_000_000).variables
+        found = read_workspace(raw, 10_000_000).variables
         assert tracemalloc.get_traced_memory()[1] < 5_000_000
     finally:
         tracemalloc.stop()
@@ -156,25 +156,27 @@ def test_a_bomb_within_the_properties_is_refused():
 
 
 def test_thousands_of_objects_are_read():
-    found = workspace(mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(3000)}))
+    found = read_workspace(
+        mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(3000)})
+    )
     assert [node.fields["Value"].values.item() for node in found.variables.values()] == list(range(3000))
     assert not found.damage
 
 
-def test_an_array_of_numbers_is_no_workspace():
-    with pytest.raises(MatFileError, match="it holds no variables"):
-        workspace(b"\0\1IM\0\0\0\0" + numbers([[1.0, 2.0]]))
+def test_an_array_of_numbers_is_not_a_workspace():
+    with pytest.raises(MatFileError, match="no variables found"):
+        read_workspace(b"\0\1IM\0\0\0\0" + numbers([[1.0, 2.0]]))
 
 
 def test_an_empty_workspace_holds_nothing():
-    assert workspace(b"\0\1IM\0\0\0\0").variables == {}
-    assert workspace(b"\0\1IM\0\0\0\0" + numbers(np.zeros((0, 0)))).variables == {}
-    assert workspace(mxarray({})).variables == {}
+    assert read_workspace(b"\0\1IM\0\0\0\0").variables == {}
+    assert read_workspace(b"\0\1IM\0\0\0\0" + numbers(np.zeros((0, 0)))).variables == {}
+    assert read_workspace(mxarray({})).variables == {}
 
 
 def test_a_workspace_whose_only_array_is_damaged_says_so():
     raw = mxarray({"K": 1.0})
-    found = workspace(raw[:12] + b"\xff\xff" + raw[14:])
+    found = read_workspace(raw[:12] + b"\xff\xff" + raw[14:])
     assert found.variables == {}
     assert found.lost
 
@@ -184,7 +186,7 @@ def save_objects73(path, things):
     store = Store()
     numbered = {name: store.reference([thing]) for name, thing in things.items()}
     subsystem = np.frombuffer(store.written(), np.uint8)
-    wrapper = elements_from(memoryview(subsystem.tobytes()), 8, "<").further[0].fields["MCOS"].reference
+    wrapper = read_elements(memoryview(subsystem.tobytes()), 8, "<").further[0].fields["MCOS"].reference
     given = [value for thing in things.values() for value in thing.properties.values()]
     cells = (wrapper.cells[0].values, np.zeros((1, 1)), *given, *[np.zeros((1, 1))] * 3)
     save73(path, {"K": 2.5, "cells": cells})
@@ -213,7 +215,7 @@ def test_objects_of_the_newest_version_without_properties_leave_the_plain_variab
     with h5py.File(tmp_path / "a.mat", "r+") as file:
         del file["#subsystem#"]
     found = load_nodes((tmp_path / "a.mat").read_bytes()).whole().variables
-    assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not hold its properties")
+    assert (found["K"].values.item(), found["P"].why) == (2.5, "the file does not contain its properties")
 
 
 @pytest.mark.parametrize(
@@ -236,7 +238,7 @@ def nodes(node: Node):
         yield from nodes(one)
 
 
-def test_garbled_workspaces_are_read_as_far_as_they_go():
+def test_corrupt_workspaces_are_read_as_far_as_possible():
     plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
     whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0
     for _ in range(500):
@@ -246,7 +248,7 @@ def test_garbled_workspaces_are_read_as_far_as_they_go():
         if chance.random() < 0.2:
             del raw[chance.randrange(8, len(raw)) :]
         try:
-            found = workspace(bytes(raw), 10_000_000).variables
+            found = read_workspace(bytes(raw), 10_000_000).variables
         except MatFileError:
             continue
         read += any(not isinstance(one, MatUnreadable) for node in found.values() for one in nodes(node))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.parser import parse_expression, parse_leniently, parse_script
-from kennfeld.matlab.printer import format_expression, printed_script
+from kennfeld.matlab.printer import format_expression, format_script
 
 a, b, x = m.Name("a"), m.Name("b"), m.Name("x")
 one, two, three = m.Number(1.0), m.Number(2.0), m.Number(3.0)
@@ -104,22 +104,22 @@ def test_an_expression_becomes_this_tree(text, tree):
     {
         "": "line 1 column 1: a value is missing before the end",
         "a +": "line 1 column 4: a value is missing",
-        "a b": "line 1 column 3: 'b' does not belong",
+        "a b": "line 1 column 3: unexpected 'b'",
         "(a": "line 1 column 1: ( is never closed",
-        "a)": "line 1 column 2: ) closes no bracket",
-        "[a)": "line 1 column 3: ) closes no bracket",
+        "a)": "line 1 column 2: unmatched )",
+        "[a)": "line 1 column 3: unmatched )",
         "f(1,)": "line 1 column 5: an argument is missing",
         "[1,,2]": "line 1 column 4: an element is missing",
         "a..b": "line 1 column 3: a field name is missing",
         "end": "line 1 column 1: a value is missing",
         "a(@() end)": "line 1 column 7: a value is missing",
-        "'a": "line 1 column 1: ' opens a text that is not closed",
-        '"a': 'line 1 column 1: " opens a text that is not closed',
-        "a $ b": "line 1 column 3: '$' is no part of MATLAB",
-        "1x": "line 1 column 1: '1x' is no number",
+        "'a": "line 1 column 1: unterminated text",
+        '"a': "line 1 column 1: unterminated text",
+        "a $ b": "line 1 column 3: unexpected character '$'",
+        "1x": "line 1 column 1: invalid number '1x'",
         "1.2.3": "line 1 column 4",
         "0x1FFu8": "line 1 column 1: 0x1FFu8 has more than 8 bits",
-        "a = 1": "line 1 column 3: '=' does not belong",
+        "a = 1": "line 1 column 3: unexpected '='",
         "[1\n2": "line 1 column 1: [ is never closed",
         "+".join(["1"] * 5000): "more than 150 operators",
         "(" * 5000 + "1" + ")" * 5000: "brackets are nested more than 30 deep",
@@ -130,7 +130,7 @@ def test_an_expression_becomes_this_tree(text, tree):
         "(" * 29 + "1" + "+1" * 140 + (")" + "+1" * 140) * 29: "more than 150 operators",
     }.items(),
 )
-def test_what_is_no_expression_is_told_with_its_place(text, said):
+def test_invalid_expressions_are_reported_with_line_and_column(text, said):
     with pytest.raises(MatlabError, match=re.escape(said)):
         parse_expression(text)
 
@@ -183,7 +183,7 @@ def test_a_blank_makes_no_command_of_an_expression():
 
 
 @pytest.mark.parametrize("text", ["a == b", "a = b", "a' * b'", "a - b", "a ...\n = 1", "a ( 1 ) = 2"])
-def test_what_looks_like_a_command_is_none(text):
+def test_statements_that_resemble_commands_are_expressions(text):
     assert not isinstance(statement(text), m.Command)
 
 
@@ -201,7 +201,7 @@ def test_functions_of_a_file_need_no_end():
     assert [len(function.body) for function in script.functions] == [1, 1]
 
 
-def test_comments_in_blocks_are_passed_over_and_lines_stay():
+def test_block_comments_are_skipped_and_keep_line_numbers():
     script = parse_script("%{\na = (\n%{\n%}\n%}\nb = 2;")
     assert [assigned.place for assigned in script.statements] == [m.SourcePosition(6, 1)]
 
@@ -215,7 +215,7 @@ def test_the_comment_behind_a_value_is_kept():
     assert [assigned.comment for assigned in script.statements] == ["[Nm] torque", "", "both", ""]
 
 
-def test_every_wrong_statement_is_told():
+def test_every_invalid_statement_is_reported():
     with pytest.raises(MatlabError) as error:
         parse_script("x = ;\ny = (1\nif a\n z=)\nend\n1 = a;\nspmd\nw = 3;", "init.m")
     assert [finding.place for finding in error.value.findings] == [
@@ -228,10 +228,10 @@ def test_every_wrong_statement_is_told():
     assert len(parse_leniently("x = ;\na = 1;")[0].statements) == 1
 
 
-def test_blocks_that_are_never_closed_are_told():
+def test_blocks_that_are_never_closed_are_reported():
     with pytest.raises(MatlabError, match="line 1 column 1: if is never closed"):
         parse_script("if a\n x = 1;")
-    with pytest.raises(MatlabError, match="end opens no block"):
+    with pytest.raises(MatlabError, match="end without an open block"):
         parse_script("x = 1;\nend")
     with pytest.raises(MatlabError, match="nested more than 25 deep"):
         parse_script("if a\n" * 5000)
@@ -246,19 +246,19 @@ def test_blocks_that_are_never_closed_are_told():
         ("function f\nfunction g\nfunction h\nend\nend\nend\n", [("line 3 column 1", "g"), ("line 2 column 1", "f")]),
     ],
 )  # fmt: skip
-def test_functions_within_functions_are_told_as_what_they_are(text, told):
+def test_nested_functions_are_reported_as_such(text, told):
     with pytest.raises(MatlabError) as error:
         parse_script(text)
     findings = error.value.findings
-    assert [(one.place, one.message.split(" stands within ")[1]) for one in findings] == [
+    assert [(one.place, one.message.split(" is defined within ")[1]) for one in findings] == [
         (place, f"the function {outer}; nested functions are not supported") for place, outer in told
     ]
     assert all(one.remedy.startswith("Move it behind the end of ") for one in findings)
 
 
-def test_functions_without_end_and_an_end_too_many_are_told_apart():
+def test_functions_without_end_are_distinguished_from_an_extra_end():
     assert len(parse_script("function f\nx = 1;\nfunction g\nx = 2;\n").functions) == 2
-    with pytest.raises(MatlabError, match="end opens no block"):
+    with pytest.raises(MatlabError, match="end without an open block"):
         parse_script("function f\nx = 1;\nend\nend\n")
 
 
@@ -272,7 +272,7 @@ PIECES += ["-", "+", "*", ".*", "^", "&&", "@", "%", "...", "end", "if ", "for "
 
 @given(st.lists(st.sampled_from(PIECES), max_size=40).map("".join) | st.text(max_size=40))
 def test_any_text_gives_a_tree_or_the_error_of_the_room(text):
-    for read, write in ((parse_expression, format_expression), (parse_script, printed_script)):
+    for read, write in ((parse_expression, format_expression), (parse_script, format_script)):
         try:
             tree = read(text)
         except MatlabError:

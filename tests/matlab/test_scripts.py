@@ -18,7 +18,7 @@ def values(script, **more):
     return outcome.variables
 
 
-def told(script, **more):
+def findings(script, **more):
     return [str(finding) for finding in run_script(script, "init.m", **more).findings]
 
 
@@ -129,30 +129,30 @@ def test_parameter_objects_say_values_limits_and_units():
     assert to_calibration_parameter(outcome.variables["K"]) is None
 
 
-def test_variables_given_are_there_and_stay_as_they_are():
+def test_initial_variables_are_available_and_unchanged():
     before = np.array([1.0, 2.0])
     assert values("b = a*2; a(1) = 5;", variables={"a": before})["b"].tolist() == [[2.0, 4.0]]
     assert before.tolist() == [1.0, 2.0]
 
 
-def test_what_is_no_parameter_is_told_once_and_passed_over():
+def test_skipped_calls_are_reported_once():
     script = "figure; plot(1:3)\nhold on\nplot(2)\ndisp('ready')\nset_param('m', 'a', 'b');\nK = 1;"
-    assert told(script) == [
-        "init.m line 1: figure is passed over",
-        "init.m line 1: plot is passed over",
-        "init.m line 4: disp is passed over",
-        "init.m line 5: set_param is passed over",
+    assert findings(script) == [
+        "init.m line 1: figure skipped",
+        "init.m line 1: plot skipped",
+        "init.m line 4: disp skipped",
+        "init.m line 5: set_param skipped",
     ]
 
 
-def test_what_depends_on_what_is_not_known_is_undefined():
+def test_variables_that_depend_on_unknown_functions_are_undefined():
     outcome = run_script("a = 1;\na = readtable('x');\nb = a + 1;\nif b > 1\n c = 1;\nend\nd = 2;", "init.m")
     assert list(outcome.variables) == ["d"]
     assert set(outcome.undefined) == {"a", "b", "c"}
     assert [str(finding) for finding in outcome.findings] == [
-        "init.m line 2 column 5: readtable is no function that is known here; a stays undefined. Did you mean real?",
-        "init.m line 3 column 5: a is undefined: init.m line 2 gives it no value; b stays undefined",
-        "init.m line 4 column 4: b is undefined: init.m line 3 gives it no value; c stays undefined",
+        "init.m line 2 column 5: unknown function readtable; a remains undefined. Did you mean real?",
+        "init.m line 3 column 5: a is undefined: assignment failed in init.m line 2; b remains undefined",
+        "init.m line 4 column 4: b is undefined: assignment failed in init.m line 3; c remains undefined",
     ]
 
 
@@ -164,7 +164,7 @@ def test_a_part_of_an_undefined_variable_cannot_be_assigned():
     assert set(run_script("a = tf(1); a(2) = 1;").undefined) == {"a"}
 
 
-def test_statements_that_are_no_matlab_are_told_and_the_others_count():
+def test_invalid_statements_are_reported_and_the_others_run():
     outcome = run_script("a = 1;\nb = (;\nc = 3;", "init.m")
     assert [str(finding) for finding in outcome.findings] == [
         "init.m line 2 column 6: a value is missing before ';'",
@@ -172,9 +172,11 @@ def test_statements_that_are_no_matlab_are_told_and_the_others_count():
     assert set(outcome.variables) == {"a", "c"}
 
 
-def test_a_script_that_ends_itself_says_so():
+def test_a_script_that_stops_with_an_error_is_reported():
     outcome = run_script("a = 1;\nif a == 1, error('Wrong engine'), end\nb = 2;", "init.m")
-    assert [str(finding) for finding in outcome.findings] == ["init.m line 2: the script stops: Wrong engine"]
+    assert [str(finding) for finding in outcome.findings] == [
+        "init.m line 2: the script stops with an error: Wrong engine"
+    ]
     assert set(outcome.variables) == {"a"}
 
 
@@ -188,7 +190,7 @@ FILES = {
 }
 
 
-def test_files_beside_are_run_called_and_loaded():
+def test_other_files_are_run_called_and_loaded():
     found = values(
         "axes\nload('data.mat')\nrun('axes.m');\nS = load('data');\na = square(3) + K + S.L.a;\nload data.mat L\n",
         files=FILES.get,
@@ -197,19 +199,19 @@ def test_files_beside_are_run_called_and_loaded():
     assert found["a"].tolist() == [[14.0]]
 
 
-def test_files_that_are_not_there_are_told():
-    found = told("load('nothing.mat')\nrun other\nother2\nS = load('data.mat', 'Z');", files=FILES.get)
+def test_files_that_are_not_there_are_findings():
+    found = findings("load('nothing.mat')\nrun other\nother2\nS = load('data.mat', 'Z');", files=FILES.get)
     assert found == [
-        "init.m line 1 column 1: nothing.mat is not there",
-        "init.m line 2 column 1: other.m is not there",
+        "init.m line 1 column 1: file nothing.mat not found",
+        "init.m line 2 column 1: file other.m not found",
         "init.m line 3 column 1: other2 is not defined. Did you mean interp2?",
-        "init.m line 4 column 5: data.mat holds no Z; S stays undefined",
+        "init.m line 4 column 5: data.mat does not contain the variable Z; S remains undefined",
     ]
 
 
 def test_scripts_that_call_each_other_come_to_an_end():
-    assert "calls itself" in told("loop", files=FILES.get)[0]
-    assert "calls itself" in told("one", files=FILES.get)[0]
+    assert "calls itself" in findings("loop", files=FILES.get)[0]
+    assert "calls itself" in findings("one", files=FILES.get)[0]
 
 
 def test_a_file_of_one_function_without_parameters_is_its_body():
@@ -232,22 +234,22 @@ def test_texts_and_cells_grow():
 @pytest.mark.parametrize(
     ("script", "said"),
     {
-        "a = zeros(2); a(:, 3) = [1 2 3];": "values of size 1 x 3 do not fit in a part of size 2 x 1",
-        "a = 1:3; a(1:2) = [1 2 3];": "3 values do not fit in 2 places",
+        "a = zeros(2); a(:, 3) = [1 2 3];": "values of size 1 x 3 cannot be assigned to a part of size 2 x 1",
+        "a = 1:3; a(1:2) = [1 2 3];": "3 values cannot be assigned to 2 elements",
         "a = eye(2); a(7) = 1;": "a matrix cannot grow by a single index",
         "a = eye(3); a(1, 2) = [];": "only whole rows or columns can be removed",
         "a = 5; a.b = 1;": "a double has no field b",
         "a = {1}; a.b = 1;": "a cell has no field b",
-        "a = 5; a{2} = 1;": "a double has no cells",
-        "s(2).a = 1; s.a = 5;": "2 structs stand where one is needed",
-        "[a, b] = 5;": "this has no value for each target",
-        "a = f();\nfunction f()\nend": "this has no value for each target",
-        "a = f();\nfunction y = f()\nend": "f gives y no value: nothing is assigned to it",
-        "a = f(1, 2);\nfunction y = f(x)\ny = x;\nend": "f takes 1 arguments, not 2",
+        "a = 5; a{2} = 1;": "a double cannot be indexed with braces",
+        "s(2).a = 1; s.a = 5;": "expected one struct, got 2",
+        "[a, b] = 5;": "fewer values than targets",
+        "a = f();\nfunction f()\nend": "fewer values than targets",
+        "a = f();\nfunction y = f()\nend": "f does not assign its output y: no assignment was reached",
+        "a = f(1, 2);\nfunction y = f(x)\ny = x;\nend": "f takes 1 arguments, got 2",
     }.items(),
 )
-def test_an_assignment_that_does_not_fit_is_told(script, said):
-    assert said in told(script)[-1]
+def test_an_assignment_that_does_not_fit_is_findings(script, said):
+    assert said in findings(script)[-1]
 
 
 HOSTILE = [

@@ -188,7 +188,7 @@ def test_a_disk_that_is_full_is_no_cache(kept):
 def test_findings_of_the_reader_come_through(kept):
     kept.write(TEXT.replace("1100", "x"))
     for _ in range(2):
-        with pytest.raises(InputError, match=r"bench.csv line 3, column Speed: 'x' is no number"):
+        with pytest.raises(InputError, match=r"bench.csv line 3, column Speed: must be a number, got 'x'"):
             kept.cache.read(kept.file)
     with pytest.raises(InputError, match="there is no such file"):
         kept.cache.read(kept.file.with_name("none.csv"))

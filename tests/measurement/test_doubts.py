@@ -5,7 +5,7 @@ import gzip
 import pytest
 
 from kennfeld.measurement import describe, read
-from kennfeld.measurement.encoding import encoding_of
+from kennfeld.measurement.encoding import detect_encoding
 
 GERMAN = "Drehzahl [1/min];Last [%]\n950;10\n1.100;20\n1.250;30\n980;40\n"
 
@@ -61,8 +61,8 @@ def test_points_that_are_clear_are_not(csv, text):
     ],
 )
 def test_the_encoding_is_the_one_whose_characters_are_likely(names, encoding, found):
-    assert encoding_of(names.encode(encoding), True) == found
-    assert encoding_of(names.encode(encoding)[:-1], False) == found
+    assert detect_encoding(names.encode(encoding), True) == found
+    assert detect_encoding(names.encode(encoding)[:-1], False) == found
 
 
 @pytest.mark.parametrize(("encoding", "said"), [("gbk", "GB18030 (Chinese)"), ("cp932", "Shift JIS (Japanese)")])

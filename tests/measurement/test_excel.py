@@ -36,8 +36,8 @@ def test_several_tables_ask_for_a_choice(xlsx):
     with pytest.raises(InputError) as caught:
         read(path)
     assert [finding.remedy for finding in caught.value.findings] == [
-        "Write bench.xlsx#First to choose it.",
-        "Write bench.xlsx#Second to choose it.",
+        "Write bench.xlsx#First to select it.",
+        "Write bench.xlsx#Second to select it.",
     ]
     assert read(f"{path}#Second").samples == read(path, sheet="First").samples == 2
 
@@ -50,7 +50,7 @@ def test_a_sheet_that_is_missing_names_the_nearest(xlsx):
 def test_text_among_numbers_is_placed_by_row_and_column(xlsx):
     with pytest.raises(InputError) as caught:
         read(xlsx(Data=[*TABLE, [3000.0, "abc"]]))
-    assert str(caught.value).startswith("bench.xlsx sheet Data row 5, column B (Torque): 'abc' is no number")
+    assert str(caught.value).startswith("bench.xlsx sheet Data row 5, column B (Torque): must be a number, got 'abc'")
 
 
 def test_a_sheet_without_numbers_is_a_finding(xlsx):

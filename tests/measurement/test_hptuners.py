@@ -105,7 +105,7 @@ def test_text_channels_are_left_out_unless_asked_for(log):
 def test_text_among_numbers_a_missing_channel_and_a_long_row_are_findings(log):
     path = log("Offset,RPM,Load", "s,rpm,%", "0.1,800,50", "0.2,x,51", "0.3,820,52,7", "0.4,830,53")
     said = findings(path)
-    assert any("pull.csv line 15, column RPM: 'x' is no number" in each for each in said)
+    assert any("pull.csv line 15, column RPM: must be a number, got 'x'" in each for each in said)
     assert any("pull.csv line 16: the row has 4 cells, the log 3 channels" in each for each in said)
     assert "has no channel Lood. Did you mean Load?" in findings(path, ["Lood"])[0]
 

@@ -60,7 +60,7 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
     np.testing.assert_array_equal(data["v"].values, [1, np.nan, np.nan, 4])
     (remark,) = data.remarks
     assert remark.severity == "warning"
-    assert remark.message == "2 of 4 values are infinite and taken as missing"
+    assert remark.message == "2 of 4 values are infinite and treated as missing"
     assert remark.place.startswith("bench.x")
     (table,) = describe(path).tables
     assert table.remarks == data.remarks
@@ -73,7 +73,7 @@ def test_only_channels_that_are_asked_for_are_warned_of(tmp_path):
     path.write_text("time,v,w\n0,1,2\n1,inf,3\n2,4,5\n")
     assert read(path, ["w"]).remarks == ()
     assert [str(remark) for remark in read(path, ["v"]).remarks] == [
-        "bench.csv line 3, column v: 1 of 3 values is infinite and taken as missing"
+        "bench.csv line 3, column v: 1 of 3 values is infinite and treated as missing"
     ]
 
 
@@ -95,7 +95,7 @@ def test_arrays_in_python_follow_the_same_convention():
     data = Dataset.of("bench", {"v": SPEED, "w": TIME})
     np.testing.assert_array_equal(data["v"].values, [1, np.nan, np.nan, 4])
     assert [str(remark) for remark in data.remarks] == [
-        "dataset bench, channel v: 2 of 4 values are infinite and taken as missing"
+        "dataset bench, channel v: 2 of 4 values are infinite and treated as missing"
     ]
 
 

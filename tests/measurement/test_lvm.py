@@ -88,7 +88,7 @@ def test_segments_follow_each_other(lvm):
     assert read(path).time.tolist() == [0, 0.1, 0.2, 0.3, 0.4]
     path = lvm(segment(names, *ROWS), segment(names, *ROWS))
     assert read(path).starts.tolist() == [0, 3]
-    assert describe(path).tables[0].details["pieces"] == "2, for its time starts anew"
+    assert describe(path).tables[0].details["pieces"] == "2, since its time restarts"
 
 
 def test_a_segment_of_other_channels_and_a_long_row_are_findings(lvm):
@@ -97,11 +97,11 @@ def test_a_segment_of_other_channels_and_a_long_row_are_findings(lvm):
         read(path)
     said = [str(finding) for finding in caught.value.findings]
     assert said[0].startswith("run.lvm line 18: the row has 4 cells, there are 3 names. Give the row as many cells")
-    assert said[1].startswith("run.lvm line 24: this segment has other channels than the one in line 14.")
+    assert said[1].startswith("run.lvm line 24: this segment has other channels than the segment in line 14.")
 
 
 def test_text_among_numbers_is_a_finding(lvm):
-    with pytest.raises(InputError, match=r"run.lvm line 16, column Speed: 'x' is no number"):
+    with pytest.raises(InputError, match=r"run.lvm line 16, column Speed: must be a number, got 'x'"):
         read(lvm(segment("X_Value Speed Torque", "0.0 1 2", "0.1 x 3", "0.2 4 5")))
 
 

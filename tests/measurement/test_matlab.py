@@ -198,13 +198,14 @@ def test_other_arrays_are_left_out_and_told(mat):
     assert list(read(path)) == ["Speed"]
     assert describe(path).tables[0].details == {"left out": "MapX (2 x 4)"}
     assert findings(path, ["MapX"]) == [
-        "bench.mat: MapX is of size 2 x 4, and no time is as long. Save it with a vector `time` of its length."
+        "bench.mat: MapX is of size 2 x 4, but no time vector has that length. "
+        "Save it with a vector `time` of its length."
     ]
 
 
 def test_vectors_of_different_lengths_without_a_time_are_a_finding(mat):
     said = findings(mat(Speed=SPEED, Torque=np.arange(5.0)))[0]
-    assert "none of its arrays is a time, nor are they vectors of one length: Speed (1 x 3), Torque (1 x 5)" in said
+    assert "found neither a time vector nor vectors of equal length: Speed (1 x 3), Torque (1 x 5)" in said
 
 
 def test_a_file_of_scalars_and_texts_is_a_finding(mat):
@@ -214,7 +215,7 @@ def test_a_file_of_scalars_and_texts_is_a_finding(mat):
 def test_a_name_that_two_groups_have_is_asked_for_by_its_path(mat):
     path = mat(a={"time": TIME, "n": SPEED}, b={"time": TIME, "n": SPEED + 1})
     assert held(read(path)) == {"a.n": SPEED.tolist(), "b.n": (SPEED + 1).tolist()}
-    assert findings(path, ["n"]) == ["bench.mat: 2 channels are called n. Name one of them: a.n, b.n."]
+    assert findings(path, ["n"]) == ["bench.mat: 2 channels are named n. Name one of them: a.n, b.n."]
     assert "has no channel a.m. Did you mean a.n?" in findings(path, ["a.m"])[0]
 
 
@@ -231,7 +232,7 @@ def test_complex_numbers_are_told_and_not_cut(mat5, tmp_path):
     path = tmp_path / "bench.mat"
     savemat(path, {"time": TIME, "z": SPEED + 1j, "s": {"w": SPEED * 1j, "x": SPEED}, "c": scipy_form((SPEED * 1j,))})
     assert list(read(path)) == ["x"]
-    assert findings(path, ["z"])[0].startswith("bench.mat: z (complex numbers) is read by MATLAB alone.")
+    assert findings(path, ["z"])[0].startswith("bench.mat: z (complex numbers) can only be read by MATLAB.")
 
 
 def test_tables_and_objects_are_told_by_name(mat5):
@@ -239,9 +240,9 @@ def test_tables_and_objects_are_told_by_name(mat5):
     path = mat5(file5(opaque5(b"log", b"table"), array5(6, vector, b"time", (1, 3)), array5(6, vector, b"x", (1, 3))))
     assert list(read(path)) == ["x"]
     assert describe(path).tables[0].details == {"only for MATLAB": "log (table)"}
-    assert "log (table) is read by MATLAB alone. In MATLAB, save its values as plain" in findings(path, ["log"])[0]
+    assert "log (table) can only be read by MATLAB. In MATLAB, save its values as plain" in findings(path, ["log"])[0]
     path = mat5(file5(opaque5(b"log", b"timetable")))
-    assert "holds nothing that can be read without MATLAB: log (timetable)" in findings(path)[0]
+    assert "only MATLAB can read its variables: log (timetable)" in findings(path)[0]
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)

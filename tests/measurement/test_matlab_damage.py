@@ -87,7 +87,7 @@ def test_an_array_that_claims_too_much_is_refused(mat, kind):
 
 def test_a_packed_array_that_claims_more_than_packing_allows_is_refused(mat):
     packed = zlib.compress(struct.pack("<II", 14, 4_000_000_000) + b"\0" * 100)
-    refused(mat(file5(struct.pack("<II", 15, len(packed)) + packed)), "claims 4000000000 bytes of")
+    refused(mat(file5(struct.pack("<II", 15, len(packed)) + packed)), "claims 4000000000 bytes in")
 
 
 def test_a_million_of_empty_arrays_is_refused(mat):

@@ -115,7 +115,7 @@ def test_channels_of_one_group_or_equal_stamps_need_no_raster(mdf):
 def test_groups_that_share_no_time_are_a_finding(mdf):
     early, late = np.arange(5.0), 10 + np.arange(5.0)
     path = mdf(("a", [signal("Speed", early, early)]), ("b", [signal("Torque", late, late)]))
-    with pytest.raises(InputError, match=r"share no time: Speed from 0 s to 4 s, Torque from 10 s to 14 s"):
+    with pytest.raises(InputError, match=r"do not overlap: Speed from 0 s to 4 s, Torque from 10 s to 14 s"):
         read(path, raster=1.0)
 
 
@@ -178,7 +178,7 @@ def test_names_of_several_groups_are_told_apart(mdf):
     assert read(path, ["100ms/Speed"])["100ms/Speed"].values[-1] == pytest.approx(-1.9)
     with pytest.raises(InputError) as caught:
         read(path, ["Speed"])
-    assert str(caught.value).endswith("2 channels are called Speed. Name one of them: 10ms/Speed, 100ms/Speed.")
+    assert str(caught.value).endswith("2 channels are named Speed. Name one of them: 10ms/Speed, 100ms/Speed.")
     assert describe(path).tables[0].ambiguous == ("Speed",)
 
 
@@ -192,7 +192,7 @@ def test_the_device_behind_a_backslash_may_be_left_out(mdf):
     path = mdf(("a", [signal(n, time, time + k) for k, n in enumerate(["Speed\\ETKC:1", "T\\ETKC:1", "T\\CAN:1"])]))
     assert list(read(path)) == ["Speed", "T\\ETKC:1", "T\\CAN:1"]
     assert read(path, ["Speed\\ETKC:1"])["Speed\\ETKC:1"].values[0] == 0
-    with pytest.raises(InputError, match="2 channels are called T"):
+    with pytest.raises(InputError, match="2 channels are named T"):
         read(path, ["T"])
 
 

@@ -137,7 +137,7 @@ def test_first_records_without_a_time_stamp_are_left_out_with_a_remark(log, firs
     remark = data.remarks[-1]
     assert remark.severity == "remark"
     assert str(remark).startswith(f"run.mlg record 1: {len(first)} record")
-    assert "left out, without a time stamp or later than the next one" in remark.message
+    assert "skipped: without a time stamp or later than the next one" in remark.message
     assert describe(path).tables[0].samples == 40
 
 
@@ -190,7 +190,7 @@ def test_time_that_starts_anew_begins_a_piece(log):
     data = read(path)
     assert data.starts.tolist() == [0, 2]
     assert data.time.tolist() == [5, 6, 0, 1, 2]
-    assert details(path)["pieces"] == "2, for its time starts anew"
+    assert details(path)["pieces"] == "2, since its time restarts"
     even = read(path, ["RPM"], raster=0.5)
     assert even.starts.tolist() == [0, 3]
     assert even["RPM"].values.tolist() == [0, 5, 10, 3, 3.5, 4, 4.5, 5]
@@ -210,7 +210,7 @@ def test_the_information_is_told(log):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"version": 3}, "is of version 3, which is not known"),
+        ({"version": 3}, "is of version 3, which is not supported"),
         ({"length": 9}, "its records are of 9 bytes, their fields of 6"),
         ({"count": 65535}, "its head alone needs"),
         ({"count": 0}, "names 0 fields"),
@@ -229,7 +229,7 @@ def test_all_wrong_fields_are_named(log):
     with pytest.raises(InputError) as caught:
         read(log(mlg(fields, [])))
     assert [str(f).partition(".")[0] + f.message for f in caught.value.findings] == [
-        "runits type 99 is not known",
+        "rununknown type 99",
         "runits scale inf and transform 0 must be finite",
     ]
     assert [f.place for f in caught.value.findings] == ["run.mlg field 2", "run.mlg field 3"]
@@ -237,7 +237,7 @@ def test_all_wrong_fields_are_named(log):
 
 def test_an_unknown_block_and_a_log_without_records_are_findings(log):
     fields = [TIME, RPM]
-    with pytest.raises(InputError, match=r"after 2 records, at byte .*, stands a block of unknown type 7"):
+    with pytest.raises(InputError, match=r"after 2 records, at byte .*, there is a block of unknown type 7"):
         read(log(mlg(fields, [*rows(fields, (0.0, 1), (1.0, 2)), b"\7\0\0\0"])))
     with pytest.raises(InputError, match="holds no records"):
         read(log(mlg(fields, [mark("nothing")])))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from kennfeld.measurement import read
-from kennfeld.measurement.resampling import grid, resample
+from kennfeld.measurement.resampling import even_grid, resample
 
 
 def test_a_file_is_put_onto_an_even_raster_over_its_own_range(csv):
@@ -27,7 +27,7 @@ def test_switches_and_gears_are_held():
 def test_samples_on_the_raster_come_out_bit_for_bit():
     time = np.array([float(f"{k / 100:.2f}") for k in range(2000)])
     values = np.sin(time)
-    np.testing.assert_array_equal(resample(time, values, grid(time, 0.01)), values)
+    np.testing.assert_array_equal(resample(time, values, even_grid(time, 0.01)), values)
 
 
 def test_a_channel_without_values_stays_without():
@@ -36,7 +36,7 @@ def test_a_channel_without_values_stays_without():
 
 def test_nothing_is_made_up_where_a_recording_paused():
     time = np.concatenate([np.arange(10) / 10, 60 + np.arange(10) / 10])
-    even = grid(time, 0.1)
+    even = even_grid(time, 0.1)
     found = resample(time, np.arange(20) + 0.5, even)
     assert np.array_equal(np.isnan(found), (even > 0.95) & (even < 59.95))
     assert found[:10].tolist() == (np.arange(10) + 0.5).tolist()
@@ -44,7 +44,7 @@ def test_nothing_is_made_up_where_a_recording_paused():
 
 def test_steps_of_a_few_times_the_usual_one_are_bridged():
     time = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1])
-    assert not np.isnan(resample(time, time**2 + 0.1, grid(time, 0.1))).any()
+    assert not np.isnan(resample(time, time**2 + 0.1, even_grid(time, 0.1))).any()
 
 
 def test_a_slow_channel_among_fast_ones_is_bridged():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
-from kennfeld.measurement.cells import is_stamp, stamps
+from kennfeld.measurement.cells import is_stamp, parse_stamps
 
 FORMS = ("%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%Y/%m/%d %H:%M:%S.%f")
 
@@ -17,7 +17,7 @@ FORMS = ("%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f"
 @given(st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1)), st.integers(0, 10**12), st.sampled_from(FORMS))
 def test_stamps_differ_by_the_time_between_them(begin, later, form):
     cells = [(begin + timedelta(microseconds=m)).strftime(form) for m in (0, later)]
-    found, _ = stamps(cells)
+    found, _ = parse_stamps(cells)
     assert found[1] - found[0] == pytest.approx(later * 1e-6, abs=1e-9)
 
 
@@ -27,7 +27,7 @@ def test_other_cells_are_no_stamps(cell):
 
 
 def test_zones_are_respected():
-    found, _ = stamps(["2024-01-01T12:00:00+01:00", "2024-01-01T11:00:00Z", "2024-01-01 06:00:00-0500", ""])
+    found, _ = parse_stamps(["2024-01-01T12:00:00+01:00", "2024-01-01T11:00:00Z", "2024-01-01 06:00:00-0500", ""])
     np.testing.assert_array_equal(found, [39600, 39600, 39600, np.nan])
 
 

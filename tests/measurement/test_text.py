@@ -123,15 +123,15 @@ def test_every_problem_of_a_file_is_reported_at_once(csv):
     assert findings(csv(body)) == [
         "bench.csv line 4: the row has 1 cell, the header names 2. Give the row as many cells as the header.",
         "bench.csv line 5: the row has 3 cells, the header names 2. Give the row as many cells as the header.",
-        "bench.csv line 3, column Torque: 'abc' is no number. "
-        "Correct it, or leave the cell empty where there is no value.",
+        "bench.csv line 3, column Torque: must be a number, got 'abc'. "
+        "Correct it, or leave the cell empty if there is no value.",
     ]
 
 
 def test_a_second_unit_row_is_one_finding(csv):
     found = findings(csv("Speed,Torque\nrpm,Nm\n1,2\n3,4\n5,6\nrpm,Nm\n7,8\n"))
     assert len(found) == 1
-    assert found[0].startswith("bench.csv line 6, columns Speed, Torque: 'rpm', 'Nm' are no numbers")
+    assert found[0].startswith("bench.csv line 6, columns Speed, Torque: must be numbers, got 'rpm', 'Nm'")
 
 
 def test_a_file_cut_in_half_is_called_cut_off(csv):
@@ -147,9 +147,9 @@ def test_a_file_cut_in_half_is_called_cut_off(csv):
         ("Speed,Torque\n", "there are names but no row of numbers below them"),
         ("Speed,Torque\nrpm,Nm\n", "there are names but no row of numbers below them"),
         ("1,2\n3,4\n", "the numbers have no header with channel names"),
-        ("a,b,a\n1,2,3\n", "2 columns are called a"),
+        ("a,b,a\n1,2,3\n", "2 columns are named a"),
         ("a;b\n1,234.5;1.5\n2.5;3.5\n3.5;4.5\n", "thousands separator"),
-        ("a,b\n1,2\n3,1_000\n4,5\n", "'1_000' is no number"),
+        ("a,b\n1,2\n3,1_000\n4,5\n", "must be a number, got '1_000'"),
     ],
 )
 def test_a_file_without_a_table_says_why(csv, content, message):
@@ -297,7 +297,7 @@ def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, sep
 
 def read_clean_of(path):
     source = locate(path)
-    return text.read_clean(source, text.dialect_of(source), Selection())
+    return text.read_clean(source, text.detect_dialect(source), Selection())
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])

@@ -38,8 +38,8 @@ def test_formulas_without_saved_values_are_named(xlsx, cell):
     (remark,) = data.remarks
     assert remark.severity == "warning"
     assert str(remark) == (
-        "bench.xlsx: sheet Data holds 2 formulas whose values were not saved, in B3 and others; they are "
-        "missing values. Open the workbook in Excel or LibreOffice, which compute them, and save it."
+        "bench.xlsx: sheet Data holds 2 formulas whose values were not saved, in B3 and others; they are read as "
+        "missing. Open the workbook in Excel or LibreOffice, which compute them, and save it."
     )
     assert describe(path).tables[0].remarks == (remark,)
 

@@ -91,16 +91,23 @@ def test_functions_that_use_an_argument_twice_stay_small():
 def test_functions_that_unfold_without_end_are_an_error():
     lines = ["def f0(x) = x", *(f"def f{i}(x) = f{i - 1}(x * 2) + f{i - 1}(x * 3 + 1)" for i in range(1, 40))]
     found = findings("\n".join([*lines, "y = f39(u)"]))
-    assert "the functions of this text unfold to more than 100000 calls" in found[0]
+    assert "the functions of this text expand to more than 100000 calls" in found[0]
 
 
 @pytest.mark.parametrize(
     ("steps", "given"),
-    [("0", "0"), ("-1", "-1"), ("1.5", "1.5"), ("inf", "inf"), ("nan", "nan"), ("u", "an expression that changes")],
+    [
+        ("0", "0"),
+        ("-1", "-1"),
+        ("1.5", "1.5"),
+        ("inf", "inf"),
+        ("nan", "nan"),
+        ("u", "an expression that is not constant"),
+    ],
 )
 def test_the_steps_of_a_delay_are_a_constant_whole_number(steps, given):
     text = f"y = delay(u, {steps})"
-    message = f"the steps of a delay must be a constant whole number from 1 on, not {given}"
+    message = f"the number of steps of a delay must be a constant integer >= 1, got {given}"
     assert f": {message}" in findings(text)[0]
     assert "column 14" in findings(text)[0]
 

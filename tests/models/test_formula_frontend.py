@@ -93,11 +93,15 @@ def test_a_file_is_read_with_known_parameters(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "content", "finding"),
     [
-        ("m.slx", b"y = u", "this is no formula text. Formula text is in files that end in .kf."),
-        ("m.kf", b"PK\x03\x04\x00\x00", "this is no text but a binary file. Formula text is UTF-8 text."),
-        ("m.kf", "a = u\nT[°C] = u".encode("latin-1"), "m.kf line 2: byte 0xb0 is no UTF-8. Save the file as UTF-8."),
+        ("m.slx", b"y = u", "not a formula text file. Formula text files have the extension .kf."),
+        ("m.kf", b"PK\x03\x04\x00\x00", "the file is binary, not text. Formula text must be UTF-8."),
+        (
+            "m.kf",
+            "a = u\nT[°C] = u".encode("latin-1"),
+            "m.kf line 2: byte 0xb0 is not valid UTF-8. Save the file as UTF-8.",
+        ),
         ("m.kf", None, "the file cannot be read: No such file or directory"),
-        ("m.kf", b"y = u +", "m.kf line 1, column 8: the expression ends too early"),
+        ("m.kf", b"y = u +", "m.kf line 1, column 8: incomplete expression"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path, name: str, content: bytes | None, finding: str):
@@ -145,7 +149,7 @@ def test_an_extension_leaves_the_model_as_it_is():
 def test_findings_of_an_extension_show_its_expression():
     with pytest.raises(InputError) as caught:
         extend(formula("y = u"), {"z": "abs(y"}, "kennfeld.toml limit 2")
-    assert str(caught.value) == "kennfeld.toml limit 2, column 4: this bracket is not closed"
+    assert str(caught.value) == "kennfeld.toml limit 2, column 4: unclosed parenthesis"
     assert caught.value.findings[0].excerpt == "abs(y\n   ^"
 
 
@@ -159,11 +163,11 @@ def test_an_expression_is_the_graph_of_its_value():
 def test_an_expression_may_have_memory_and_several_lines():
     graph = expression("derivative(n)  # slope\n + value", "kennfeld.toml where")
     assert graph.inputs == ("n", "value")
-    with pytest.raises(InputError, match="where line 2, column 3: the expression ends too early"):
+    with pytest.raises(InputError, match="where line 2, column 3: incomplete expression"):
         expression("n\n +", "kennfeld.toml where")
 
 
 @pytest.mark.parametrize("text", ["", "  ", "# none"])
 def test_an_empty_expression_is_an_error(text):
-    with pytest.raises(InputError, match="here, column 1: the expression ends too early"):
+    with pytest.raises(InputError, match="here, column 1: incomplete expression"):
         expression(text, "here")

@@ -60,73 +60,76 @@ def test_arguments_of_a_function_hide_other_names():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("y = 1\ny = 2", "line 2, column 1: node y stands already in torque.kf line 1. Remove one."),
-        ("input u\ninput u\ny = u", "line 2, column 7: input u stands already in torque.kf line 1. Remove one."),
-        ("scalar K\ncurve K\ny = K", "line 2, column 7: parameter K stands already in torque.kf line 1. Remove one."),
-        ("step 1\nstep 2\ny = u", "line 2, column 1: step stands already in torque.kf line 1. Remove one."),
-        ("y = 1\ninput y", "line 2, column 7: y is an input and also a node. Rename one of them."),
-        ("y = u\nscalar y", "line 2, column 8: y is a parameter and also a node. Rename one of them."),
-        ("scalar u\ninput u\ny = u", "line 2, column 7: u is an input and also a parameter. Rename one of them."),
-        ("y = f(u)\ndef f(a) = a\nf = 3", "line 2, column 5: f is a function and also a node. Rename one of them."),
+        ("y = 1\ny = 2", "line 2, column 1: duplicate node y, first in torque.kf line 1. Remove one."),
+        ("input u\ninput u\ny = u", "line 2, column 7: duplicate input u, first in torque.kf line 1. Remove one."),
+        ("scalar K\ncurve K\ny = K", "line 2, column 7: duplicate parameter K, first in torque.kf line 1. Remove one."),
+        ("step 1\nstep 2\ny = u", "line 2, column 1: duplicate step, first in torque.kf line 1. Remove one."),
+        ("y = 1\ninput y", "line 2, column 7: y is both an input and a node. Rename one of them."),
+        ("y = u\nscalar y", "line 2, column 8: y is both a parameter and a node. Rename one of them."),
+        ("scalar u\ninput u\ny = u", "line 2, column 7: u is both an input and a parameter. Rename one of them."),
+        ("y = f(u)\ndef f(a) = a\nf = 3", "line 2, column 5: f is both a function and a node. Rename one of them."),
         (
             "def abs(a) = a\ny = u",
-            "line 1, column 5: abs, which is built in, cannot be defined as a function. Use another name.",
+            "line 1, column 5: the built-in name abs cannot be defined as a function. Use another name.",
         ),
         (
             "def %f%(a) = a\ny = u",
-            "line 1, column 5: a name in quotes cannot be defined as a function. Use another name.",
+            "line 1, column 5: a quoted name cannot be defined as a function. Use another name.",
         ),
-        ("def f(a, a) = a\ny = u", "line 1, column 10: argument a stands twice. Rename one of them."),
-        ("output z\ny = u", "line 1, column 8: output z is no node"),
-        ("output speed\nSpeed = u", "line 1, column 8: output speed is no node. Did you mean Speed?"),
+        ("def f(a, a) = a\ny = u", "line 1, column 10: duplicate argument a. Rename one of them."),
+        ("output z\ny = u", "line 1, column 8: output z is not a defined node"),
+        ("output speed\nSpeed = u", "line 1, column 8: output speed is not a defined node. Did you mean Speed?"),
         (
             "output _a\n_a = u\ny = _a",
-            "line 1, column 8: output _a is auxiliary. Give the node a name without the underscore.",
+            "line 1, column 8: output _a is an auxiliary node. Give the node a name without the underscore.",
         ),
         (
             "input Speed\ny = Sped",
-            "line 2, column 5: Sped is no node, no parameter and no declared input. Did you mean Speed?",
+            "line 2, column 5: unknown name Sped: not a node, a parameter or a declared input. Did you mean Speed?",
         ),
         (
             "input Speed\ny = q",
-            "line 2, column 5: q is no node, no parameter and no declared input. Declare it: input q.",
+            "line 2, column 5: unknown name q: not a node, a parameter or a declared input. Declare it: input q.",
         ),
         (
             "y = M(u)\nz = M(u, v)",
             "line 2, column 5: M is a curve with 1 coordinate in torque.kf line 1, column 5 "
-            "and has 2 here. Write M(x).",
+            "but has 2 here. Write M(x).",
         ),
         (
             "y = M(u) + M",
-            "line 1, column 12: M is a table in torque.kf line 1, column 5 and has no coordinates here. "
+            "line 1, column 12: M is used as a table in torque.kf line 1, column 5, but without coordinates here. "
             "Write M(...) with its coordinates.",
         ),
-        ("map M\ny = M(u)", "line 2, column 5: M is declared as a map and has 1 coordinate here. Write M(x, y)."),
-        ("curve M\ny = M", "line 2, column 5: M is declared as a curve and has no coordinates here. Write M(x)."),
-        ("scalar M\ny = M(u)", "line 2, column 5: M is declared as a scalar and has 1 coordinate here. Write M."),
+        ("map M\ny = M(u)", "line 2, column 5: M is declared as a map but has 1 coordinate here. Write M(x, y)."),
+        (
+            "curve M\ny = M",
+            "line 2, column 5: M is declared as a curve but has no coordinates here. Write M(x).",
+        ),
+        ("scalar M\ny = M(u)", "line 2, column 5: M is declared as a scalar but has 1 coordinate here. Write M."),
         (
             "cube M\ny = M(u, v)",
-            "line 2, column 5: M is declared as a cube and has 2 coordinates here. Write M(x, y, z).",
+            "line 2, column 5: M is declared as a cube but has 2 coordinates here. Write M(x, y, z).",
         ),
         (
             "y = M(1, 2, 3, 4, u)",
             "line 1, column 5: M has 5 coordinates; tables have at most 4. "
-            "Declare it, if it is an expansion in radial basis functions: rbf M.",
+            "If it is an expansion in radial basis functions, declare it: rbf M.",
         ),
-        ("y = M()", "line 1, column 5: M has no coordinates. Write M(x), or M."),
+        ("y = M()", "line 1, column 5: M is called without coordinates. Write M(x), or M."),
         ("y = z(2)\nz = u", "line 1, column 5: z is a node, not a table. Write * to multiply."),
         ("input u\ny = u(2)", "line 2, column 5: u is an input, not a table. Write * to multiply."),
-        ("y = pi(2)", "line 1, column 5: pi is no function. Write * to multiply."),
+        ("y = pi(2)", "line 1, column 5: pi is not a function. Write * to multiply."),
         ("def f(a) = a(2)\ny = f(1)", "line 1, column 12: a is an argument, not a table. Write * to multiply."),
-        ("def f(a, b) = a\ny = f(1)", "line 2, column 5: f needs 2 arguments, not 1. Write f(a, b)."),
+        ("def f(a, b) = a\ny = f(1)", "line 2, column 5: f takes 2 arguments, got 1. Write f(a, b)."),
         ("def f(a) = a\ny = f", "line 2, column 5: f is a function of this text. Write f(a)."),
-        ("y = sqrt(1, 2)", "line 1, column 5: sqrt needs 1 argument, not 2. Write sqrt(x)."),
-        ("y = min(u)", "line 1, column 5: min needs at least 2 arguments, not 1. Write min(a, b, ...)."),
-        ("y = PT1(u)", "line 1, column 5: PT1 needs 2 to 3 arguments, not 1. Write PT1(x, T, init=x)."),
-        ("y = timeDelay()", "line 1, column 5: timeDelay needs 1 to 2 arguments, not 0. Write timeDelay(x, init=0)."),
+        ("y = sqrt(1, 2)", "line 1, column 5: sqrt takes 1 argument, got 2. Write sqrt(x)."),
+        ("y = min(u)", "line 1, column 5: min takes at least 2 arguments, got 1. Write min(a, b, ...)."),
+        ("y = PT1(u)", "line 1, column 5: PT1 takes 2 to 3 arguments, got 1. Write PT1(x, T, init=x)."),
+        ("y = timeDelay()", "line 1, column 5: timeDelay takes 1 to 2 arguments, got 0. Write timeDelay(x, init=0)."),
         (
             "y = integrator(u, 1, 2, 3, 4)",
-            "line 1, column 5: integrator needs 1 to 4 arguments, not 5. "
+            "line 1, column 5: integrator takes 1 to 4 arguments, got 5. "
             "Write integrator(x, init=0, lower=-inf, upper=inf).",
         ),
     ],
@@ -137,25 +140,25 @@ def test_names_that_cannot_be_told_are_answered_with_place_and_mend(text, expect
 
 def test_the_nearest_parameter_is_offered():
     assert findings("y = MapOptTorqe(u)", ["MapOptTorque", "K"]) == [
-        "line 1, column 5: MapOptTorqe is no parameter of this project. Did you mean MapOptTorque?"
+        "line 1, column 5: this project has no parameter MapOptTorqe. Did you mean MapOptTorque?"
     ]
 
 
 def test_the_nearest_function_is_offered():
     assert findings("y = sqr(u)", ["MapOptTorque"]) == [
-        "line 1, column 5: sqr is no parameter of this project. Did you mean sqrt?"
+        "line 1, column 5: this project has no parameter sqr. Did you mean sqrt?"
     ]
 
 
 def test_a_node_may_not_be_called_like_a_known_parameter():
     assert findings("K = 2\ny = K", ["K"]) == [
-        "line 1, column 1: K is a node and also a parameter of this project. Rename one of them."
+        "line 1, column 1: K is both a node and a parameter of this project. Rename one of them."
     ]
 
 
 def test_a_known_scalar_may_not_be_called_as_well():
     assert findings("y = K * u\nz = K(u)", ["K"]) == [
-        "line 2, column 5: K is a scalar with no coordinates in torque.kf line 1, column 5 and has 1 here. Write K."
+        "line 2, column 5: K is a scalar with no coordinates in torque.kf line 1, column 5 but has 1 here. Write K."
     ]
 
 
@@ -179,8 +182,8 @@ def test_an_expression_knows_channels_only():
     with pytest.raises(InputError) as caught:
         expression("lambd < 1.5 and foo(n)", "kennfeld.toml [[dataset]] where", ["lambda", "n"])
     assert [str(finding) for finding in caught.value.findings] == [
-        "kennfeld.toml [[dataset]] where, column 1: lambd is no channel. Did you mean lambda?",
-        "kennfeld.toml [[dataset]] where, column 17: foo is no function. Did you mean floor?",
+        "kennfeld.toml [[dataset]] where, column 1: unknown channel lambd. Did you mean lambda?",
+        "kennfeld.toml [[dataset]] where, column 17: unknown function foo. Did you mean floor?",
     ]
 
 
@@ -189,8 +192,8 @@ def test_an_extension_knows_the_model():
     with pytest.raises(InputError) as caught:
         extend(model, {"a": "Sped(u)", "b": "Speed(u, u)", "n": "u", "u": "1"}, "limit")
     assert [str(finding) for finding in caught.value.findings] == [
-        "limit a, column 1: Sped is no parameter of model idle. Did you mean Speed?",
-        "limit b, column 1: Speed is a curve with 1 coordinate of model idle and has 2 here. Write Speed(x).",
+        "limit a, column 1: model idle has no parameter Sped. Did you mean Speed?",
+        "limit b, column 1: Speed is a curve with 1 coordinate of model idle but has 2 here. Write Speed(x).",
         "limit n: n is already a node of model idle. Give it another name.",
         "limit u: u is already an input of model idle. Give it another name.",
     ]

@@ -4,7 +4,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
-from kennfeld.models.formula.lowering import ordered
+from kennfeld.models.formula.lowering import topological_order
 
 
 def findings(text: str) -> list[str]:
@@ -14,12 +14,12 @@ def findings(text: str) -> list[str]:
 
 
 def test_names_come_after_what_they_use():
-    assert ordered({"a": ["b", "c"], "b": ["c"], "c": []}) == (["c", "b", "a"], [])
+    assert topological_order({"a": ["b", "c"], "b": ["c"], "c": []}) == (["c", "b", "a"], [])
 
 
 def test_loops_within_the_names_of_another_are_not_repeated():
     uses = {"a": ["b", "b"], "b": ["c"], "c": ["a", "b", "c"], "d": ["d"]}
-    assert ordered(uses)[1] == [["a", "b", "c", "a"], ["d", "d"]]
+    assert topological_order(uses)[1] == [["a", "b", "c", "a"], ["d", "d"]]
 
 
 def test_a_long_chain_of_nodes_is_ordered():
@@ -41,21 +41,21 @@ def test_a_long_chain_of_nodes_is_ordered():
     ],
 )
 def test_an_algebraic_loop_is_named(text, shown):
-    remedy = "Break it with prev(x, init) where the value of the step before is meant."
+    remedy = "Break it with prev(x, init) to use the value of the previous step."
     assert findings(text) == [f"loop.kf {shown}. {remedy}"]
 
 
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("y = prev(u, y)", "line 1, column 1: an initial value needs itself: y -> y"),
-        ("y = prev(u, 2 * z)\nz = y + 1", "line 1, column 1: an initial value needs itself: y -> z -> y"),
-        ("y = PT1(u, 1, z)\nz = y + 1", "line 1, column 1: an initial value needs itself: y -> z -> y"),
-        ("def f(a) = prev(u, a)\ny = f(y)", "line 2, column 1: an initial value needs itself: y -> y"),
+        ("y = prev(u, y)", "line 1, column 1: an initial value depends on itself: y -> y"),
+        ("y = prev(u, 2 * z)\nz = y + 1", "line 1, column 1: an initial value depends on itself: y -> z -> y"),
+        ("y = PT1(u, 1, z)\nz = y + 1", "line 1, column 1: an initial value depends on itself: y -> z -> y"),
+        ("def f(a) = prev(u, a)\ny = f(y)", "line 2, column 1: an initial value depends on itself: y -> y"),
     ],
 )
 def test_a_loop_of_initial_values_is_named(text, shown):
-    assert findings(text) == [f"loop.kf {shown}. Give an initial value that does not need it."]
+    assert findings(text) == [f"loop.kf {shown}. Use an initial value that does not depend on it."]
 
 
 def test_functions_that_call_themselves_are_named():

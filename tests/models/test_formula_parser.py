@@ -4,7 +4,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import expression, formula
-from kennfeld.models.formula.parser import DEEPEST
+from kennfeld.models.formula.parser import MAX_DEPTH
 
 
 def findings(text: str) -> list[str]:
@@ -110,22 +110,22 @@ def test_words_of_declarations_can_name_nodes():
 @pytest.mark.parametrize(
     ("text", "finding"),
     [
-        ("y = a +", "line 1, column 8: the expression ends too early"),
-        ("y =", "line 1, column 4: the expression ends too early"),
-        ("y = * a", "line 1, column 5: a number or a name is missing before *"),
-        ("y = a b", "line 1, column 7: an operator is missing before b"),
-        ("y = (a + b", "line 1, column 5: this bracket is not closed"),
-        ("y = a + b)", "line 1, column 10: this bracket closes none. Remove it, or open one before it."),
-        ("y = min(a b)", "line 1, column 11: an operator is missing before b"),
-        ("y = min(a,)", "line 1, column 11: a number or a name is missing before )"),
-        ("y = 1,5", "line 1, column 6: a comma stands outside brackets. Write a decimal point, not a comma."),
-        ("y = if(a = b, 1, 2)", "line 1, column 10: = stands inside an expression. Write == to compare."),
-        ("y = a ** 2", "line 1, column 7: ** has no meaning here. Write ^ for a power."),
-        ("y = a && b", "line 1, column 7: && has no meaning here. Write and."),
-        ("y = a − b", "line 1, column 7: − has no meaning here. Write -."),
+        ("y = a +", "line 1, column 8: incomplete expression"),
+        ("y =", "line 1, column 4: incomplete expression"),
+        ("y = * a", "line 1, column 5: missing operand before *"),
+        ("y = a b", "line 1, column 7: missing operator before b"),
+        ("y = (a + b", "line 1, column 5: unclosed parenthesis"),
+        ("y = a + b)", "line 1, column 10: unmatched closing parenthesis. Remove it, or open one before it."),
+        ("y = min(a b)", "line 1, column 11: missing operator before b"),
+        ("y = min(a,)", "line 1, column 11: missing operand before )"),
+        ("y = 1,5", "line 1, column 6: comma outside parentheses. Use a point as decimal separator."),
+        ("y = if(a = b, 1, 2)", "line 1, column 10: = inside an expression. Write == to compare."),
+        ("y = a ** 2", "line 1, column 7: unexpected '**'. Write ^ for a power."),
+        ("y = a && b", "line 1, column 7: unexpected '&&'. Write and."),
+        ("y = a − b", "line 1, column 7: unexpected '−'. Write -."),
         (
             "y = a % 2",
-            "line 1, column 7: % has no meaning here. "
+            "line 1, column 7: unexpected '%'. "
             "Write mod(a, b) for a remainder, and names with other characters as %any name%.",
         ),
         ("y = a < b < c", "line 1, column 11: comparisons cannot be chained. Write a < b and b < c."),
@@ -133,45 +133,45 @@ def test_words_of_declarations_can_name_nodes():
         ("y = u*v == b != c+d", "line 1, column 14: comparisons cannot be chained. Write a == b and b != c."),
         (
             "y = a + not b",
-            "line 1, column 9: not binds looser than what stands before it. Put brackets around it: (not a).",
+            "line 1, column 9: `not` has lower precedence than the operator before it. Put it in parentheses: (not a).",
         ),
         (
             "y = 2x",
             "line 1, column 5: 2x is neither a number nor a name. "
             "Write * between a number and a name, or %2x% for a name.",
         ),
-        ("y = 1e999", "line 1, column 5: 1e999 is too large for a number. Write inf for infinity."),
+        ("y = 1e999", "line 1, column 5: 1e999 exceeds the range of numbers. Write inf for infinity."),
         (
             "y = rad[3] * 2",
-            "line 1, column 8: a unit stands only behind the name that a line defines. "
-            "Write %rad[3]% for a name that holds brackets.",
+            "line 1, column 8: a unit is only allowed after the name being defined. "
+            "Write %rad[3]% for a name that contains brackets.",
         ),
         (
             "y = [3]",
-            "line 1, column 5: a unit stands only behind the name that a line defines. "
-            "Write %name[3]% for a name that holds brackets.",
+            "line 1, column 5: a unit is only allowed after the name being defined. "
+            "Write %name[3]% for a name that contains brackets.",
         ),
         (
             "rad[3].x = 2",
-            "line 1, column 7: = is missing behind rad. "
+            "line 1, column 7: missing = after rad. "
             "Write name[unit] = expression; names with other characters as %any[3].name%.",
         ),
-        ("y = 3 $ 4", "line 1, column 7: '$' has no meaning here"),
-        ("3 + 4 = y", "line 1, column 1: a line begins with the name of a node"),
-        ("$ = y", "line 1, column 1: '$' has no meaning here"),
+        ("y = 3 $ 4", "line 1, column 7: unexpected '$'"),
+        ("3 + 4 = y", "line 1, column 1: a statement must start with a name"),
+        ("$ = y", "line 1, column 1: unexpected '$'"),
         ("pi = 3", "line 1, column 1: pi is a reserved word. Write %pi% to use it as a name."),
-        ("y ! 3", "line 1, column 3: ! has no meaning here. Write not."),
-        ("y = if", "line 1, column 5: if needs brackets. Write if(condition, a, b)."),
-        ("input a, b\ny=a", "line 1, column 8: a line declares one name. Write a line with input for each name."),
-        ("input 3 \ny=a", "line 1, column 7: input needs a name"),
-        ("input a b\ny=a", "line 1, column 9: an operator is missing before b"),
-        ("step x\ny=a", "line 1, column 6: step needs a positive number of seconds. Write step 0.01, for example."),
-        ("step 0\ny=a", "line 1, column 6: step needs a positive number of seconds. Write step 0.01, for example."),
-        ("def f = 3\ny=a", "line 1, column 7: ( is missing. Write def f(a, b) = expression."),
-        ("def 3(a) = 3\ny=a", "line 1, column 5: def needs the name of the function"),
-        ("def f(a b) = 3\ny=a", "line 1, column 9: ) is missing. Write def f(a, b) = expression."),
-        ("def f(a,) = 3\ny=a", "line 1, column 9: an argument needs a name"),
-        ("def f(a) 3\ny=a", "line 1, column 10: = is missing. Write def f(a, b) = expression."),
+        ("y ! 3", "line 1, column 3: unexpected '!'. Write not."),
+        ("y = if", "line 1, column 5: if requires parentheses. Write if(condition, a, b)."),
+        ("input a, b\ny=a", "line 1, column 8: only one name per declaration. Write one input line per name."),
+        ("input 3 \ny=a", "line 1, column 7: input requires a name"),
+        ("input a b\ny=a", "line 1, column 9: missing operator before b"),
+        ("step x\ny=a", "line 1, column 6: step must be a positive number of seconds. Write step 0.01, for example."),
+        ("step 0\ny=a", "line 1, column 6: step must be a positive number of seconds. Write step 0.01, for example."),
+        ("def f = 3\ny=a", "line 1, column 7: missing (. Write def f(a, b) = expression."),
+        ("def 3(a) = 3\ny=a", "line 1, column 5: def requires the name of the function"),
+        ("def f(a b) = 3\ny=a", "line 1, column 9: missing ). Write def f(a, b) = expression."),
+        ("def f(a,) = 3\ny=a", "line 1, column 9: the name of an argument is missing"),
+        ("def f(a) 3\ny=a", "line 1, column 10: missing =. Write def f(a, b) = expression."),
     ],
 )
 def test_wrong_text_is_answered_with_place_and_mend(text, finding):
@@ -222,7 +222,7 @@ def nested(depth: int) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("text", nested(DEEPEST))
+@pytest.mark.parametrize("text", nested(MAX_DEPTH))
 def test_deep_nesting_is_read_even_on_a_deep_stack(text):
     def below(frames: int) -> None:
         if frames:
@@ -233,9 +233,12 @@ def test_deep_nesting_is_read_even_on_a_deep_stack(text):
     below(250)
 
 
-@pytest.mark.parametrize("text", nested(2 * DEEPEST) + nested(100_000))
+@pytest.mark.parametrize("text", nested(2 * MAX_DEPTH) + nested(100_000))
 def test_deeper_nesting_is_an_error_and_no_traceback(text):
-    assert "the expression is nested deeper than 100. Give its inner parts names." in findings(text)[0]
+    assert (
+        "the expression is nested more than 100 levels deep. Assign its inner parts to named nodes."
+        in findings(text)[0]
+    )
 
 
 @pytest.mark.parametrize("operator", ["+", "-", "*", "/", "and", "or"])

@@ -9,7 +9,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, to_text
-from kennfeld.models.formula.printer import merged
+from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.parameter_set import ParameterSet
 
 
@@ -25,7 +25,7 @@ def printed(text: str) -> list[str]:
 @settings(max_examples=400, deadline=None)
 @given(graphs())
 def test_every_graph_is_printed_as_text_that_reads_back_to_it(graph):
-    assert one_nan(formula(to_text(graph)).graph) == one_nan(merged(graph))
+    assert one_nan(formula(to_text(graph)).graph) == one_nan(merge_equal_states(graph))
 
 
 @settings(max_examples=100, deadline=None)
@@ -39,9 +39,9 @@ def test_text_that_was_printed_prints_alike(graph):
 @settings(max_examples=100, deadline=None)
 @given(graphs())
 def test_making_equal_memories_one_keeps_the_others(graph):
-    once = merged(graph)
+    once = merge_equal_states(graph)
     assert len(set(once.states)) == len(once.states)
-    assert one_nan(merged(once)) == one_nan(once)
+    assert one_nan(merge_equal_states(once)) == one_nan(once)
     assert (once.names.keys(), once.outputs, once.units) == (graph.names.keys(), graph.outputs, graph.units)
 
 

@@ -122,13 +122,13 @@ def test_arrays_of_another_length_are_refused():
     columns = [made.case.columns[name] for name in made.kernel.layout.inputs]
     targets = [c.target for c in made.case.criteria]
     pieces = [Piece(0, 40, np.ones(len(targets)))]
-    with pytest.raises(ArgumentError, match="rows of inputs for a kernel with"):
+    with pytest.raises(ArgumentError, match="the kernel reads"):
         Accumulator(made.kernel, Samples(columns[1:], targets, pieces))
-    with pytest.raises(ArgumentError, match="scores of shape"):
+    with pytest.raises(ArgumentError, match="scores must have shape"):
         Samples(columns, targets, [Piece(0, 40, np.ones(len(targets) + 1))])
-    with pytest.raises(ArgumentError, match="a piece from 0 to 41 of 40 samples"):
+    with pytest.raises(ArgumentError, match="piece from 0 to 41 exceeds the 40 samples"):
         Samples(columns, targets, [Piece(0, 41, np.ones(len(targets)))])
-    with pytest.raises(ArgumentError, match="the order visits sample 40 of 40"):
+    with pytest.raises(ArgumentError, match="the order visits sample 40, but there are 40"):
         Samples(columns, targets, pieces, np.arange(1, 41, dtype=np.uint32))
     summed = Accumulator(made.kernel, Samples(columns, targets, pieces))
     with pytest.raises(ArgumentError, match=f"needs at least {made.values.size} contiguous float64"):

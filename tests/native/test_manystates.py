@@ -53,7 +53,7 @@ def register(cells, latency=1, held=False):
 @pytest.mark.parametrize(("cells", "latency", "held"), [(9, 1, False), (60, 1, False), (30, 3, False), (20, 2, True)])
 def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, held, shared, monkeypatch):
     if shared:
-        monkeypatch.setattr(derivative, "MOST_VISITS", -1)
+        monkeypatch.setattr(derivative, "MAX_VISITS", -1)
         monkeypatch.setattr(derivative, "SHARED", 0.0)
     made = compiled(case(register(cells, latency, held), 150, (0, 70)))
     assert isinstance(made.kernel.line.slopes, AdjointProgram if shared else Written)

@@ -14,7 +14,7 @@ def share(monkeypatch):
     """Makes rows share a pull-back, however small the model."""
 
     def now():
-        monkeypatch.setattr(derivative, "MOST_VISITS", -1)
+        monkeypatch.setattr(derivative, "MAX_VISITS", -1)
         monkeypatch.setattr(derivative, "SHARED", 0.0)
 
     return now

@@ -119,7 +119,7 @@ def test_sums_of_smoothed_lookups(case, data):
 @given(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]))
 def test_sums_by_a_pull_back(case, smooth):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(derivative, "MOST_VISITS", -1)
+        patch.setattr(derivative, "MAX_VISITS", -1)
         patch.setattr(derivative, "SHARED", 0.0)
         made = compiled(case, smooth)
     event(type(made.kernel.line.slopes).__name__)

@@ -96,7 +96,7 @@ def test_an_order_of_visits_gives_the_sums_of_samples_that_come_in_it(count):
 
 
 def test_rows_must_be_of_equal_length():
-    with pytest.raises(ArgumentError, match="rows of 3 and of 2 samples"):
+    with pytest.raises(ArgumentError, match="rows differ in length: 3 and 2 samples"):
         ColumnTable([np.zeros(3), [np.zeros(1), np.zeros(1)]])
 
 

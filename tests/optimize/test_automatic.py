@@ -188,10 +188,10 @@ def drives(count, seed=0, resembling=0.3, samples=600):
 
 def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
     lasting = fitted(list(drives(4)))
-    assert "by holding back 20 stretches of the recordings: the smoothest within" in lasting.message
+    assert "by 20 held-out blocks of the recordings: the smoothest fit within" in lasting.message
     quick = kf.Dataset.of("d", noisy(600, 0.2), time=0.1 * np.arange(600))
     for result in (fitted(quick), fitted(noisy(150, 0.1))):
-        assert "Smoothness was chosen by generalised cross-validation: the smoothest within" in result.message
+        assert "Smoothness was chosen by generalised cross-validation: the smoothest fit within" in result.message
 
 
 def test_lasting_errors_are_not_followed():
@@ -306,7 +306,7 @@ def test_a_step_stopped_while_factors_are_chosen_keeps_what_it_has():
 
 @pytest.mark.parametrize("given", ["automatic", -1.0, {"C": "many"}, {"C": (1.0, -2.0)}, float("nan"), True])
 def test_what_is_no_factor_of_a_step_is_named(given):
-    with pytest.raises(ArgumentError, match="of a step must be a number from 0 on"):
+    with pytest.raises(ArgumentError, match="smoothness of a step must be >= 0"):
         kf.Step(smoothness=given)
 
 
@@ -325,5 +325,5 @@ def test_the_same_choice_comes_from_the_same_data():
 
 @pytest.mark.parametrize("given", ["automatic", {"C": ("auto", 1.0)}, {"C": -1.0}, {"C": "many"}, {"C": None}])
 def test_what_is_no_factor_is_named(given):
-    with pytest.raises(ArgumentError, match=r'must be a number from 0 on, or one for each of its 1 axes, or "auto"'):
+    with pytest.raises(ArgumentError, match=r'must be >= 0 or "auto", or one such value for each of its 1 axes'):
         fitted(noisy(10, 0.1), given)

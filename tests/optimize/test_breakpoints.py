@@ -104,7 +104,7 @@ def test_breakpoints_keep_their_distance_and_the_result_says_so():
     axis = kf.Axis(np.linspace(0, 10, 5), free=True, min_distance=1.5)
     result = fitted(kf.Curve("C", axis, np.zeros(5)))
     assert np.diff(points(result)).min() >= 1.5 * (1 - 1e-9)
-    assert "Breakpoints of C.x ended at their least distance" in result.message
+    assert "Breakpoints of C.x ended at their minimum distance" in result.message
     assert result.status == "converged"
 
 

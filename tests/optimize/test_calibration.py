@@ -94,12 +94,12 @@ def test_pins_that_contradict_make_the_problem_infeasible(member, pins):
 def test_a_start_outside_its_bounds_is_moved_and_that_is_said():
     result = fitted(curve(9.0, upper=2.5))
     assert "3" not in result.message
-    assert "7 values" in result.message
+    assert "7 start values outside the bounds were clipped" in result.message
     assert np.all(result.parameters["C"].values <= 2.5)
 
 
 def test_a_start_that_misses_a_pin_is_moved_and_that_is_said():
-    assert "did not keep its limits" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
+    assert "The start violated its limits" in fitted(curve(), pins=[kf.Pin("C", (0.2,), 3.0)]).message
 
 
 @pytest.mark.parametrize("points", [7, 90], ids=["rows", "normal equations"])
@@ -109,14 +109,14 @@ def test_values_without_data_keep_their_start_exactly_and_the_message_says_so(po
     result = fitted(member)
     beyond = breakpoints > 3.0 + breakpoints[1]
     assert result.parameters["C"].values[beyond].tolist() == [0.1] * int(beyond.sum())
-    assert "keep their start" in result.message
+    assert "kept at their start values" in result.message
     assert not result.trust.informed["C"][beyond].any()
 
 
 def test_smoothness_informs_values_without_data():
     result = fitted(kf.Curve("C", np.linspace(0, 6, 13), np.full(13, 0.1)), smoothness=1e-3)
     assert result.trust.informed["C"].all()
-    assert "keep their start" not in result.message
+    assert "kept at their start values" not in result.message
 
 
 def test_all_values_locked_leave_nothing_to_do():
@@ -312,7 +312,7 @@ def test_a_negative_time_constant_at_the_start_is_moved_to_zero():
     start = exhaust(np.zeros((5, 5)), [-1.0, -1.0, -1.0])
     result = kf.calibrate(EXHAUST, data, start, target="y", node="m")
     assert result.status == "converged"
-    assert "3 values" in result.message
+    assert "3 start values outside the bounds were clipped" in result.message
     assert np.all(result.parameters["CurveTau"].values >= 0)
 
 

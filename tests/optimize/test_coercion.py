@@ -63,7 +63,7 @@ def test_a_function_may_read_the_time_as_an_input_too():
 
 
 def test_an_input_called_t_is_a_channel_unless_its_unit_is_one_of_time():
-    with pytest.raises(kf.InputError, match="the data have no time stamps"):
+    with pytest.raises(kf.InputError, match="requires time stamps, but the data have none"):
         kf.simulate("input x\ny = PT1(x, 1)", {"t": TIME}, {}, channels={"x": "t"})
     found = kf.simulate("input x\ny = PT1(x, 1)", {"t": TIME, "time": TIME}, {}, channels={"x": "t"})
     np.testing.assert_allclose(found.time, TIME)
@@ -100,7 +100,7 @@ def test_time_that_does_not_increase_is_told_where_time_matters(time, told):
 
 
 def test_data_without_a_column_of_time_are_told_to_have_none():
-    with pytest.raises(kf.InputError, match="the data have no time stamps"):
+    with pytest.raises(kf.InputError, match="requires time stamps, but the data have none"):
         kf.simulate(SLOW, {"u": STEP}, {"T": 1.0})
 
 
@@ -167,7 +167,7 @@ def test_infinite_values_of_columns_that_are_used_are_warned_of(make):
     with pytest.warns(InputWarning) as caught:
         result = kf.calibrate("m = k * x", data, {"k": 1.0}, target="z")
     assert [str(one.message) for one in caught] == [
-        f"dataset training, channel {name}: 1 of 4 values is infinite and taken as missing" for name in "xz"
+        f"dataset training, channel {name}: 1 of 4 values is infinite and treated as missing" for name in "xz"
     ]
     assert result.parameters["k"].value == pytest.approx(2)
     with pytest.warns(InputWarning, match="dataset data, channel x: 1 of 4 values is infinite"):

@@ -12,9 +12,9 @@ class Residuals:
     """A sum of squares of given residuals, as the solver sees it; by rows (`small`) or by normal equations."""
 
     def __init__(self, residuals, jacobian, small=True):
-        self.residuals, self.jacobian, self.small = residuals, jacobian, small
-        self.bends = small
-        self.learns = True
+        self.residuals, self.jacobian, self.uses_qr = residuals, jacobian, small
+        self.supports_acceleration = small
+        self.supports_secant = True
         self.tried = []
 
     def cost(self, values):

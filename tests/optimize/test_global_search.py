@@ -156,7 +156,7 @@ def test_quantised_code_is_calibrated_where_derivatives_are_zero():
     result = kf.calibrate(text, data, start, target="y_measured", options=GLOBAL)
     assert result.converged
     assert result.quality[0].rmse_after < 0.05
-    assert "Derivatives lead no lower." in result.message
+    assert "A final gradient-based descent did not lower the cost." in result.message
 
 
 def test_a_smooth_cost_is_polished_to_the_last_digit():
@@ -176,9 +176,9 @@ def test_values_without_bounds_are_named_all_at_once():
     with pytest.raises(kf.InputError) as error:
         kf.calibrate(f"{text} + k * u", data, start, target="y_measured", options=GLOBAL)
     assert [str(finding) for finding in error.value.findings] == [
-        "bounds of C: C has no upper bound, and a global search needs both. "
+        'bounds of C: C has no upper bound; method = "global" requires both. '
         "Write bounds = [lower, upper], as narrow as you know them.",
-        "bounds of k: k has no lower and no upper bound, and a global search needs both. "
+        'bounds of k: k has no lower and no upper bound; method = "global" requires both. '
         "Write bounds = [lower, upper], as narrow as you know them.",
     ]
 

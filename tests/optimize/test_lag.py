@@ -96,7 +96,7 @@ def test_fractions_of_a_sample_are_found_in_time_data(late):
 def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
     text, data, start = moving()
     result = kf.calibrate(text, shift_channels(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
-    assert "The shift of wanted in drive reached the end of the window of 20 samples" in result.message
+    assert "The estimated shift of wanted in drive is at the edge of the search window (20 samples)" in result.message
 
 
 @pytest.mark.skipif(not TRANSIENT.is_file(), reason=f"the measurement of the engine is not at {TRANSIENT}")
@@ -164,7 +164,7 @@ def search(text, data, start, **arguments):
 def test_the_shift_of_steady_points_in_any_order_is_found(shape, late, noise, seed):
     result = search(*recorded(shape, late, seed, noise))
     assert result.shifts == {"d": {"t": -late}}
-    assert f"The shift of t in d, {0 - late:g} samples, is clear: the error is" in result.message
+    assert f"The estimated shift of t in d is {0 - late:g} samples: the error is" in result.message
 
 
 @pytest.mark.parametrize("late", [0.0, 4.0, -9.0])
@@ -177,8 +177,8 @@ def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
     text, data, start = recorded("curve", 0.0)
     unrelated = data.with_channels(kf.Channel("t", np.random.default_rng(9).normal(size=300)))
     result = search(text, unrelated, start)
-    assert "The shift of t in d is not clear: the error is" in result.message
-    assert "Give it as a number." in result.message
+    assert "The estimated shift of t in d is ambiguous: the error is" in result.message
+    assert "Set it to a number." in result.message
 
 
 def test_two_late_channels_are_both_found():
@@ -189,7 +189,7 @@ def test_two_late_channels_are_both_found():
 
 
 def test_a_channel_without_a_part_cannot_be_shifted():
-    with pytest.raises(kf.KennfeldError, match=r"there is no channel Torqe\. Did you mean Torque"):
+    with pytest.raises(kf.KennfeldError, match=r"unknown channel Torqe\. Did you mean Torque"):
         calibrated(bench(0), {"Torqe": "auto"})
     data = bench(0).with_channels(kf.Channel("Lambda", np.ones(1200)))
     with pytest.raises(kf.InputError, match="Lambda is neither an input of the function nor a target"):
@@ -204,5 +204,8 @@ def test_a_number_moves_the_channel_as_in_a_project():
 
 def test_datasets_of_one_name_are_asked_for_another():
     data = [bench(1, 0, samples=300), bench(1, 0, samples=300)]
-    with pytest.raises(kf.InputError, match=r"dataset training 0.*2 of them are to find a shift.*a name of its own"):
+    with pytest.raises(
+        kf.InputError,
+        match=r"dataset training 0.*2 training datasets of this name.*a unique name",
+    ):
         calibrated(data, {"Torque": "auto"})

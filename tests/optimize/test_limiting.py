@@ -149,7 +149,7 @@ def test_limits_hold_at_every_iterate():
     running = FitRun(problem, Options(), None, Seconds())
     limits = linear_limits(problem, running.exact.values)
     seen = []
-    running._report = lambda stage, line, values: seen.append(limits.violation(values))
+    running.record = lambda stage, line, values: seen.append(limits.violation(values))
     running.result()
     assert len(seen) > 1
     assert max(seen) <= 1e-9

@@ -9,7 +9,7 @@ from kennfeld.optimize.validation import delay_findings, matrix_findings
 
 DATA = {"time": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}
 TEXT = "u = 2 * x\ny = k * x + delay(u, {steps}, 0)"
-REFUSED = r"line 2: a delay of 1000000000 steps needs 24 GB of memory\. Delay by fewer steps"
+REFUSED = r"line 2: a delay of 1000000000 steps needs 24 GB of memory\. Use a shorter delay"
 
 
 def test_a_calibration_is_refused():
@@ -40,7 +40,7 @@ def test_many_values_make_it_sooner_too_long():
 
 def test_a_calibration_of_too_many_values_is_refused():
     curve = kf.Curve("C", np.arange(50_000.0), np.ones(50_000))
-    with pytest.raises(kf.InputError, match=r"50000 values to fit need matrices of 20 GB\. Use fewer breakpoints"):
+    with pytest.raises(kf.InputError, match=r"50000 free values need matrices of 20 GB\. Use fewer breakpoints"):
         kf.calibrate("y = C(x)", DATA, kf.ParameterSet([curve]), target="m")
 
 

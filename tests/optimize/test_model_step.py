@@ -116,7 +116,7 @@ def test_a_step_means_nothing_to_a_function_without_memory():
 
 
 def test_a_shift_is_not_sought_between_samples_of_the_data(counter):
-    with pytest.raises(InputError, match="a shift cannot be found while the model's step of 1 s is finer"):
+    with pytest.raises(InputError, match="cannot estimate a shift: the model's step of 1 s is finer"):
         kf.calibrate(counter, ramp(3.0), {"Slope": 1.0}, "z", shift={"u": "auto"})
 
 

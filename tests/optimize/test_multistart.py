@@ -9,7 +9,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.errors import ArgumentError
-from kennfeld.optimize.options import MOST_STARTS
+from kennfeld.optimize.options import MAX_STARTS
 from kennfeld.optimize.search import multistart, worker_pool
 
 X = np.linspace(0, 10, 120)
@@ -92,7 +92,7 @@ def test_a_single_start_has_a_row_too():
 @pytest.mark.parametrize("problem", [sine, chain])
 def test_the_number_of_processes_does_not_matter_bit_for_bit(problem, monkeypatch):
     serial = problem(starts=6, seed=3, workers=1)
-    monkeypatch.setattr(multistart, "_climb_in_turn", lambda climber, begins, *_: list(begins))  # none may be left
+    monkeypatch.setattr(multistart, "_run_in_turn", lambda climber, begins, *_: list(begins))  # none may be left
     parallel = problem(starts=6, seed=3, workers=2)
     assert comparable(serial) == comparable(parallel)
 
@@ -119,16 +119,16 @@ def test_a_start_that_fails_is_a_row(processes):
 
 
 def test_a_start_that_raises_is_a_row_too(monkeypatch):
-    from kennfeld.optimize import fit
+    from kennfeld.optimize import descent_strategy
 
-    descend = fit.levenberg_marquardt
+    descend = descent_strategy.levenberg_marquardt
 
     def breaks(objective, start, *rest):
         if start[0] == 2.0:
             return descend(objective, start, *rest)
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr(fit, "levenberg_marquardt", breaks)
+    monkeypatch.setattr(descent_strategy, "levenberg_marquardt", breaks)
     result = failing(starts=3, workers=1)
     assert [row.status for row in result.starts] == ["converged", "failed", "failed"]
     assert "SVD did not converge" in result.starts[1].message
@@ -158,7 +158,7 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     def kill(line):
         if not killed:
             killed.add(line.start)
-            next(w for w in made if w.begin is not None and w.begin.start == line.start).process.kill()
+            next(w for w in made if w.point is not None and w.point.start == line.start).process.kill()
 
     result = sine(starts=5, workers=2, progress=kill)
     dead = [row for row in result.starts if row.status == "failed"]
@@ -172,7 +172,7 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
 def test_where_no_process_can_be_started_the_starts_run_in_turn(monkeypatch):
     monkeypatch.setattr(worker_pool, "COMMAND", "raise SystemExit(3) # {path}")
     result = sine(starts=3, workers=2)
-    assert "one after the other" in result.message
+    assert "ran sequentially" in result.message
     assert [row.cost_after for row in result.starts] == [row.cost_after for row in sine(starts=3).starts]
 
 
@@ -228,7 +228,7 @@ def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
     )
     assert done.stdout.count("once") == 1
     assert "Best of 3 starts" in done.stdout
-    assert "one after the other" not in done.stdout
+    assert "ran sequentially" not in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_ctrl_c_before_the_first_step_leaves_nothing_to_keep(processes, monkeypa
         raise KeyboardInterrupt
 
     monkeypatch.setattr(StartRunner, "run", press)
-    monkeypatch.setattr(_Pool, "_hear", press)
+    monkeypatch.setattr(_Pool, "_handle_message", press)
     with pytest.raises(KeyboardInterrupt):
         sine(starts=3, workers=processes)
 
@@ -299,6 +299,6 @@ def test_a_table_of_the_starts_can_be_shown():
 
 
 def test_more_starts_than_could_end_are_refused():
-    with pytest.raises(ArgumentError, match="starts=1000000000 must be <= 10000"):
+    with pytest.raises(ArgumentError, match="starts must be <= 10000, got 1000000000"):
         kf.Options(starts=10**9)
-    assert kf.Options(starts=MOST_STARTS).starts == MOST_STARTS
+    assert kf.Options(starts=MAX_STARTS).starts == MAX_STARTS

@@ -132,10 +132,8 @@ def test_text_in_a_column_is_reported_with_all_its_like():
     with pytest.raises(kf.InputError) as error:
         kf.calibrate("m = k * x", columns, {"k": 1.0}, "x")
     assert [str(finding) for finding in error.value.findings] == [
-        "dataset training: channel gear must be numbers, got 'a' at position 1. "
-        "Leave it out, or give numbers in its place.",
-        "dataset training: channel driver must be numbers, got 'A' at position 1. "
-        "Leave it out, or give numbers in its place.",
+        "dataset training: channel gear must be numbers, got 'a' at position 1. Omit it, or replace it by numbers.",
+        "dataset training: channel driver must be numbers, got 'A' at position 1. Omit it, or replace it by numbers.",
     ]
 
 

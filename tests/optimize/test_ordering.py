@@ -56,15 +56,15 @@ def test_a_coordinate_may_be_computed_and_undefined():
 
 
 def test_tables_beyond_the_finest_number_of_cells_are_left_out(monkeypatch):
-    monkeypatch.setattr(samples, "FINEST", 10)
+    monkeypatch.setattr(samples, "MAX_CELLS", 10)
     held = columns()
     assert np.unique(numbers(cells("y = M(u, v)"), held)).size == np.unique(cell(held["u"], X)).size
 
 
 @pytest.mark.parametrize("block", [16, 1024])
 def test_samples_with_a_target_come_once_and_by_cell_within_each_block(block, monkeypatch):
-    monkeypatch.setattr(samples, "BLOCK", block)
-    monkeypatch.setattr(samples, "AT_ONCE", 8)
+    monkeypatch.setattr(samples, "SAMPLES_PER_BLOCK", block)
+    monkeypatch.setattr(samples, "SAMPLES_PER_LOOKUP", 8)
     made, held = cells("y = M(u, v)"), columns(300)
     targets = [np.full(300, np.nan), np.zeros(300)]
     targets[1][::3] = np.nan

@@ -27,7 +27,7 @@ def told(training, test, **settings):
     """What a fit warns of."""
     with pytest.warns(kf.InputWarning) as found:
         assert fit(training, test, **settings).converged
-    return [str(warning.message).partition(". Hold other data back")[0] for warning in found]
+    return [str(warning.message).partition(". Hold out other data")[0] for warning in found]
 
 
 def test_the_same_data_as_training_and_test_are_told():

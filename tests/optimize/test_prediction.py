@@ -11,7 +11,7 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
-from kennfeld.optimize.tuning.prediction_error import GAMMA, HELD_BACK, Linearised, Prediction, minimised
+from kennfeld.optimize.tuning.prediction_error import GAMMA, HOLDOUT_SHARE, Linearised, Prediction, minimise_prediction
 
 AXES = {"M": 2, "C": 1}
 
@@ -130,12 +130,12 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
         logarithms.append(np.log(error @ error))
     alone = Prediction(linearised(compiled), blocks).at(np.log(factors)).value
     both = Prediction(linearised(compiled, blocks=parts(compiled)), blocks).at(np.log(factors)).value
-    assert (both - (1 - HELD_BACK) * alone) / HELD_BACK == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
+    assert (both - (1 - HOLDOUT_SHARE) * alone) / HOLDOUT_SHARE == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
 def test_the_minimum_is_that_of_a_grid(prediction):
     bounds = np.full(2, -12.0), np.full(2, 12.0)
-    found = minimised(prediction, np.zeros(2), *bounds)
+    found = minimise_prediction(prediction, np.zeros(2), *bounds)
     line = np.linspace(-12, 12, 25)
     least = min(prediction.at(np.array([x, y])).value for x in line for y in line)
     assert prediction.at(found).value <= least + 0.05

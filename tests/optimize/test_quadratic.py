@@ -168,7 +168,7 @@ def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
     matrix, gradient = convex(size, random)
     at, limits = some_limits(size, random, min(size - 1, 2))
     solution = solved(matrix, gradient, at, limits)
-    there, held = solution.reached(at, limits), solution.active[:size]
+    there, held = solution.apply_to(at, limits), solution.active[:size]
     assert np.array_equal(there[held > 0], limits.upper[held > 0])
     assert np.array_equal(there[held < 0], limits.lower[held < 0])
     assert np.all((there >= limits.lower) & (there <= limits.upper))

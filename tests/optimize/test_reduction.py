@@ -9,7 +9,13 @@ import kennfeld as kf
 from kennfeld.constraints import Equality, Term
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.search.grid_reduction import kept, penalty_ratio, reduced, reduced_table, refined_table
+from kennfeld.optimize.search.grid_reduction import (
+    kept_breakpoints,
+    penalty_ratio,
+    reduce_problem,
+    reduce_table,
+    refine_table,
+)
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Map
 
@@ -33,12 +39,12 @@ factors = st.integers(1, 4)
 
 def test_a_map_of_ten_by_six_becomes_one_of_five_by_three():
     table = Map("M", np.arange(10), np.arange(6), np.zeros((10, 6)))
-    assert reduced_table(table, (2, 2)).values.shape == (5, 3)
+    assert reduce_table(table, (2, 2)).values.shape == (5, 3)
 
 
 @given(st.integers(1, 60), st.integers(1, 70))
 def test_the_ends_are_kept_and_the_others_lie_evenly(count, factor):
-    left = kept(count, factor)
+    left = kept_breakpoints(count, factor)
     assert left[0] == 0
     assert left[-1] == count - 1
     assert left.size == min(count, max(2, -(-count // factor)))
@@ -53,7 +59,7 @@ def test_a_surface_of_even_curvature_keeps_its_penalty(x, y, c, along_x, along_y
         return c[0] * u**2 + c[1] * v**2 + c[2] * u * v + c[3] * u + c[4]
 
     full = Map("M", x, y, surface(x, y))
-    coarse = reduced_table(full, (along_x, along_y))
+    coarse = reduce_table(full, (along_x, along_y))
     for axis, curvature in ((0, c[0]), (1, c[1])):
         only = [0.0, 0.0]
         only[axis] = 7.0
@@ -66,7 +72,7 @@ def test_a_surface_of_even_curvature_keeps_its_penalty(x, y, c, along_x, along_y
 
 def test_half_the_points_of_a_long_curve_make_the_roughness_about_sixteen_times_larger():
     full = kf.Curve("C", np.linspace(0, 1, 81), np.zeros(81))
-    assert penalty_ratio(full, reduced_table(full, (2,)), 0) == pytest.approx(15.6, abs=0.1)
+    assert penalty_ratio(full, reduce_table(full, (2,)), 0) == pytest.approx(15.6, abs=0.1)
 
 
 @settings(deadline=None, max_examples=50)
@@ -74,8 +80,8 @@ def test_half_the_points_of_a_long_curve_make_the_roughness_about_sixteen_times_
 def test_a_refined_surface_is_the_coarse_one_everywhere(x, y, along_x, along_y, seed):
     random = np.random.default_rng(seed)
     full = Map("M", x, y, random.standard_normal((x.size, y.size)))
-    coarse = reduced_table(full, (along_x, along_y))
-    again = refined_table(coarse, full)
+    coarse = reduce_table(full, (along_x, along_y))
+    again = refine_table(coarse, full)
     places = [
         np.flatnonzero(np.isin(a.breakpoints, b.breakpoints)) for a, b in zip(full.axes, coarse.axes, strict=True)
     ]
@@ -88,15 +94,15 @@ def test_a_refined_surface_is_the_coarse_one_everywhere(x, y, along_x, along_y, 
 def test_locked_values_keep_theirs_bit_for_bit_and_bounds_hold():
     locked = np.arange(9) == 3
     full = kf.Curve("C", np.arange(9), np.linspace(0, 0.8, 9) ** 0.3, locked=locked, upper=np.linspace(1, 0.5, 9))
-    coarse = reduced_table(full, (2,)).with_values([1.0, 0.9, 0.8, 0.7, 0.5])
-    again = refined_table(coarse, full)
+    coarse = reduce_table(full, (2,)).with_values([1.0, 0.9, 0.8, 0.7, 0.5])
+    again = refine_table(coarse, full)
     assert again.values[3] == full.values[3]
     assert np.all(again.values <= full.upper)
 
 
 def test_bounds_and_locks_go_with_their_grid_points():
     full = kf.Curve("C", np.arange(5), np.arange(5), locked=np.arange(5) == 2, upper=10 + np.arange(5))
-    coarse = reduced_table(full, (2,))
+    coarse = reduce_table(full, (2,))
     assert coarse.locked.tolist() == [False, True, False]
     assert coarse.upper.tolist() == [10, 12, 14]
 
@@ -111,7 +117,7 @@ def test_tables_of_one_group_axis_can_be_reduced_apart():
         (kf.Criterion("m", "y"),),
         smoothness={"A": 2.0, "B": 2.0},
     )
-    small = reduced(problem, {"A": (2,), "B": (1,)})
+    small = reduce_problem(problem, {"A": (2,), "B": (1,)})
     assert [small.parameters[name].size for name in "AB"] == [3, 6]
     assert small.parameters["A"].axes[0].input == "x"
     assert small.factors("A")[0] < small.factors("B")[0] == 2.0
@@ -126,12 +132,12 @@ def test_breakpoints_around_a_pin_are_kept_and_summed_tables_stay():
         (kf.Criterion("m", "y"),),
         pins=(kf.Pin("C", (5.5,), 1.0), kf.Pin("C", (1.0,), 1.0)),
     )
-    points = reduced(base, {"C": (4,)}).parameters["C"].axes[0].breakpoints
+    points = reduce_problem(base, {"C": (4,)}).parameters["C"].axes[0].breakpoints
     assert points.tolist() == [0, 1, 4, 5, 6, 8, 12]
     summed = replace(base, constraints=(Equality([Term("C")], 3.0),))
-    assert reduced(summed, {"C": (4,)}) is summed
+    assert reduce_problem(summed, {"C": (4,)}) is summed
 
 
 def test_a_table_too_small_to_be_reduced_stays_as_it_is():
     table = kf.Curve("C", [0.0, 1.0], [1.0, 2.0])
-    assert reduced_table(table, (4,)) is table
+    assert reduce_table(table, (4,)) is table

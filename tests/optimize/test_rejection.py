@@ -61,7 +61,7 @@ def test_a_loop_that_explodes_at_the_start_is_named_with_its_first_sample():
     u = np.ones(3000)
     result = kf.calibrate("y = a * prev(y, 0) + u", recorded(u, u), {"a": 2.0}, "m")
     assert result.status == "failed"
-    assert "y was no finite number at sample 1024 of drive" in result.message  # 2^1024 is beyond all floats
+    assert "y was not finite at sample 1024 of drive" in result.message  # 2^1024 is beyond all floats
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -81,26 +81,26 @@ def test_squares_too_large_for_numbers_are_told_apart_from_nodes_that_are():
     data = kf.Dataset.of("bench", {"x": [1.0, 2.0], "m": [1.0, 2.0]})
     result = kf.calibrate("y = a * x", data, {"a": 1e200}, "m")
     assert result.status == "failed"
-    assert "errors were too large for numbers" in result.message
+    assert "the errors overflowed" in result.message
 
 
 def test_a_division_by_zero_is_traced_to_its_node_not_to_what_follows():
     data = kf.Dataset.of("bench", {"x": [1.0, 0.0, 2.0], "m": [1.0, 2.0, 3.0]})
     result = kf.calibrate("last = 2 * share\nshare = a / x", data, {"a": 1.0}, "m", node="last")
-    assert "share was no finite number at sample 2 of bench" in result.message
+    assert "share was not finite at sample 2 of bench" in result.message
 
 
 def test_a_node_that_no_criterion_depends_on_is_not_blamed():
     data = kf.Dataset.of("bench", {"x": [0.0, 1.0, 4.0], "m": [1.0, 2.0, 3.0]})
     text = "shown = 1 / x\nlast = a / (x - 1)"
     result = kf.calibrate(text, data, {"a": 1.0}, "m", node="last")
-    assert "last was no finite number at sample 2 of bench" in result.message
+    assert "last was not finite at sample 2 of bench" in result.message
 
 
 def test_what_a_criterion_depends_on_through_a_memory_is_blamed():
     data = recorded(np.array([1.0, 0.0, 2.0, 1.0]), np.ones(4))
     result = kf.calibrate("last = prev(share, a)\nshare = a / u", data, {"a": 1.0}, "m", node="last")
-    assert "share was no finite number at sample 2 of drive" in result.message
+    assert "share was not finite at sample 2 of drive" in result.message
 
 
 def test_the_sample_is_counted_in_the_recording_with_its_gaps():
@@ -113,7 +113,7 @@ def test_the_sample_is_counted_in_the_recording_with_its_gaps():
 def test_several_reasons_are_counted():
     from kennfeld.optimize.api import build_problem
     from kennfeld.optimize.compiled import RejectedTrials
-    from kennfeld.optimize.rejected_steps import told
+    from kennfeld.optimize.rejected_steps import describe_rejections
 
     u = np.ones(3000)
     problem = build_problem("y = PT1(a * prev(y, 0) + u, T)", recorded(u, u), {"T": 1.0, "a": 0.5}, "m")
@@ -126,9 +126,9 @@ def test_several_reasons_are_counted():
             *(problem.parameters[name].with_values(value) for name, value in zip("Ta", values, strict=True))
         )
 
-    said = told(problem, rejected, parameters)
+    said = describe_rejections(problem, rejected, parameters)
     assert said.startswith("3 trial steps were rejected: in 2 the time constant T of a PT1 was below 0")
-    assert "in 1 y was no finite number" in said
+    assert "in 1 y was not finite" in said
 
 
 def test_values_at_which_all_is_well_have_no_reason_of_their_own():
@@ -136,7 +136,7 @@ def test_values_at_which_all_is_well_have_no_reason_of_their_own():
 
     u = levels()
     problem = build_problem("y = PT1(u, T)", recorded(u, u), {"T": 1.0}, "m")
-    assert RejectionReasons(problem).of(problem.parameters) == "errors were too large for numbers"
+    assert RejectionReasons(problem).of(problem.parameters) == "the errors overflowed"
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -63,8 +63,8 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
 
     whole = score()
     for block in (1, 7, 45, 100):
-        monkeypatch.setattr(quality, "BLOCK", block)
-        cut = score()
+        monkeypatch.setattr("kennfeld.optimize.quality.SAMPLES_PER_BLOCK", block)
+        cut = quality()
         assert cut.samples == whole.samples == np.isfinite(data["x"] + data["y"]).sum()
         for name in ("rmse_before", "rmse_after", "r2_after", "max_abs_after"):
             assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12)

@@ -15,7 +15,7 @@ def test_what_was_learnt_explains_the_last_change():
         secant.learn(step, change, explained)
         np.testing.assert_allclose(secant.matrix @ step, change - explained, rtol=1e-10, atol=1e-10)
         np.testing.assert_allclose(secant.matrix, secant.matrix.T)
-        assert secant.bend(step) == pytest.approx(step @ (change - explained))
+        assert secant.curvature(step) == pytest.approx(step @ (change - explained))
 
 
 def test_a_constant_curvature_is_found():

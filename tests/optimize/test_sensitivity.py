@@ -34,7 +34,7 @@ def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0
     assert result.parameters["T"].value == pytest.approx(0.5, abs=0.01)
     assert not result.trust.informed["x0"]
     assert np.isinf(result.trust.deviation["x0"])
-    assert "No data and no smoothness inform 1 of x0" in result.message
+    assert "Not determined by data or smoothness, kept at their start values: 1 of x0" in result.message
     assert any("x0: it keeps its start" in str(direction) for direction in result.trust.directions)
 
 
@@ -129,7 +129,7 @@ def test_slopes_count_as_zero_in_the_rows_and_in_the_sums_of_a_problem(values):
     compiled = CompiledProblem(problem)
     objective = LeastSquaresObjective(compiled)
     at = compiled.values.offsets["x0"]
-    assert objective.small == (values == 5)
+    assert objective.uses_qr == (values == 5)
     gradient, matrix = (sums.copy() for sums in objective.normal(objective.start))
     residual, jacobian = objective.rows(objective.start)
     assert objective.faint(objective.start)[at]

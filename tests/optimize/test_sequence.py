@@ -179,7 +179,7 @@ def test_a_step_that_cannot_be_done_ends_the_sequence_and_is_named():
     steps = Step(free=["k"]), Step(name="held", lock={"C": True}), Step()
     result = sequence(*steps, pins=[kf.Pin("C", (0.0,), 3.0)])
     assert result.status == "infeasible"
-    assert result.message.startswith("held: Limits contradict")
+    assert result.message.startswith("held: The limits contradict")
     assert {line.stage for line in result.trace} == {"step 1: plain"}
 
 
@@ -212,12 +212,12 @@ def test_a_sequence_from_several_starts_does_not_depend_on_the_starts_before():
     [
         (Step(free=["D"]), "step 2 free: D matches no parameter"),
         (Step(lock={"CC": True}), "step 2 lock: CC matches no parameter. Did you mean C?"),
-        (Step(lock={"C": [True]}), r"step 2 lock C: the mask has the shape \[1\], the parameter \[9\]"),
-        (Step(criteria=["q"]), "step 2 criteria: there is no criterion on q"),
-        (Step(criteria=[3]), "there is no criterion 3. They are counted from 1 to 2"),
-        (Step(criteria={"m": -1.0}), "step 2 criteria m: the weight -1.0 must be a number from 0 on"),
-        (Step(criteria={"m": 0.0}), "no criterion has a weight above 0"),
-        (Step(grid_reduction={"C": (2, 2)}), "are 2 numbers for 1 axes"),
+        (Step(lock={"C": [True]}), r"step 2 lock C: the mask has shape \[1\], but the parameter has \[9\]"),
+        (Step(criteria=["q"]), "step 2 criteria: there is no criterion for q"),
+        (Step(criteria=[3]), "there is no criterion 3. Use numbers from 1 to 2"),
+        (Step(criteria={"m": -1.0}), "step 2 criteria m: the weight must be >= 0, got -1.0"),
+        (Step(criteria={"m": 0.0}), "no criterion has a weight > 0"),
+        (Step(grid_reduction={"C": (2, 2)}), "must have one number for each of 1 axes"),
         (Step(smoothness={"K": 1.0}), "step 2 smoothness: K matches no parameter"),
         (Step(free=[]), "no parameter that the function uses is free"),
     ],

@@ -173,7 +173,7 @@ def test_the_step_may_be_that_of_the_model():
     text = MODELS["PT1"]
     expected = kf.simulate(text, points(0.2), values())["y"].values
     assert kf.simulate(f"{text}\nstep 0.1", data, values())["y"].values == pytest.approx(expected, rel=1e-15)
-    with pytest.raises(kf.InputError, match="neither it nor the model has a step"):
+    with pytest.raises(kf.InputError, match="neither the dataset nor the model defines one"):
         kf.simulate(text, data, values())
 
 

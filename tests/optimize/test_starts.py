@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.search.starts import distance, drawn_start
+from kennfeld.optimize.search.starts import distance, draw_start
 
 X, Y = np.array([700.0, 1000.0, 2000.0, 4000.0, 6000.0]), np.linspace(0, 100, 7)
 
@@ -20,7 +20,7 @@ def problem(*parameters, free=("*",)):
 
 def starts(*parameters, count=33, seed=0, spread=0.5):
     made = problem(*parameters)
-    return [drawn_start(made, number, seed, spread) for number in range(1, count + 1)]
+    return [draw_start(made, number, seed, spread) for number in range(1, count + 1)]
 
 
 def test_the_first_start_is_the_given_one():
@@ -62,7 +62,7 @@ def test_locked_values_and_parameters_that_are_not_free_stay():
     locked[1:3] = True
     table = kf.Map("M", X, Y, np.add.outer(X, Y), locked=locked)
     made = problem(table, kf.Scalar("k", 1.0), free=("M",))
-    start = drawn_start(made, 5, 0, 0.5)
+    start = draw_start(made, 5, 0, 0.5)
     assert list(start) == ["M"]
     assert np.array_equal(start["M"][locked], table.values[locked])
     assert np.all(start["M"][~locked] != table.values[~locked])
@@ -83,7 +83,7 @@ def test_no_start_leaves_its_bounds(seed, number, low, width, kind):
     if kind == "upper":
         lower[:] = -np.inf
     table = kf.Map("M", X, Y, np.clip(np.full((5, 7), 10.0), lower, upper), lower=lower, upper=upper)
-    values = drawn_start(problem(table), number, seed, 0.5)["M"]
+    values = draw_start(problem(table), number, seed, 0.5)["M"]
     assert np.all(np.isfinite(values))
     assert np.all((values >= lower) & (values <= upper))
 

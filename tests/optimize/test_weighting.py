@@ -206,7 +206,7 @@ def test_wrong_weights_are_found_all_at_once():
     assert "the first, -1, at sample 41" in found[1]
     assert found[2].startswith("criterion on m region 1")
     assert found[3].startswith("criterion on m region 2: dataset bench has no channel z.")
-    assert found[4].startswith("criterion on m region 1: the condition needs time")
+    assert found[4].startswith("criterion on m region 1: the condition requires time stamps")
     assert len(found) == 5
 
 

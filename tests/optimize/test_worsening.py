@@ -61,15 +61,15 @@ def test_a_fit_that_is_worse_on_test_data_alone_is_told():
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 8), np.linspace(0.05, 1.05, 8))])
     (warning,) = kf.calibrate("m = C(x)", data, start, target="y", test=test).warnings
     assert str(warning).startswith("The fit is worse than its start on test data: the RMSE of m on test (test data)")
-    assert "Record training data there" in warning.remedy
+    assert "Add training data there" in warning.remedy
 
 
 def test_a_criterion_that_others_outweigh_is_told():
     x = np.linspace(0, 1, 20)
     criteria = [kf.Criterion("m", "y", 100.0), kf.Criterion("m", "z")]
     (warning,) = kf.calibrate("m = k * x", {"x": x, "y": 2 * x, "z": x}, {"k": 1.2}, criteria=criteria).warnings
-    assert warning.message.startswith("The fit is worse than its start in part")
-    assert "Raise its weight" in warning.remedy
+    assert warning.message.startswith("The fit is partly worse than its start")
+    assert "Increase its weight" in warning.remedy
 
 
 def test_a_criterion_that_does_not_count_is_not_missed():
@@ -86,7 +86,7 @@ def test_limits_that_the_start_does_not_keep_are_the_cause():
     (warning,) = kf.calibrate(
         "m = k * x", {"x": x, "y": 2.1 * x}, start, target="y", pins=[kf.Pin("k", (), 1.0)]
     ).warnings
-    assert "the start may not keep them" in warning.remedy
+    assert "the start may violate them" in warning.remedy
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])

@@ -95,8 +95,8 @@ def test_a_product_of_two_tables_of_zeros_is_fitted():
     assert result.converged
     assert rmse(result) < 1e-6
     assert (
-        "The start could not move: all slopes of A and B are zero while they are 0. "
-        "The search started with B at 1 instead of 0." in result.message
+        "The search could not move from the start: all derivatives of A and B vanish at 0. "
+        "It started with B = 1 instead of 0." in result.message
     )
     assert result.start["B"].values.tolist() == [0.0] * 6
     assert all(result.trust.informed[name].all() for name in "AB")
@@ -110,7 +110,7 @@ def test_the_torque_formula_is_fitted_from_zeros_as_from_a_good_start():
     assert result.converged
     assert rmse(result) < 2.0
     assert all(result.parameters[name].values.any() for name in start)
-    assert "CurveEtaDeltaSpark at 1 instead of 0" in result.message
+    assert "CurveEtaDeltaSpark = 1 instead of 0" in result.message
 
 
 def test_bounds_locks_and_pins_hold_where_a_start_is_moved():
@@ -212,4 +212,4 @@ def test_an_end_without_any_slope_has_not_converged(text, target, start):
     u = np.linspace(0.1, 3, 50)
     result = kf.calibrate(text, {"u": u, "z": target(u)}, {"a": start}, "z")
     assert result.status == "failed"
-    assert result.message.startswith("All slopes are zero")
+    assert result.message.startswith("All derivatives are zero")

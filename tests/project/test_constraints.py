@@ -45,19 +45,19 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("[[limit]]\nnode = 'base'", "neither min nor max is given"),
+        ("[[limit]]\nnode = 'base'", "min and max are missing"),
         ("[[limit]]\nmax = 3", "[[limit]] 1 node: the key is missing"),
-        ("[[limit]]\nnode = 'base'\nmin = 3\nmax = 1", "3 lies above max, 1"),
+        ("[[limit]]\nnode = 'base'\nmin = 3\nmax = 1", "min = 3 exceeds max = 1"),
         ("[[limit]]\nnode = 'bas'\nmax = 1", "bas is no node of the function and no channel"),
         ("[[limit]]\nnode = 'base'\nmax = 1\nwhere = 'Predict > 3'", "depends on a free parameter"),
         ("[[limit]]\nnode = 'base +'\nmax = 1", "limit"),
-        ("[parameters.Gain]\ngradient = { x = [1, 0] }", "1 lies above 0"),
-        ("[parameters.Gain]\ngradient = { x = 3 }", "no range of two numbers"),
-        ("[parameters.Gain]\ngradient = { y = [0, 1] }", "Gain has 1 axes, there is no y"),
-        ("[parameters.Gain]\ngradient = 3", "3 is no table"),
-        ("[[equality]]\nvalue = 3", "terms: is missing"),
+        ("[parameters.Gain]\ngradient = { x = [1, 0] }", "lower limit 1 exceeds upper limit 0"),
+        ("[parameters.Gain]\ngradient = { x = 3 }", "must be a range of two numbers, got 3"),
+        ("[parameters.Gain]\ngradient = { y = [0, 1] }", "Gain has no axis y"),
+        ("[parameters.Gain]\ngradient = 3", "must be a table, got 3"),
+        ("[[equality]]\nvalue = 3", "terms: the key is missing"),
         ("[[equality]]\nterms = [{ parameter = 'Gian' }]", "Did you mean Gain?"),
-        ("[[equality]]\nterms = [{ parameter = 'Gain', at = [1, 2] }]", "has 2 coordinates, Gain has 1 axes"),
+        ("[[equality]]\nterms = [{ parameter = 'Gain', at = [1, 2] }]", "2.0] has 2 coordinates, but Gain has 1 axes"),
         (
             "[parameters.Gain]\nbounds = [0, 1]\npin = [{ at = [1000], value = 0.2 }, { at = [3000], value = 0.1 }]\n"
             "gradient = { x = [0, inf] }",
@@ -70,7 +70,7 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
         ),
         (
             "[parameters.Gain]\nlock = true\ngradient = { x = [0.1, inf] }",
-            "slope of Gain along x between 1000 and 2000 must be >= 0.1, but bounds and locks hold it at 0; slope of",
+            "slope of Gain along x between 1000 and 2000 must be >= 0.1, but bounds and locks fix it at 0; slope of",
         ),
     ],
 )

@@ -21,7 +21,7 @@ def test_the_command_writes_its_table(shop, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(["1"], "1 is no number of parts. Write 2 or more."), (["3", "--parts", "halves"], "'halves' is unknown")],
+    [(["1"], "must be >= 2, got 1"), (["3", "--parts", "halves"], "unknown kind of folds 'halves'")],
 )
 def test_the_command_refuses_what_it_cannot_do(shop, capsys, arguments, said):
     assert cli.run(["calibrate", str(shop.path), "--cross-validate", *arguments]) == 2

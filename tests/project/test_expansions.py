@@ -64,15 +64,15 @@ def test_a_step_that_locks_what_has_no_data_leaves_it_free(bells):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("bounds = [0, 10]", f"bounds: Gain has {SIZE} values of several kinds"),
-        ("smoothness = 1", "smoothness: Gain is an expansion in radial basis functions, which has no smoothness"),
-        ("gradient = { x = [0, inf] }", "gradient: Gain is an expansion"),
-        ("curvature = { x = [0, inf] }", "curvature: Gain is an expansion"),
-        ("pin = [{ at = [1000, 12], value = 1 }]", "pin: Gain is an expansion"),
-        ('extrapolation = "linear"', "extrapolation: Gain is an expansion"),
-        ("initial = 1", "initial: Gain is an expansion"),
-        ('lock = "no-data"', "lock: Gain is an expansion"),
-        ("lock = [{ x = [0, 2000] }]", "lock: Gain is an expansion"),
+        ("bounds = [0, 10]", f"bounds: the bounds of Gain must have {SIZE} values"),
+        ("smoothness = 1", "smoothness: not supported for Gain, an RBF expansion"),
+        ("gradient = { x = [0, inf] }", "gradient: not supported for Gain"),
+        ("curvature = { x = [0, inf] }", "curvature: not supported for Gain"),
+        ("pin = [{ at = [1000, 12], value = 1 }]", "pin: not supported for Gain"),
+        ('extrapolation = "linear"', "extrapolation: not supported for Gain"),
+        ("initial = 1", "initial: not supported for Gain"),
+        ('lock = "no-data"', "lock: a part of Gain cannot be locked"),
+        ("lock = [{ x = [0, 2000] }]", "lock: a part of Gain cannot be locked"),
     ],
 )
 def test_what_means_nothing_for_it_is_reported(bells, text, said):

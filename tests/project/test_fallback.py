@@ -82,7 +82,7 @@ def test_where_nothing_can_be_written_that_is_said(result, tmp_path, monkeypatch
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "results"))
     told = []
     assert write_somewhere(result, Line(), tmp_path / "results", {}, None, told) == ()
-    assert "Nor can a temporary folder." in str(told[0])
+    assert "A temporary folder cannot be written either." in str(told[0])
 
 
 def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkeypatch):

@@ -67,23 +67,23 @@ def test_a_group_axis_of_the_initial_file_can_be_freed(shop):
 @pytest.mark.parametrize(
     ("x", "expected"),
     [
-        ('{ breakpoints = "fre" }', "[parameters.Gain] x breakpoints: 'fre' is no number"),
-        ('{ breakpoints = "free", free = false }', 'breakpoints = "free" stands beside free = false'),
-        ("{ breakpoints = [1, 2], range = [0, 3] }", "x range: has a meaning for free breakpoints alone"),
-        ("{ breakpoints = [1, 2], min_distance = 1 }", "x min_distance: has a meaning for free breakpoints alone"),
-        ('{ breakpoints = "free", range = [3000, 1000] }', "x range: must be a lowest and a highest breakpoint"),
+        ('{ breakpoints = "fre" }', "[parameters.Gain] x breakpoints: must be a number, got 'fre'"),
+        ('{ breakpoints = "free", free = false }', 'breakpoints = "free" contradicts free = false'),
+        ("{ breakpoints = [1, 2], range = [0, 3] }", "x range: requires free breakpoints"),
+        ("{ breakpoints = [1, 2], min_distance = 1 }", "x min_distance: requires free breakpoints"),
+        ('{ breakpoints = "free", range = [3000, 1000] }', "x range: must be the lowest and the highest breakpoint"),
         ('{ breakpoints = "free", range = 3 }', "Write range = [lowest, highest]."),
-        ('{ breakpoints = "free", min_distance = 0 }', "x min_distance: 0 must be a number above 0"),
-        ("{ free = 1 }", "x free: 1 is neither true nor false"),
+        ('{ breakpoints = "free", min_distance = 0 }', "x min_distance: must be > 0, got 0"),
+        ("{ free = 1 }", "x free: must be true or false, got 1"),
         (
             '{ breakpoints = "free", range = [1100, 3000] }',
-            "[parameters.Gain] x: range=(1100, 3000) of axis Speed must hold all its breakpoints, 1000 to 3000",
+            "[parameters.Gain] x: range=(1100, 3000) of axis Speed must contain all its breakpoints, 1000 to 3000",
         ),
         (
             '{ breakpoints = "free", min_distance = 1500 }',
-            "min_distance=1500 of axis Speed is more than the distance of its breakpoints 1000 and 2000",
+            "min_distance=1500 of axis Speed exceeds the distance of its breakpoints 1000 and 2000",
         ),
-        ('{ axis = "A", free = true }', "what frees its breakpoints belongs into its section"),
+        ('{ axis = "A", free = true }', "the keys of a group axis belong in its own section"),
         ('{ breakpoints = "free", begin = 1 }', "the axis has"),
     ],
 )
@@ -96,12 +96,12 @@ def test_what_is_wrong_is_one_finding(shop, x, expected):
 def test_a_free_axis_without_a_start_is_a_finding(shop):
     shop.values("start.json", Scalar("offset", 0.0))
     found = gain(shop, '{ breakpoints = "free" }', "initial = 1.0").error()
-    assert "[parameters.Gain] x: no initial file has breakpoints to begin from. Write breakpoints, begin" in found
+    assert "[parameters.Gain] x: breakpoints are free, but no initial file has any. Write" in found
 
 
 def test_a_free_group_axis_without_a_start_is_a_finding(shop):
     shop.add("[axes.AxisSpeed]\nfree = true")
-    assert "the initial files have no group axis AxisSpeed" in gain(shop, '{ axis = "AxisSpeed" }').error()
+    assert "but the initial files have no group axis AxisSpeed" in gain(shop, '{ axis = "AxisSpeed" }').error()
 
 
 def test_a_table_that_would_move_along_unfitted_is_a_finding(shop):
@@ -114,7 +114,7 @@ def test_a_table_that_would_move_along_unfitted_is_a_finding(shop):
 
 def test_free_breakpoints_of_a_table_that_is_not_fitted_are_a_warning(shop):
     found = gain(shop, '{ breakpoints = "free" }', "free = false").warning()
-    assert "[parameters.Gain] x: the breakpoints of Gain.x are free, but no table on it is fitted" in found
+    assert "[parameters.Gain] x: the breakpoints of Gain.x are free, but no table with this axis is fitted" in found
 
 
 def test_breakpoints_that_cannot_move_are_a_warning(shop):

@@ -20,12 +20,12 @@ def test_an_algebraic_loop_is_named(shop):
 @pytest.mark.parametrize(
     ("file", "expected"),
     [
-        ("sensr.kf", "[model] file: there is no file sensr.kf. Did you mean sensor.kf?"),
-        ("sensor.slx", "there is no file sensor.slx. Did you mean sensor.kf?"),
+        ("sensr.kf", "[model] file: file sensr.kf does not exist. Did you mean sensor.kf?"),
+        ("sensor.slx", "file sensor.slx does not exist. Did you mean sensor.kf?"),
         ("sensor.onnx", "sensor.onnx is an ONNX network, which is not available in this version"),
         ("sensor.py:f", "sensor.py:f is a Python function, which is not available in this version"),
-        ("bench.csv", "bench.csv is no kind of model that is known. Formula text (.kf) and Simulink models"),
-        ("lost/sensor.kf", "there is no file lost/sensor.kf. Check the path."),
+        ("bench.csv", "unknown model format .csv. Use formula text (.kf) or a Simulink model"),
+        ("lost/sensor.kf", "file lost/sensor.kf does not exist. Check the path."),
     ],
 )
 def test_a_model_file_that_cannot_be_read_is_a_finding(shop, file, expected):
@@ -42,12 +42,12 @@ def test_an_undeclared_scalar_is_told_from_an_input_by_the_parameters(shop):
 def test_a_name_that_is_a_node_and_a_parameter_is_a_finding(shop):
     shop.values("more.json", Scalar("base", 1.0))
     shop.change('initial = "start.json"', 'initial = ["start.json", "more.json"]')
-    assert "base is a node and also a parameter" in shop.error()
+    assert "base is both a node and a parameter" in shop.error()
 
 
 def test_a_channel_for_what_is_no_input_is_a_finding(shop):
     shop.change('Speed = "n"', 'Speed = "n"\nLoda = "Load"')
-    assert "[channels] Loda: Loda is no input of the function. Did you mean Load?" in shop.error()
+    assert "[channels] Loda: unknown input Loda. Did you mean Load?" in shop.error()
 
 
 def test_a_criterion_may_be_an_expression(shop):
@@ -80,16 +80,16 @@ def test_a_target_may_be_a_node_a_number_or_a_channel(shop):
     [
         (
             'node = "Predct"\ntarget = 1',
-            "[[criterion]] 2 node: Predct is no node of the function. Did you mean Predict?",
+            "unknown node Predct. Did you mean Predict?",
         ),
         ('node = "base *"\ntarget = 1', "[[criterion]] 2 node, column 7: the expression ends too early"),
-        ('node = "base"\ntarget = { node = "Predct" }', "[[criterion]] 2 target: Predct is no node of the function"),
-        ('node = "base"\ntarget = { channel = "Toque" }', "Toque is no channel of the data. Did you mean Torque?"),
-        ('node = "base"\ntarget = "Toque"', "Toque is no channel of the data and no node. Did you mean Torque?"),
+        ('node = "base"\ntarget = { node = "Predct" }', "[[criterion]] 2 target: unknown node Predct"),
+        ('node = "base"\ntarget = { channel = "Toque" }', "unknown channel Toque. Did you mean Torque?"),
+        ('node = "base"\ntarget = "Toque"', "unknown channel or node Toque. Did you mean Torque?"),
         ('node = "base - sett"\ntarget = 0', "has no channel sett, the input sett of the function"),
         (
             'node = "Predict"\ntarget = { channel = "Torque" }',
-            "Predict against Torque stands already in kennfeld.toml [[",
+            "duplicate criterion: Predict and Torque are already compared in kennfeld.toml [[",
         ),
     ],
 )
@@ -98,16 +98,16 @@ def test_a_wrong_criterion_is_a_finding(shop, criterion, expected):
 
 
 def test_only_weights_of_zero_are_a_finding(shop):
-    assert "[[criterion]]: every weight is 0" in shop.change('node = "Predict"', 'node = "Predict"\nweight = 0').error()
+    assert "[[criterion]]: all weights are 0" in shop.change('node = "Predict"', 'node = "Predict"\nweight = 0').error()
 
 
 def test_a_criterion_that_no_sample_reaches_is_a_finding(shop):
     shop.bench("bench.csv", **{"Torque [Nm]": [np.nan] * 6})
-    assert "[[criterion]] 1: no training sample reaches the criterion on Predict" in shop.error()
+    assert "[[criterion]] 1: no training sample has a target for Predict" in shop.error()
 
 
 def test_a_target_that_is_a_channel_and_a_node_is_a_warning(shop):
     shop.bench("bench.csv", base=np.arange(6))
     shop.add('[[criterion]]\nnode = "Predict"\ntarget = "base"')
-    assert "base is a channel of the data and a node of the function; the channel is taken" in shop.warning()
+    assert "base is both a channel and a node; the channel is used" in shop.warning()
     assert shop.project.problem().criteria[1].target.kind == "channel"

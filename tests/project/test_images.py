@@ -22,7 +22,7 @@ def test_the_fitted_values_are_written_into_the_image(flash, capsys):
     assert run(["calibrate", str(flash.path)]) == 0
     written = flash.folder / "results" / "parameters.hex"
     assert memory_of(written.read_bytes()) == [100, 200, 300, 50]
-    assert "the checksums of the control unit are left to the flash tool" in capsys.readouterr().err
+    assert "checksums of the control unit are not updated" in capsys.readouterr().err
     found = read(written, flash.folder / "ecu.a2l")
     assert found["Gain"].values.tolist() == pytest.approx([1, 2, 3])
     assert read(flash.folder / "results" / "parameters.dcm")["offset"].value == pytest.approx(5, abs=1e-6)
@@ -31,7 +31,7 @@ def test_the_fitted_values_are_written_into_the_image(flash, capsys):
 def test_an_image_of_another_program_is_a_warning(flash):
     identity = '/begin MOD_PAR "" EPK "XY" ADDR_EPK 0x1000 /end MOD_PAR'
     flash.write("ecu.a2l", A2L.replace("/begin RECORD_LAYOUT", f"{identity} /begin RECORD_LAYOUT", 1))
-    assert "ecu.a2l is for 'XY'. Take the A2L file of this program." in "\n".join(flash.warnings())
+    assert "ecu.a2l is for 'XY'. Use the A2L file of this program." in "\n".join(flash.warnings())
 
 
 def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
@@ -44,10 +44,10 @@ def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('a2l = "ecu.a2l"', 'a2l = "eco.a2l"', "there is no file eco.a2l. Did you mean ecu.a2l?"),
-        ('hex = "ecu.hex"', 'hex = "no.hex"', "there is no file no.hex"),
-        ('hex = "ecu.hex"', 'hexx = "ecu.hex"', "hexx: is no key that a project file knows. Did you mean hex?"),
-        (START, "initial = [3]", "3 is no file"),
+        ('a2l = "ecu.a2l"', 'a2l = "eco.a2l"', "file eco.a2l does not exist. Did you mean ecu.a2l?"),
+        ('hex = "ecu.hex"', 'hex = "no.hex"', "file no.hex does not exist"),
+        ('hex = "ecu.hex"', 'hexx = "ecu.hex"', "hexx: unknown key. Did you mean hex?"),
+        (START, "initial = [3]", "must be a file, got 3"),
         (START, 'initial = "start.json"', "an image is written over one to start from, and there is none"),
         ('output = ["hex"', 'output = ["s19"', ".s19 is not what ecu.hex holds, Intel HEX"),
     ],
@@ -61,6 +61,6 @@ def test_an_image_that_cannot_hold_the_values_leaves_the_other_results(flash, ca
     flash.write("ecu.hex", hex_of(100, 100, 100, 0, size=1))
     flash.write("results/parameters.hex", "of another run")
     assert run(["calibrate", str(flash.path)]) == 2
-    assert "(Gain): the value [3] is 3 Nm, which is outside what can be stored" in capsys.readouterr().err
+    assert "(Gain): the value [3] is 3 Nm, outside the storable and allowed range" in capsys.readouterr().err
     assert not (flash.folder / "results" / "parameters.hex").exists()
     assert read(flash.folder / "results" / "parameters.dcm")["Gain"].values.tolist() == pytest.approx([1, 2, 3])

@@ -57,7 +57,7 @@ def test_a_missing_raster_is_said_for_each_file(project):
 
 def test_a_name_of_several_groups_is_to_be_chosen(project):
     found = [str(finding) for finding in project("raster = 0.02", twice=True).check()]
-    assert "bench_a.mf4: 2 channels are called Speed. Name one of them: 10ms/Speed, 100ms/Speed." in found
+    assert "bench_a.mf4: 2 channels are named Speed. Name one of them: 10ms/Speed, 100ms/Speed." in found
     chosen = project("raster = 0.02", twice=True, channels='[channels]\nSpeed = "10ms/Speed"')
     assert not [f for f in chosen.check() if f.severity == "error"]
     assert chosen.calibrate().parameters["Gain"].value == pytest.approx(0.05, rel=1e-6)
@@ -75,7 +75,7 @@ def test_a_second_run_does_not_read_the_files_again(project, tmp_path, monkeypat
     first = project("raster = 0.02").problem().datasets[0]
     assert len(list((tmp_path / ".kennfeld" / "cache").glob("*.parquet"))) == 2
     monkeypatch.setattr("kennfeld.measurement.cache.read_leniently", None)
-    monkeypatch.setattr("kennfeld.preprocessing.pipeline.read_leniently", None)
+    monkeypatch.setattr("kennfeld.preprocessing.recordings.read_leniently", None)
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
     assert second.time.tolist() == first.time.tolist()
     assert all(second[name].values.tolist() == first[name].values.tolist() for name in first)
@@ -99,7 +99,7 @@ def test_what_a_file_lacks_is_not_found_out_twice(project, tmp_path, monkeypatch
             file.save(tmp_path / "bench_b.mf4", overwrite=True)
     first = made.problem().datasets[0]
     monkeypatch.setattr("kennfeld.measurement.cache.read_leniently", None)
-    monkeypatch.setattr("kennfeld.preprocessing.pipeline.describe", None)
+    monkeypatch.setattr("kennfeld.preprocessing.recordings.describe", None)
     second = Project.read(tmp_path / "kennfeld.toml").problem().datasets[0]
     assert np.array_equal(first["Torque"].values, second["Torque"].values, equal_nan=True)
     assert np.isnan(first["Torque"].values).any()

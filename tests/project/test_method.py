@@ -27,10 +27,10 @@ def test_a_project_is_searched_without_gradients(shop):
 
 def test_missing_bounds_are_errors_with_their_place(shop):
     assert shop.add("\n[parameters.Gain]\nbounds = [0, inf]\n" + GLOBAL).errors() == [
-        "kennfeld.toml [parameters.Gain] bounds: Gain has no upper bound, and a global search needs both. "
+        'kennfeld.toml [parameters.Gain] bounds: Gain has no upper bound; method = "global" requires both. '
         "Write bounds = [lower, upper], as narrow as you know them.",
-        "kennfeld.toml [parameters.offset] bounds: offset has no lower and no upper bound, and a global search needs "
-        "both. Write bounds = [lower, upper], as narrow as you know them.",
+        'kennfeld.toml [parameters.offset] bounds: offset has no lower and no upper bound; method = "global" '
+        "requires both. Write bounds = [lower, upper], as narrow as you know them.",
     ]
 
 
@@ -40,7 +40,8 @@ def test_many_values_are_a_warning(shop):
     )
     shop.add(BOUNDS + GLOBAL)
     assert shop.warning() == (
-        "kennfeld.toml [optimizer] method: 42 values are many for a search without gradients, which suits up to 30. "
+        "kennfeld.toml [optimizer] method: 42 values are too many for a search without gradients, "
+        "which suits up to 30. "
         "Free fewer, use fewer breakpoints, or raise max_evaluations."
     )
     shop.change("bounds = [0, 5]", "bounds = [0, 5]\nlock = [{ x = [1500, 3000] }]")
@@ -50,7 +51,7 @@ def test_many_values_are_a_warning(shop):
 def test_a_budget_of_a_descent_is_refused(shop):
     found = shop.add("\n[optimizer]\nmax_evaluations = 100").error()
     assert found == (
-        "kennfeld.toml [optimizer] max_evaluations: max_evaluations has no meaning for the method gauss-newton. "
+        "kennfeld.toml [optimizer] max_evaluations: max_evaluations requires the method global, got gauss-newton. "
         'Write method = "global", or max_iterations.'
     )
 
@@ -58,7 +59,7 @@ def test_a_budget_of_a_descent_is_refused(shop):
 def test_one_warning_recommends_the_search_for_a_model_with_events(shop):
     shop.text = RELAY
     assert shop.warning() == (
-        "sensor.kf line 4: on (>=, <=) jumps when Gain decides, and derivatives do not see that. "
+        "sensor.kf line 4: on (>=, <=) jumps depending on Gain; derivatives do not account for that. "
         'Write [optimizer] method = "global", and bounds for Gain.'
     )
     shop.add(BOUNDS + GLOBAL)
@@ -79,5 +80,5 @@ def test_of_many_parameters_that_decide_some_are_named(shop):
     shop.text = "input Speed[rpm]\ninput Load\n" + f"Predict[Nm] = Load * Speed > {' + '.join(names)}\n"
     shop.values("start.json", *(Scalar(name, 1.0) for name in names))
     found = shop.warning()
-    assert "when k0, k1, k2, k3, k4 and 35 more decide" in found
+    assert "Predict (>) jumps depending on k0, k1, k2, k3, k4 and 35 more; derivatives do not account for that" in found
     assert found.endswith('Free up to 30 values, and write [optimizer] method = "global", and bounds for them.')

@@ -92,7 +92,7 @@ def test_simulation_takes_other_values(shop):
 
 
 def test_simulation_refuses_tables_that_do_not_fit(shop):
-    with pytest.raises(InputError, match="Gain is a map of 1 x 1 values; the function gives it 1 coordinate"):
+    with pytest.raises(InputError, match="Gain is a map of 1 x 1 values, but the function looks it up"):
         shop.project.simulate(ParameterSet([Map("Gain", [1], [1], [[1]])]))
 
 

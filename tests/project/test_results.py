@@ -143,7 +143,7 @@ def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
 
 
 def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"\.xlsx is no format.*\.parquet or \.csv"):
+    with pytest.raises(InputError, match=r"must have the extension \.parquet or \.csv, got \.xlsx"):
         write_simulation(Line().simulate(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
 

@@ -59,15 +59,14 @@ def test_weights_below_zero_are_an_error(shop):
 
 def test_missing_weights_are_a_warning(shop):
     assert weighted(shop, w=[1, 1, np.nan, 1, 1, 1]).warning() == (
-        "kennfeld.toml [[criterion]] 1 weight_channel: w is missing in 1 of 6 samples of dataset bench; "
-        "they count with weight 0"
+        "kennfeld.toml [[criterion]] 1 weight_channel: w is NaN in 1 of 6 samples of dataset bench; "
+        "these samples get weight 0"
     )
 
 
 def test_weights_that_are_all_zero_are_an_error(shop):
     assert weighted(shop, w=[0, 0, 0, 0, 0, np.nan]).errors() == [
-        "kennfeld.toml [[criterion]] 1: no training sample has a weight above 0. "
-        "Check the channels and regions that weigh it."
+        "kennfeld.toml [[criterion]] 1: no training sample has a weight above 0. Check its weight channels and regions."
     ]
 
 
@@ -81,14 +80,14 @@ def test_weights_in_test_data_are_not_needed(shop):
 @pytest.mark.parametrize(
     ("regions", "error"),
     [
-        ("3", "[[criterion]] 1 regions: it must be a list of tables. Write regions"),
+        ("3", "[[criterion]] 1 regions: must be a list of tables. Write regions = ["),
         ("[{ where = 'n > 1' }]", "[[criterion]] 1 region 1 weight: the key is missing."),
         ("[{ weight = 1 }]", "[[criterion]] 1 region 1 where: the key is missing."),
-        ("[{ where = 'n > 1', weight = -1 }]", "[[criterion]] 1 region 1 weight: -1 must be a number from 0 on"),
-        ("[{ where = 'n > 1', weihgt = 1, weight = 2 }]", "region 1 weihgt: is no key that a project file knows"),
+        ("[{ where = 'n > 1', weight = -1 }]", "[[criterion]] 1 region 1 weight: must be >= 0, got -1"),
+        ("[{ where = 'n > 1', weihgt = 1, weight = 2 }]", "region 1 weihgt: unknown key"),
         ("[{ where = 'n >', weight = 2 }]", "[[criterion]] 1 region 1"),
         ("[{ where = 'nn > 1', weight = 2 }]", "region 1: dataset bench has no channel nn. Did you mean n?"),
-        ("[{ where = 't > 1', weight = 2 }]", "region 1: the condition needs time, but dataset bench has no time"),
+        ("[{ where = 't > 1', weight = 2 }]", "region 1: the condition requires time stamps, but dataset bench has"),
     ],
 )
 def test_wrong_regions_are_errors(shop, regions, error):
@@ -97,4 +96,4 @@ def test_wrong_regions_are_errors(shop, regions, error):
 
 def test_a_region_without_samples_is_a_warning(shop):
     shop.change('target = "Torque"', 'target = "Torque"\nregions = [{ where = "n > 9000", weight = 2 }]')
-    assert shop.warning() == "kennfeld.toml [[criterion]] 1 region 1: n > 9000 holds at no training sample"
+    assert shop.warning() == "kennfeld.toml [[criterion]] 1 region 1: n > 9000 is true at no training sample"

@@ -160,7 +160,7 @@ def test_a_changed_project_file_is_said(make):
     project = make(SAVING, "# a word")
     (finding,) = project.saves().found().findings
     assert finding.severity == "warning"
-    assert "kennfeld.toml: has changed since" in project.calibrate(resume=True).message
+    assert "kennfeld.toml: changed since" in project.calibrate(resume=True).message
 
 
 def test_tables_of_another_size_cannot_be_resumed(make):
@@ -173,7 +173,7 @@ def test_tables_of_another_size_cannot_be_resumed(make):
 
 
 def test_without_a_state_there_is_nothing_to_resume(make):
-    with pytest.raises(InputError, match=r"holds no saved state.*Set save_every"):
+    with pytest.raises(InputError, match=r"no checkpoint to resume from.*Set save_every"):
         make().calibrate(resume=True)
 
 
@@ -260,7 +260,7 @@ def test_a_state_that_cannot_be_written_does_not_end_the_search(make, tmp_path):
     (tmp_path / "results" / "saves").write_text("a file", encoding="utf-8")
     result = make(SAVING).calibrate()
     assert result.status == "converged"
-    assert "states could not be saved" in result.message
+    assert "checkpoints cannot be written" in result.message
 
 
 def test_the_folder_may_be_another_one(make, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from kennfeld import cli
 
 TEST = '\n[[dataset]]\nfiles = ["{}"]\nuse = "test"\n'
-MEND = "Hold other data back: the error on these does not tell how the function works on unseen data."
+MEND = "Hold out other data: the error on these does not show how the function works on unseen data."
 
 
 def with_test(shop, name="fresh.csv", further=""):
@@ -27,7 +27,7 @@ def test_other_data_are_unseen(shop):
 
 
 def test_the_same_file_is_told(shop):
-    message = "the test file bench.csv is a training file too"
+    message = "the test file bench.csv is also a training file"
     found = seen(with_test(shop, "bench.csv", 'name = "again"\n'))
     assert found == [f"kennfeld.toml [[dataset]] 2: {message}. {MEND}"]
 

@@ -38,7 +38,8 @@ def test_the_step_of_the_model_is_the_default(points):
     assert points.project.problem().training[0].count == 6 * 41
     points.change("step = 0.5\n", "")
     assert points.error() == (
-        "kennfeld.toml [[dataset]] 1 (bench) step: the points are held, but no step of the model is given. "
+        "kennfeld.toml [[dataset]] 1 (bench) step: settle requires a time step, but "
+        "neither the dataset nor the model defines one. "
         "Write step = ... in s, here or in [model]."
     )
 
@@ -59,35 +60,34 @@ def test_recorded_time_stamps_do_not_matter(points):
 def test_without_settle_the_message_names_it(points):
     points.change("\nsettle = 20.0\naverage = 1.0\nstep = 0.1", "")
     assert points.error().endswith(
-        "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+        "Name the time channel `time`, or write settle = ... if these are steady-state points."
     )
 
 
 def test_a_function_without_memory_is_told_that_it_needs_no_holding(points):
     points.text = TEXT.replace("PT1(Gain(Speed) * Load + offset, 2.0, 0)", "Gain(Speed) * Load + offset")
     assert points.warning() == (
-        "kennfeld.toml [[dataset]] 1 (bench) settle: the function has no memory, so that its points need not be held. "
-        "Remove settle."
+        "kennfeld.toml [[dataset]] 1 (bench) settle: settle has no effect: the function has no states. Remove settle."
     )
 
 
 def test_more_samples_than_memory_holds_are_an_error(points):
     found = points.change("step = 0.1", "step = 1e-6").error()
-    assert "6 points of 20000001 samples each are 120000006 samples, too many for memory" in found
+    assert "6 points of 20000001 samples each are 120000006 samples, which exceeds 100000000" in found
 
 
 @pytest.mark.parametrize(
     ("keys", "error"),
     [
-        ("average = 1.0", "average: average has no meaning without settle. Write settle = ... in s, or remove it."),
-        ("step = 0.1", "step: step has no meaning without settle."),
-        ("settle = 0", "settle: 0 must be a number above 0"),
-        ("settle = 'long'", "settle: 'long' is no number"),
-        ("settle = 5\naverage = 6", "average: 6 s are longer than settle = 5 s. Shorten it."),
-        ("settle = 5\nstep = 6", "step: 6 s are longer than settle = 5 s. Shorten it."),
-        ("settle = 5\nraster = 0.1", "raster: raster is for recordings in time, settle for steady-state points."),
-        ("settle = 5\nwarmup = 1", "warmup: warmup is for recordings in time"),
-        ("settle = 5\nmax_gap = 1", "max_gap: max_gap is for recordings in time"),
+        ("average = 1.0", "average: average requires settle. Write settle = ... in s, or remove it."),
+        ("step = 0.1", "step: step requires settle."),
+        ("settle = 0", "settle: must be > 0, got 0"),
+        ("settle = 'long'", "settle: must be a number, got 'long'"),
+        ("settle = 5\naverage = 6", "average: must be <= settle = 5 s, got 6 s. Shorten it."),
+        ("settle = 5\nstep = 6", "step: must be <= settle = 5 s, got 6 s. Shorten it."),
+        ("settle = 5\nraster = 0.1", "raster: raster contradicts settle, which is for steady-state points."),
+        ("settle = 5\nwarmup = 1", "warmup: warmup contradicts settle"),
+        ("settle = 5\nmax_gap = 1", "max_gap: max_gap contradicts settle"),
     ],
 )
 def test_keys_that_do_not_go_together_are_errors(shop, keys, error):

@@ -26,8 +26,8 @@ def start(shop, gain, other):
 def test_two_factors_of_zero_are_a_warning_with_a_start_that_moves(product):
     start(product, 0.0, 0.0)
     assert product.warning() == (
-        "kennfeld.toml [parameters.Gain] initial: the initial value is 0, and so all slopes of Other are zero: "
-        "no step could move from there. Write initial = 1, or all values; a calibration starts there on its own."
+        "kennfeld.toml [parameters.Gain] initial: the initial value is 0, so the gradient of Other is zero and "
+        "no step can change it. Write initial = 1, or all values. By default, a calibration starts at this value."
     )
     product.add("[parameters.Gain]\ninitial = 1")
     assert product.findings() == []
@@ -59,5 +59,5 @@ def test_the_advice_for_a_section_without_values_is_a_level_that_moves(product):
     start(product, 1.0, 0.0)
     product.text = "input Speed\ninput Load\nPredict = Gain(Speed) * New(Load) + offset + Last(Load)\n"
     product.add('[parameters.New]\nx = { input = "Load", count = 3 }\n[parameters.Last]\nx = { count = 3 }')
-    mends = [finding.remedy for finding in product.findings() if "has no values" in finding.message]
+    mends = [finding.remedy for finding in product.findings() if "no values" in finding.message]
     assert mends == ["Write initial = 1.0, or all values.", "Write initial = 0.0, or all values."]

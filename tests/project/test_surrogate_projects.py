@@ -39,7 +39,7 @@ def outside(inside):
 
 
 SENTENCE = (
-    "bench is used outside the data it was trained on at 2 of 4 samples of fast (50 %), "
+    "bench is used outside its training data at 2 of 4 samples of fast (50 %), "
     "worst at sample 2, where Speed is 7000, above 2"
 )
 
@@ -51,7 +51,7 @@ def result_of(shop):
 def test_a_calibration_says_where_it_leaves_the_data_of_a_surrogate(outside, capsys):
     assert cli.run(["calibrate", str(outside.path)]) == 0
     out = capsys.readouterr().out
-    assert "What leaves the data of surrogates:\n  " + SENTENCE in out
+    assert "Surrogate extrapolation:\n  " + SENTENCE in out
     bench, fast = result_of(outside)["surrogates"]
     assert (bench["name"], bench["dataset"], bench["use"], bench["samples"]) == ("bench", "bench", "training", 6)
     assert (bench["outside"], bench["worst"]) == (0, None)
@@ -83,7 +83,7 @@ def test_a_simulation_says_so_too_with_the_parameters_that_it_is_given(inside, c
     inside.write("far.json", '{"shift": {"kind": "scalar", "unit": "", "value": 50.0}}')
     assert cli.run(["simulate", path, "-p", str(inside.folder / "far.json")]) == 0
     out = capsys.readouterr().out
-    assert "bench is used outside the data it was trained on at 6 of 6 samples of bench (100 %)" in out
+    assert "bench is used outside its training data at 6 of 6 samples of bench (100 %)" in out
     assert "where Load is 63, above 1" in out
 
 
@@ -99,7 +99,7 @@ def test_the_report_warns_and_lists_and_can_be_made_again(outside):
 
 def test_the_report_praises_a_surrogate_that_stays_inside(inside):
     text = document(inside.project, inside.project.calibrate())
-    assert "bench is used within the data it was trained on, at all of 6 samples." in text
+    assert "bench is used within its training data at all 6 samples." in text
 
 
 def test_the_report_on_the_start_says_so_too(outside):
@@ -111,14 +111,14 @@ def test_one_without_a_range_is_noted_and_not_counted(inside, capsys):
     assert cli.run(["calibrate", str(inside.path)]) == 0
     assert "leaves" not in capsys.readouterr().out
     assert result_of(inside)["surrogates"][0]["outside"] is None
-    assert "bench does not say for which data it holds" in document(inside.project)
+    assert "bench has no validity range" in document(inside.project)
 
 
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("max", "kennfeld.toml [surrogates] max: max is built in. Use another name."),
-        ('"my engine"', "my engine is no name that formula text can call"),
+        ("max", "kennfeld.toml [surrogates] max: max is a built-in function. Use another name."),
+        ('"my engine"', "invalid name 'my engine' in formula text"),
     ],
 )
 def test_a_name_that_no_formula_can_call_is_reported(inside, name, said):

@@ -34,7 +34,7 @@ def test_values_of_later_files_win(shop):
             Curve("Gain", [1000, 2000], [1, 1]),
             "Gain is a curve of 3 values in start.json and a curve of 2 values in b.js",
         ),
-        (Curve("Gain", [1, 2, 3], [1, 1, 1]), "Gain has other breakpoints in b.json than in start.json"),
+        (Curve("Gain", [1, 2, 3], [1, 1, 1]), "Gain has different breakpoints in start.json and b.json"),
         (Scalar("Gain", 1), "Gain is a curve of 3 values in start.json and a scalar in b.json"),
     ],
 )
@@ -48,12 +48,12 @@ def test_files_that_disagree_on_a_group_axis_are_a_finding(shop):
     for name, points in (("A", [0, 1]), ("B", [0, 2])):
         shop.values(f"{name}.json", Curve(name, Axis(points, name="Shared"), [0, 0]))
     shop.change('initial = "start.json"', 'initial = ["start.json", "A.json", "B.json"]')
-    assert "group axis Shared has other breakpoints" in shop.error()
+    assert "group axis Shared has different breakpoints" in shop.error()
 
 
 def test_a_missing_initial_file_is_the_only_finding(shop):
     shop.change('"start.json"', '"strat.json"')
-    assert "[calibration] initial: there is no file strat.json. Did you mean start.json?" in shop.error()
+    assert "[calibration] initial: file strat.json does not exist. Did you mean start.json?" in shop.error()
 
 
 def test_without_initial_files_wrong_formula_text_is_found_as_well(shop):
@@ -102,7 +102,7 @@ def test_an_axis_without_input_takes_what_the_function_looks_up_with(shop):
 def test_equal_quantiles_are_merged_with_a_warning(shop):
     shop.bench("bench.csv", [1000] * 6 + [2000])
     shop.add("[parameters.Gain]\nx = { input = 'Speed', count = 5 }")
-    assert "[parameters.Gain] x: 5 quantiles of Speed give 2 breakpoints, since some are equal" in shop.warning()
+    assert "[parameters.Gain] x: only 2 of 5 quantiles of Speed differ" in shop.warning()
 
 
 def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
@@ -114,8 +114,8 @@ def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
 @pytest.mark.parametrize(
     ("quantity", "expected"),
     [
-        ("base", "the range of base depends on parameters (Gain). Write begin, end and count"),
-        ("Sped", "Sped is no input, no node and no channel. Did you mean Speed?"),
+        ("base", "the values of base depend on parameters (Gain). Write begin, end and count, or breakpoints"),
+        ("Sped", "unknown input, node or channel Sped. Did you mean Speed?"),
     ],
 )
 def test_quantiles_of_what_has_none_are_a_finding(shop, quantity, expected):
@@ -155,14 +155,14 @@ def test_a_group_axis_of_the_initial_file_can_be_named(shop):
 
 def test_an_unknown_group_axis_is_a_finding(shop):
     shop.add("[axes.AxisSpeed]\nbreakpoints = [0, 1]\n[parameters.Gain]\nx = { axis = 'AxisSped' }")
-    assert "[parameters.Gain] x: there is no group axis AxisSped. Did you mean AxisSpeed?" in shop.error()
+    assert "[parameters.Gain] x: unknown group axis AxisSped. Did you mean AxisSpeed?" in shop.error()
 
 
 def test_a_group_axis_that_the_file_and_the_project_define_differently_is_a_finding(shop):
     shared = Axis([1000, 2000, 3000], name="AxisSpeed")
     shop.values("start.json", Curve("Gain", shared, [0, 0, 0]), Curve("B", shared, [0, 0, 0]), Scalar("offset", 0))
     shop.add("[axes.AxisSpeed]\nbreakpoints = [0, 1]\n[parameters.Gain]\nx = { axis = 'AxisSpeed' }")
-    assert "[axes]: group axis AxisSpeed has other breakpoints in" in shop.error()
+    assert "[axes]: group axis AxisSpeed has different breakpoints in" in shop.error()
 
 
 @pytest.mark.parametrize(
@@ -170,22 +170,22 @@ def test_a_group_axis_that_the_file_and_the_project_define_differently_is_a_find
     [
         (
             "initial = [1, 2]",
-            "[parameters.Gain] initial: has 2 values; its axes ask for 3. Write one value a breakpoint.",
+            "[parameters.Gain] initial: has 2 values, but the axes require 3. Write one value per breakpoint.",
         ),
         (
             "y = { breakpoints = [0, 1] }\ninitial = [[1, 2, 3], [1, 2, 3]]",
-            "It seems to be transposed: write a row for",
+            "It seems to be transposed: write one row per x",
         ),
-        ("y = { breakpoints = [0, 1] }", "the initial file holds a curve of 3 values, the axes here ask for 3 x 2"),
+        ("y = { breakpoints = [0, 1] }", "the initial file has a curve of 3 values, but the axes require 3 x 2"),
         ("z = { breakpoints = [0, 1] }\ninitial = 0", "[parameters.Gain] y: the axis is missing"),
-        ("bounds = [[0, 0], 1]", "[parameters.Gain] bounds: has 2 values; its axes ask for 3"),
+        ("bounds = [[0, 0], 1]", "[parameters.Gain] bounds: has 2 values, but the axes require 3"),
         (
             "bounds = [2, [1, 3, 3]]",
-            "bounds: the lower bound 2 lies above the upper bound 1 at value 1. Exchange them.",
+            "bounds: lower bound 2 exceeds upper bound 1 at value 1. Swap them.",
         ),
         ("smoothness = { y = 1 }", "[parameters.Gain] smoothness: Gain has no axis y. It has x."),
         ("lock = [{ y = [0, 1] }]", "[parameters.Gain] lock 1: Gain has no axis y"),
-        ("pin = [{ at = [1, 2], value = 0 }]", "pin 1: [1.0, 2.0] has 2 coordinates, Gain has 1 axes"),
+        ("pin = [{ at = [1, 2], value = 0 }]", "pin 1: [1.0, 2.0] has 2 coordinates, but Gain has 1 axes"),
         ("free = false\npin = [{ at = [1000], value = 0 }]", "[parameters.Gain] pin 1: Gain is not free"),
     ],
 )
@@ -195,7 +195,7 @@ def test_what_does_not_fit_a_table_is_a_finding(shop, section, expected):
 
 def test_values_of_a_scalar_without_an_axis_are_a_finding(shop):
     error = shop.add("[parameters.offset]\ninitial = [1, 2]").error()
-    assert "[parameters.offset] initial: 2 values for a scalar. Give it an axis" in error
+    assert "[parameters.offset] initial: must be one value for a scalar, got 2. Give it an axis" in error
 
 
 def test_bounds_are_numbers_or_tables_and_may_be_infinite(shop):
@@ -207,7 +207,7 @@ def test_bounds_are_numbers_or_tables_and_may_be_infinite(shop):
 
 def test_a_start_outside_its_bounds_is_a_warning(shop):
     warning = shop.add("[parameters.Gain]\nbounds = [2, 3]").warning()
-    assert "bounds: 3 of 3 initial values lie outside, such as 1. They will be moved onto the bounds." in warning
+    assert "bounds: 3 of 3 initial values are outside, such as 1. They will be clipped to the bounds." in warning
 
 
 def test_a_start_that_is_not_finite_is_a_finding(shop):
@@ -235,7 +235,7 @@ def test_locks_hold_values_by_their_axis_ends_included(shop, lock, expected):
 
 
 def test_a_lock_without_grid_points_is_a_warning(shop):
-    assert "lock 1: no grid point lies in this range" in shop.add("[parameters.Gain]\nlock = [{x = [1, 2]}]").warning()
+    assert "lock 1: no grid point is in this range" in shop.add("[parameters.Gain]\nlock = [{x = [1, 2]}]").warning()
 
 
 def test_values_without_data_can_be_locked(shop):
@@ -268,7 +268,7 @@ def test_pins_and_smoothness_reach_the_problem(shop):
 
 def test_a_pin_beyond_the_axis_is_a_warning(shop):
     shop.add("[parameters.Gain]\npin = [{ at = [9000], value = 2 }]")
-    assert "pin 1: 9000 lies beyond the axis, 1000 to 3000" in shop.warning()
+    assert "pin 1: 9000 is outside the axis, 1000 to 3000" in shop.warning()
 
 
 def test_patterns_and_sections_choose_what_is_free(shop):
@@ -299,14 +299,14 @@ def test_freeing_what_the_function_does_not_use_is_a_warning(shop):
 
 def test_nothing_free_is_a_finding(shop):
     shop.add("[parameters.Gain]\nfree = false\n[parameters.offset]\nfree = false")
-    assert 'no parameter that the function uses is free. Write free = ["*"] in [calibration].' in shop.error()
+    assert 'no parameter of the function is free. Write free = ["*"] in [calibration].' in shop.error()
 
 
 def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
     """Not by what would lie on the axis that the function does not feed, such as the quantiles of a missing channel."""
     shop.add('[parameters.Gain]\nx = { count = 3 }\ny = { input = "Lod", count = 3 }\ninitial = 0.0')
     assert shop.errors() == [
-        "sensor.kf line 3: Gain is given 1 coordinate, but it is a map with 2 axes. Correct one of them."
+        "sensor.kf line 3: Gain is looked up with 1 coordinate, but it is a map with 2 axes. Correct one of them."
     ]
 
 
@@ -339,14 +339,14 @@ def test_a_scalar_that_nobody_defines_shows_a_section_too(shop):
     shop.text += "more = Predict + ofset\n"
     (finding,) = shop.findings()
     assert str(finding) == (
-        "sensor.kf line 5: ofset is no node and no input, and no file and no section of the project defines it. "
+        "sensor.kf line 5: undefined name ofset: not a node, an input, or a parameter of any file or section. "
         "Did you mean offset? Or define it: [parameters.ofset] initial = 0.0."
     )
 
 
 def test_a_table_with_another_number_of_axes_is_a_finding(shop):
     shop.values("start.json", Scalar("Gain", 1), Scalar("offset", 0))
-    assert "sensor.kf line 3: Gain is given 1 coordinate, but it is a scalar with 0 axes" in shop.error()
+    assert "sensor.kf line 3: Gain is looked up with 1 coordinate, but it is a scalar with 0 axes" in shop.error()
 
 
 def test_value_blocks_are_kept(shop):

@@ -99,16 +99,16 @@ def test_all_problems_of_a_file_are_found_at_once(training):
     ("old", "new", "said"),
     [
         ('["n", "Load"]', "[]", "engine.toml [surrogate] inputs: the list is empty"),
-        ('"Torque"\n', '"n"\n', "engine.toml [surrogate] output: n is one of the inputs too"),
-        ("starts = 1", "hold = 1", 'hold has no meaning for a static surrogate. Write kind = "dynamic", or remove it.'),
-        ("starts = 1", 'file = "engine.toml"', "engine.toml is this training file itself"),
+        ('"Torque"\n', '"n"\n', "engine.toml [surrogate] output: n is also an input"),
+        ("starts = 1", "hold = 1", 'hold requires a dynamic surrogate. Write kind = "dynamic", or remove it.'),
+        ("starts = 1", 'file = "engine.toml"', "engine.toml is this training file"),
         ("starts = 1", 'file = "."', "file: . is a folder"),
-        ('["bench.csv"]\n', '["bench.csv"]\nweight_channel = "n"', "1 weight_channel: weight_channel has no meaning"),
+        ('["bench.csv"]\n', '["bench.csv"]\nweight_channel = "n"', "1 weight_channel: weight_channel is not supported"),
         ('["bench.csv"]\n', '["bench.csv"]\nshift = { n = "auto" }', "Write the shift as a number."),
-        ('["bench.csv"]\n', '["bench.csv"]\nuse = "test"', "no dataset is for training"),
+        ('["bench.csv"]\n', '["bench.csv"]\nuse = "test"', "no dataset is used for training"),
         ('"bench.csv"', '"bnch.csv"', "Did you mean bench.csv?"),
         ('"Load"', '"Laod"', "bench.csv: has no channel Laod, an input of the surrogate"),
-        ("[surrogate]", "[modle]\n[surrogate]", "is no section that a training file knows"),
+        ("[surrogate]", "[modle]\n[surrogate]", "unknown section"),
     ],
 )
 def test_a_problem_is_named_with_its_place_and_its_mend(training, old, new, said):
@@ -118,9 +118,9 @@ def test_a_problem_is_named_with_its_place_and_its_mend(training, old, new, said
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('["u"]\n', '["u"]\nlags = { u = [] }\n', "lags u: [] must be whole numbers of samples from 0 on"),
-        ('["u"]\n', '["u"]\nlags = "all"\n', "lags: 'all' is no table"),
-        ('["u"]\n', '["u"]\noutput_lags = []\n', "output_lags: [] must be whole numbers of samples from 1 on"),
+        ('["u"]\n', '["u"]\nlags = { u = [] }\n', "lags u: must be integers >= 0, in samples, got []"),
+        ('["u"]\n', '["u"]\nlags = "all"\n', "lags: must be a table, got 'all'"),
+        ('["u"]\n', '["u"]\noutput_lags = []\n', "output_lags: must be integers >= 1, in samples, got []"),
         ('"tank.csv"', '"bench.csv"', "has no channel"),
     ],
 )
@@ -130,15 +130,17 @@ def test_a_problem_of_a_dynamic_one(training, old, new, said):
 
 def test_a_channel_that_never_changes_teaches_nothing(training, shop):
     shop.bench("bench.csv", Load=np.full(6, 12.0))
-    assert the_problem(training()).startswith("engine.toml [surrogate]: channel Load is 12 in all training data")
+    assert the_problem(training()).startswith(
+        "engine.toml [surrogate]: channel Load is constant (12) in the training data"
+    )
 
 
 def test_a_dynamic_one_needs_time_and_pieces_without_gaps(training, shop):
     shop.csv("tank.csv", {"u": np.arange(9), "level": np.arange(9)})
-    assert "needs time stamps" in the_problem(training(DYNAMIC))
+    assert "requires time stamps" in the_problem(training(DYNAMIC))
     level = np.where(np.arange(20) % 4 == 0, np.nan, np.arange(20))
     shop.csv("tank.csv", {"time [s]": np.arange(20), "u": np.arange(20), "level": level})
-    assert "no piece without gaps that is long enough" in the_problem(training(DYNAMIC))
+    assert "all gap-free pieces of the training data are too short" in the_problem(training(DYNAMIC))
 
 
 def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
@@ -154,7 +156,7 @@ def test_a_static_one_learns_from_the_plateaus_of_recordings(training, shop):
 def test_a_dynamic_one_can_not(training):
     steady = 'files = ["tank.csv"]\nsteady = { channel = "u", window = 5, tolerance = 0 }'
     found = problems(training(DYNAMIC, ('files = ["tank.csv"]', steady)))
-    assert any("needs time stamps" in one for one in found)
+    assert any("requires time stamps" in one for one in found)
 
 
 def test_units_can_be_stated_where_files_have_none(training, shop):
@@ -181,7 +183,7 @@ def test_check_gives_problems_of_file_and_data_on_stderr(training, capsys):
     assert cli.run(["check", str(training(STATIC, ('"bench.csv"', '"bnch.csv"')))]) == 2
     assert capsys.readouterr().err.startswith("engine.toml [[dataset]] 1 files: bnch.csv matches no file")
     assert cli.run(["check", str(training(STATIC, ("starts = 1", "starts = 0")))]) == 2
-    assert "starts: 0 must be a whole number" in capsys.readouterr().err
+    assert "starts: must be an integer >= 1, got 0" in capsys.readouterr().err
 
 
 def test_what_check_accepts_can_be_trained_and_looked_at(training, shop, capsys):
@@ -198,13 +200,14 @@ def test_what_check_accepts_can_be_trained_and_looked_at(training, shop, capsys)
 @pytest.mark.parametrize("command", ["calibrate", "simulate", "report"])
 def test_other_commands_say_what_it_is(training, capsys, command):
     assert cli.run([command, str(training())]) == 2
-    said = "engine.toml: this is a training file, no project. Run `kennfeld surrogate train`.\n"
+    said = "engine.toml: this is a training file, not a project. Run `kennfeld surrogate train`.\n"
     assert capsys.readouterr().err == said
 
 
 def test_a_project_is_no_training_file(shop, capsys):
     assert cli.run(["surrogate", "train", str(shop.path)]) == 2
-    assert capsys.readouterr().err == "kennfeld.toml: this is a project, no training file. Run `kennfeld calibrate`.\n"
+    expected = "kennfeld.toml: this is a project, not a training file. Run `kennfeld calibrate`.\n"
+    assert capsys.readouterr().err == expected
 
 
 def test_info_shows_what_it_says(training, capsys):

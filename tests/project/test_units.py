@@ -28,7 +28,7 @@ def test_a_conversion_is_told_once_and_is_no_warning(shop):
         in_radians(shop, name)
     [finding] = shop.change('"bench.csv"', '"bench*.csv"').findings()
     assert finding.severity == "remark"
-    said = "channel n is in rad/s and is converted to rpm, the unit of the input Speed"
+    said = "channel n is converted from rad/s to rpm, the unit of the input Speed"
     assert str(finding) == f"bench.csv and 1 more: {said}"
 
 
@@ -76,7 +76,7 @@ def test_a_dash_as_the_stated_unit_leaves_the_channel_alone(shop):
 
 def test_a_unit_stated_for_a_channel_that_nothing_uses_is_an_error(shop):
     error = shop.add('[units]\nTorqe = "Nm"').error()
-    assert error == "kennfeld.toml [units] Torqe: nothing uses a channel Torqe. Did you mean Torque?"
+    assert error == "kennfeld.toml [units] Torqe: channel Torqe is not used. Did you mean Torque?"
 
 
 def test_a_function_that_cannot_be_read_leaves_stated_units_alone(shop):
@@ -88,7 +88,7 @@ def test_a_function_that_cannot_be_read_leaves_stated_units_alone(shop):
 def test_a_unit_can_be_stated_for_a_calculated_channel(shop):
     shop.bench("bench.csv", **{"n [rpm]": None, "omega [rad/s]": OMEGA})
     shop.add('[calculated]\nn = "omega * 30 / pi"\n[units]\nn = "Nm"')
-    assert "channel n is in Nm, the input Speed of the function in rpm, which is another quantity" in shop.warning()
+    assert "channel n is in Nm, but the input Speed of the function is in rpm, a different quantity" in shop.warning()
     assert data(shop)["n"].values == pytest.approx(SPEED)
 
 
@@ -103,7 +103,7 @@ def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
     in_radians(shop).change('files = ["bench.csv"]', 'files = ["bench.csv"]\nwhere = "n > 2100"')
     assert data(shop).scored.tolist() == (SPEED > 2100).tolist()
     assert [f.message for f in shop.findings() if f.severity == "remark"] == [
-        "channel n is in rad/s and is converted to rpm, the unit of the input Speed; formulas over n see rpm"
+        "channel n is converted from rad/s to rpm, the unit of the input Speed; formulas read n in rpm"
     ]
     shop.add('[calculated]\ndouble = "2 * n"')
     shop.change('target = "Torque"', 'target = "double"')
@@ -112,7 +112,7 @@ def test_formulas_see_a_converted_channel_in_its_new_unit_and_it_is_told(shop):
 
 def test_a_region_over_a_converted_channel_is_told_too(shop):
     in_radians(shop).change('target = "Torque"', 'target = "Torque"\nregions = [{ where = "n > 2100", weight = 2 }]')
-    assert shop.warning().endswith("the unit of the input Speed; formulas over n see rpm")
+    assert shop.warning().endswith("the unit of the input Speed; formulas read n in rpm")
 
 
 def test_files_of_a_dataset_are_put_into_the_unit_of_the_function_each(shop):
@@ -128,7 +128,7 @@ def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_functio
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["Load"]
     assert joined.values == pytest.approx([1, 2, 3, 4, 5, 6] * 2)
     assert joined.unit == "bar"
-    assert "bench2.csv: channel Load is in mbar and is converted to bar, the unit of bench.csv" in shop.warning()
+    assert "bench2.csv: channel Load is converted from mbar to bar, the unit of bench.csv" in shop.warning()
 
 
 def test_datasets_are_put_into_one_unit_where_the_function_has_none(shop):
@@ -145,14 +145,14 @@ def test_a_channel_that_two_inputs_want_in_two_units_follows_the_first(shop):
     shop.change('Speed = "n"', 'Speed = "n"\nOmega = "n"')
     assert data(shop)["n"].values.tolist() == SPEED.tolist()
     warning = shop.warning()
-    assert "channel n is in rpm, the input Omega of the function in rad/s. Convert it in [calculated]" in warning
+    assert "channel n is in rpm, but the input Omega of the function is in rad/s. Convert it" in warning
 
 
 def test_an_input_counts_before_a_target(shop):
     shop.text = shop.text.replace("Predict[Nm]", "Predict[rad/s]")
     shop.change('target = "Torque"', 'target = "n"')
     assert data(shop)["n"].unit == "rpm"
-    assert "the node Predict of the function in rad/s" in shop.warning()
+    assert "channel n is in rpm, but the node Predict of the function is in rad/s" in shop.warning()
 
 
 LAG = np.where(np.arange(60) < 3, 0.0, 1 - 0.9 ** (np.arange(60) - 2.0))  # PT1 of T = 0.9 s at steps of 0.1 s
@@ -184,7 +184,7 @@ def test_a_unit_of_time_in_the_file_gives_the_right_time_constant(shop):
 
 
 def test_time_that_looks_like_milliseconds_is_a_warning(shop):
-    message = "the time stamps look like milliseconds: Time has no unit and is taken as s, and its steps are long"
+    message = "the time stamps look like milliseconds: Time has no unit and is read as s, and its steps are long"
     remedy = 'If they are, write [units] Time = "ms", else "s"; in Python kennfeld.read(..., units={"Time": "ms"}).'
     assert f"kennfeld.toml [[dataset]] 1 (drive): {message}. {remedy}" in lagging(shop).warnings()
     assert lagging(shop).add('[units]\nTime = "s"').findings() == []
@@ -211,11 +211,11 @@ def test_the_unit_of_the_time_counts_for_a_raster_and_survives_the_cache(shop):
 def test_a_time_cannot_be_in_another_quantity(shop):
     error = lagging(shop).add('[units]\nTime = "rpm"').error()
     assert (
-        error
-        == "kennfeld.toml [units] Time: rpm is not a unit of time, and Time is the time. Write s, ms, us, ns, min or h."
+        error == "kennfeld.toml [units] Time: rpm is not a unit of time, but Time is the time column. "
+        "Write s, ms, us, ns, min or h."
     )
 
 
 def test_a_misspelt_name_of_the_time_is_told(shop):
     error = lagging(shop).add('[units]\nTim = "ms"').error()
-    assert error == "kennfeld.toml [units] Tim: nothing uses a channel Tim. Did you mean Time?"
+    assert error == "kennfeld.toml [units] Tim: channel Tim is not used. Did you mean Time?"

@@ -33,7 +33,7 @@ def test_every_report_stands_alone_and_says_what_the_result_says(project, opened
 def test_every_report_can_be_made_before_a_calibration(project, opened):
     page = opened(document(project))
     assert page.data["result"] is None
-    assert "Nothing has been calibrated yet" in page.words_in_a_row
+    assert "Not calibrated yet" in page.words_in_a_row
     assert "not calibrated yet" in page.words_in_a_row
 
 
@@ -54,9 +54,9 @@ def test_a_report_calls_data_unseen_only_if_they_are(shop, opened):
     for test, unseen in ((other, True), (one, False)):
         project = shop.project("y = a * x\n", toml, one, test=test)
         words = opened(document(project, project.calibrate(), project.check())).words_in_a_row
-        assert ("On data that the fit has not seen" in words) is unseen
-        assert ("what was learnt holds beyond the data" in words) is unseen
-        assert ("On test data, some of which the fit has seen" in words) is not unseen
+        assert ("On unseen test data" in words) is unseen
+        assert ("the calibration generalises to unseen data" in words) is unseen
+        assert ("On test data, some of which are also training data" in words) is not unseen
         assert ("the test file fresh.csv has the same content as the training file bench.csv" in words) is not unseen
 
 
@@ -176,7 +176,7 @@ def test_smoothness_that_outweighs_the_data_is_told_and_no_noise_is_blamed(shop,
         assert "Smoothness outweighs the data: the RMSE of y on bench rises from 0.1 to" in words
         assert result.warnings[0].remedy in words
         assert "follow noise" not in words
-        assert "learnt holds" not in words
+        assert "generalises" not in words
 
 
 def without_manifest(results):
@@ -197,17 +197,17 @@ class TestFolder:
     def test_that_lacks_a_file_is_named(self, project, tmp_path, name):
         write(project.calibrate(), project, tmp_path / "results")
         (tmp_path / "results" / name).unlink()
-        with pytest.raises(InputError, match=rf"{name}: there is no such file.*calibrate again"):
+        with pytest.raises(InputError, match=rf"{name}: file not found.*calibrate again"):
             from_folder(project, tmp_path / "results")
 
     @pytest.mark.parametrize(
         ("name", "content", "said"),
         [
-            ("result.json", "{}", "is no result of a run"),
-            ("result.json", "[", "is no result of a run"),
-            ("result.json", '{"quality": [{}]}', "is no result of a run"),
-            ("trace.csv", "a,b\n1,2\n", "is no trace of a run"),
-            ("parameters.json", '{"b": {"kind": "scalar", "unit": "", "value": 1}}', "no parameter a"),
+            ("result.json", "{}", "not a valid result file"),
+            ("result.json", "[", "not a valid result file"),
+            ("result.json", '{"quality": [{}]}', "not a valid result file"),
+            ("trace.csv", "a,b\n1,2\n", "not a valid trace file"),
+            ("parameters.json", '{"b": {"kind": "scalar", "unit": "", "value": 1}}', "parameter a is missing"),
             ("parameters.json", '{"a": {"kind": "curve", "unit": "", "x": [0, 1], "values": [1, 2]}}', "has 1 axes"),
         ],
     )
@@ -270,7 +270,7 @@ def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
 
     monkeypatch.setattr("kennfeld.report.page.page", fails)
     text = safely(project, result)
-    assert "could not be made" in text
+    assert "could not be created" in text
     assert "ZeroDivisionError: &lt;so&gt;" in text
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from kennfeld.report.figures import TraceEnvelope, histogram, some
+from kennfeld.report.figures import TraceEnvelope, histogram, sample_indices
 from kennfeld.report.markup import element, percent, rounded, shown, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
@@ -53,7 +53,7 @@ def test_an_envelope_keeps_extremes_within_its_size(values, most):
 @given(st.integers(0, 500), st.integers(1, 50), st.lists(st.integers(0, 499), max_size=5))
 def test_some_samples_hold_those_that_must_be_there(count, most, always):
     always = [i for i in always if i < count]
-    chosen = some(count, most, always)
+    chosen = sample_indices(count, most, always)
     assert len(chosen) <= max(most + len(always), min(count, most))
     assert set(always) <= set(chosen.tolist()) or count <= most
     assert (np.diff(chosen) > 0).all()

@@ -7,8 +7,8 @@ import pytest
 from kennfeld.project.results import write
 from kennfeld.report import from_folder
 from kennfeld.report.page import page
-from kennfeld.report.report_data import subject
-from kennfeld.report.stored_result import TrustSummary, view
+from kennfeld.report.report_data import collect_report_data
+from kennfeld.report.stored_result import TrustSummary, summarise_trust
 
 
 @dataclass
@@ -39,12 +39,12 @@ class Trust:
 
 def test_a_mapping_marks_the_informed_values_alone():
     informed = {"a": np.array([True, False])}
-    assert view(informed) == TrustSummary(informed=informed)
+    assert summarise_trust(informed) == TrustSummary(informed=informed)
 
 
 @pytest.mark.parametrize("trust", [None, object()])
 def test_what_is_not_there_is_not_shown(trust):
-    assert view(trust) == TrustSummary()
+    assert summarise_trust(trust) == TrustSummary()
 
 
 def calibrated(shop):
@@ -57,7 +57,7 @@ def calibrated(shop):
 
 def document(shop, trust):
     project, result = calibrated(shop)
-    return page(subject(project, result, (), view(trust)))
+    return page(collect_report_data(project, result, (), summarise_trust(trust)))
 
 
 def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
@@ -67,7 +67,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
         deviation={"C": np.array([0.25, 0.0, np.inf]), "k": np.array(np.inf)},
         leverage={"C": np.array([0.9, 1.0, 0.0])},
         by_smoothness={"C": np.array([False, False, True])},
-        directions=(Direction("Adding 1 to C and -1 to k changes nothing.", "Pin <one> value of C."),),
+        directions=(Direction("Adding 1 to C and -1 to k has no effect on the fit.", "Pin <one> value of C."),),
     )
     page = opened(document(shop, trust))
     (figure,) = page.figures("parameter")
@@ -75,7 +75,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
     assert figure["samples"] == [9, 27, 0]
     assert figure["informed"] == [1, 1, 0]
     assert figure["bySmoothness"] == [0, 0, 1]
-    assert "Adding 1 to C and -1 to k changes nothing. Pin <one> value of C." in page.words_in_a_row
+    assert "Adding 1 to C and -1 to k has no effect on the fit. Pin <one> value of C." in page.words_in_a_row
     assert "not determined" in page.words_in_a_row
     assert "studentized" in page.words_in_a_row
 
@@ -95,9 +95,9 @@ def test_what_limits_hold_and_a_search_that_was_cut_off_are_told(shop, opened):
 
 
 def test_the_number_of_undetermined_changes_is_told_with_what_settles_them(shop, opened):
-    space = NullSpace("Nothing determines 7 independent changes of C and k.", "To determine them, pin <all> of C.")
+    space = NullSpace("7 combinations of values of C and k are undetermined.", "To determine them, pin <all> of C.")
     page = opened(document(shop, Trust(null_space=space)))
-    assert page.words_in_a_row.count("Nothing determines 7 independent changes of C and k.") == 2  # and as a warning
+    assert page.words_in_a_row.count("7 combinations of values of C and k are undetermined.") == 2  # and as a warning
     assert "To determine them, pin <all> of C." in page.words_in_a_row
 
 
@@ -114,7 +114,7 @@ def test_fitted_breakpoints_are_a_table(shop, opened, tmp_path):
 
 
 def page_of(project, result):
-    return page(subject(project, result, (), view(result.trust)))
+    return page(collect_report_data(project, result, (), summarise_trust(result.trust)))
 
 
 def test_arrays_of_another_shape_are_left_out(shop, opened):
@@ -132,7 +132,7 @@ class TestStored:
         "C,4,,,,1,,,0,0,0,1,1",
         "k,,,,,0,,0.5,0.5,27,1,1,0",
     )
-    DIRECTIONS = ({"sentence": "This changes nothing.", "remedy": "Pin it."},)
+    DIRECTIONS = ({"sentence": "This has no effect on the fit.", "remedy": "Pin it."},)
 
     @pytest.fixture
     def folder(self, shop, tmp_path):
@@ -140,7 +140,7 @@ class TestStored:
         self.project = project
         write(result, project, tmp_path / "results")
         found = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))
-        whole = {"sentence": "Nothing determines one independent change.", "remedy": "Pin k."}
+        whole = {"sentence": "One combination of values is undetermined.", "remedy": "Pin k."}
         found["trust"] = {"directions": list(self.DIRECTIONS), "null_space": whole}
         del found["files"]  # what follows was written by no run
         (tmp_path / "results" / "result.json").write_text(json.dumps(found), encoding="utf-8")
@@ -154,8 +154,8 @@ class TestStored:
         assert figure["samples"] == [9, 27, 0]
         assert figure["informed"] == [1, 0, 1]
         assert figure["bySmoothness"] == [0, 0, 1]
-        assert "This changes nothing. Pin it." in page.words_in_a_row
-        assert "Nothing determines one independent change. Pin k." in page.words_in_a_row
+        assert "This has no effect on the fit. Pin it." in page.words_in_a_row
+        assert "One combination of values is undetermined. Pin k." in page.words_in_a_row
         assert "studentized" in page.words_in_a_row
 
     @pytest.mark.parametrize(

@@ -119,8 +119,8 @@ def test_inputs_that_move_together_do_no_harm():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda x, y: (x[:4], y[:4]), "4 points are too few for 3 inputs; 6 are the least"),
-        (lambda x, y: (x * [1, 0, 1], y), "air is 0 at every training sample; leave it out"),
+        (lambda x, y: (x[:4], y[:4]), "4 points are too few for 3 inputs; at least 6 are required"),
+        (lambda x, y: (x * [1, 0, 1], y), "air is 0 at every training sample; remove it"),
         (lambda x, y: (np.where(x > 0.99, np.nan, x), y), "has values that are not finite"),
         (lambda x, y: (x, y[1:]), r"x of shape \(300, 3\) and y of shape \(299,\)"),
     ],

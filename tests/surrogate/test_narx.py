@@ -64,15 +64,15 @@ def test_points_far_from_the_training_data_are_outside():
     ("change", "message"),
     [
         ({"lags": ((0, 2),)}, "one tuple for each of 2 inputs"),
-        ({"output_lags": (1,)}, "give 4 numbers, its expansion has 5"),
-        ({"lags": ((2, 0), (1,))}, "must rise, each once"),
+        ({"output_lags": (1,)}, "give 4 inputs, its expansion has 5"),
+        ({"lags": ((2, 0), (1,))}, "must increase strictly"),
         ({"output_lags": (0, 1)}, "whole numbers from 1 on"),
         ({"step": 0.0}, "step=0.0 of surrogate engine"),
         ({"limits": (1.0, 1.0)}, r"limits=\(1.0, 1.0\) of surrogate engine"),
         ({"start": np.nan}, "start=nan of surrogate engine"),
         ({"inputs": ("load", "load")}, "has input load twice"),
         ({"output": "load"}, "output='load' of surrogate engine is one of its inputs"),
-        ({"units": ("deg",)}, "one an input and one of the output"),
+        ({"units": ("deg",)}, "one per input and one for the output"),
     ],
 )
 def test_what_does_not_fit_together_is_named(change, message):
@@ -115,7 +115,7 @@ def test_an_unstable_recursion_is_told_with_a_remedy():
     assert found.bounded == 0
     assert found.stable == 0
     assert "0 of 48 free runs" in str(found)
-    assert "give limits" in str(found)
+    assert "set limits" in str(found)
 
 
 def test_limits_bound_an_unstable_recursion():

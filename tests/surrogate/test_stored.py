@@ -69,19 +69,22 @@ def broken(tmp_path, change, made=None):
     [
         (lambda c: c.pop("expansion"), "model.json expansion: is missing"),
         (lambda c: c.update(kind="kennfeld-dynamc-surrogate"), "Did you mean kennfeld-dynamic-surrogate?"),
-        (lambda c: c.update(version=7), "model.json version: 7 is unknown, this program knows 1. Update kennfeld."),
-        (lambda c: c["expansion"].update(offset=None), "model.json expansion offset: None is no finite number"),
+        (lambda c: c.update(version=7), "model.json version: version 7 is not supported, only 1. Update kennfeld."),
+        (
+            lambda c: c["expansion"].update(offset=None),
+            "model.json expansion offset: must be a finite number, got None",
+        ),
         (lambda c: c["expansion"]["weights"].append("x"), "model.json expansion weights:"),
         (lambda c: c["expansion"]["weights"].append(1.0), "centres of an expansion have shape (4, 5)"),
-        (lambda c: c["expansion"]["widths"][0].__setitem__(0, -1), "widths of an expansion must be above 0"),
+        (lambda c: c["expansion"]["widths"][0].__setitem__(0, -1), "widths of an expansion must be > 0"),
         (lambda c: c["expansion"]["centres"][0].pop(), "model.json expansion centres:"),
         (lambda c: c["validity"].update(threshold=3), "threshold=3.0 of a validity range"),
-        (lambda c: c["quality"][0].update(use="never"), "model.json quality 1: use 'never'"),
-        (lambda c: c.update(lags=[[0, 2], [1.5]]), "model.json lags 2: [1.5] is no list of whole numbers"),
+        (lambda c: c["quality"][0].update(use="never"), "model.json quality 1: unknown use 'never'"),
+        (lambda c: c.update(lags=[[0, 2], [1.5]]), "model.json lags 2: must be a list of whole numbers, got [1.5]"),
         (lambda c: c.update(lags=[[0, 2]]), "one tuple for each of 2 inputs"),
-        (lambda c: c.update(step="fast"), "model.json step: 'fast' is no finite number"),
-        (lambda c: c.update(limits=[1]), "model.json limits: [1] must be two numbers"),
-        (lambda c: c.update(inputs="throttle"), "model.json inputs: 'throttle' is no list of texts"),
+        (lambda c: c.update(step="fast"), "model.json step: must be a finite number, got 'fast'"),
+        (lambda c: c.update(limits=[1]), "model.json limits: must be two numbers or null, got [1]"),
+        (lambda c: c.update(inputs="throttle"), "model.json inputs: must be a list of texts, got 'throttle'"),
     ],
 )
 def test_a_broken_file_is_told_with_its_place(change, message, tmp_path):
@@ -101,9 +104,9 @@ def test_every_problem_is_told_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b'{"kind": ', "model.json line 1, column 10: this is no JSON"),
-        (b"[]", "model.json: this is no stored surrogate"),
-        (b"\xff\xfe", "model.json: this is no UTF-8 text"),
+        (b'{"kind": ', "model.json line 1, column 10: this is not valid JSON"),
+        (b"[]", "model.json: this is not a surrogate file"),
+        (b"\xff\xfe", "model.json: this is not UTF-8 text"),
     ],
 )
 def test_what_is_no_surrogate_is_told(text, message, tmp_path):

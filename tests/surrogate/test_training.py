@@ -8,7 +8,7 @@ from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
 from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
-from kennfeld.surrogate.training_data import runs_of
+from kennfeld.surrogate.training_data import split_recordings
 
 
 def bench(name, seed, use="training", samples=120):
@@ -100,7 +100,7 @@ def test_a_dead_time_is_found_among_the_lags():
     for k in range(6, 240):
         y[k] = 0.7 * y[k - 1] + u[k - 6]
     data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=240)}, time=0.1 * np.arange(240))
-    lags = select_lags(runs_of(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=7, output_lags=(1,))
+    lags = select_lags(split_recordings(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=7, output_lags=(1,))
     assert lags.output == (1,)
     assert 6 in lags.inputs[0]
 
@@ -109,16 +109,19 @@ def test_a_gap_ends_a_run_and_a_short_one_is_bridged():
     u, level = np.arange(40.0), np.arange(40.0)
     level[10], level[20:25] = np.nan, np.nan
     data = Dataset.of("gaps", {"u": u, "level": level}, time=np.arange(40.0), max_gap=2.5)
-    runs = runs_of(data, ("u",), "level", 1.0)
+    runs = split_recordings(data, ("u",), "level", 1.0)
     assert [len(run) for run in runs] == [20, 15]
     assert runs[0].y[10] == 10.0
-    assert len(runs_of(Dataset.of("gaps", {"u": u, "level": level}, time=np.arange(40.0)), ("u",), "level", 1.0)) == 3
+    assert (
+        len(split_recordings(Dataset.of("gaps", {"u": u, "level": level}, time=np.arange(40.0)), ("u",), "level", 1.0))
+        == 3
+    )
 
 
 def test_a_recording_on_another_raster_is_brought_onto_the_step():
     time = 0.5 * np.arange(81)
     data = Dataset.of("fine", {"u": 0.1 * time, "level": 2.0 * time + 0.25}, time=time)
-    (run,) = runs_of(data, ("u",), "level", 2.0)
+    (run,) = split_recordings(data, ("u",), "level", 2.0)
     np.testing.assert_allclose(run.y, 4.0 * np.arange(21) + 0.25)
 
 
@@ -127,9 +130,9 @@ def test_a_recording_on_another_raster_is_brought_onto_the_step():
     [
         ({"kind": "transient"}, "kind='transient' of surrogate tank must be static or dynamic"),
         ({"method": "exact"}, "method='exact' of dynamic surrogate tank must be auto or sparse"),
-        ({"lags": {"v": (1,)}}, "lags of 'v', which is no input of tank"),
+        ({"lags": {"v": (1,)}}, "lags of 'v', which is not an input of tank"),
         ({"lags": {}}, "lags of input 'u' of surrogate tank are missing"),
-        ({"centres": 0}, "centres=0 of surrogate tank must be at least 1"),
+        ({"centres": 0}, "centres=0 of surrogate tank must be >= 1"),
         ({"step": -1.0}, "step=-1.0 of surrogate tank"),
         ({"hold": -1.0}, "hold=-1.0 of surrogate tank"),
         ({"limits": (2.0, 1.0)}, r"limits=\(2.0, 1.0\) of surrogate tank"),
@@ -147,11 +150,11 @@ def test_every_missing_channel_is_told_at_once():
     told = str(caught.value)
     assert "dataset a: channel sped is missing. Did you mean speed?" in told
     assert "channel trq is missing" in told
-    assert "no dataset is for training" in told
+    assert "there is no training dataset" in told
 
 
 def test_points_without_time_stamps_are_no_recording():
-    with pytest.raises(InputError, match="dataset a: a dynamic model needs time stamps"):
+    with pytest.raises(InputError, match="dataset a: a dynamic model requires time stamps"):
         train_surrogate([bench("a", 0)], SurrogateSettings("x", ("speed",), "torque", kind="dynamic"))
 
 

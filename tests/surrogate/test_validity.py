@@ -49,8 +49,8 @@ def test_the_measure_is_the_deviation_that_a_process_keeps():
     ("change", "message"),
     [
         ({"centres": np.zeros(3)}, r"centres of a validity range have shape \(3,\)"),
-        ({"lengths": np.ones(3)}, "lengths of a validity range must be one number an input, 2"),
-        ({"lengths": np.zeros(2)}, "must be above 0, the least is 0"),
+        ({"lengths": np.ones(3)}, "lengths of a validity range must be one number per input, 2"),
+        ({"lengths": np.zeros(2)}, "must be > 0, the smallest is 0"),
         ({"threshold": 0.0}, "threshold=0.0 of a validity range"),
     ],
 )

@@ -11,7 +11,7 @@ import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
-from kennfeld.terminal.file_info import contents
+from kennfeld.terminal.file_info import describe_file
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def written(tmp_path):
 
 
 def test_a_recording_tells_its_time_and_what_is_left_out(written):
-    found = contents(written("drive.csv", "time,Speed,note\ns,rpm,\n0.0,1000,cold\n0.1,,warm\n0.2,1200,warm\n"))
+    found = describe_file(written("drive.csv", "time,Speed,note\ns,rpm,\n0.0,1000,cold\n0.1,,warm\n0.2,1200,warm\n"))
     text = "\n".join(found.lines())
     assert found.summary.startswith("drive.csv: measurement (CSV)")
     assert "time from 0 s to 0.2 s, a sample every 0.1 s" in text
@@ -35,7 +35,7 @@ def test_a_recording_tells_its_time_and_what_is_left_out(written):
 
 def test_a_channel_tells_the_rate_of_its_own_values(written):
     rows = "".join(f"{i / 10},{i},{i if i % 20 == 0 else ''},\n" for i in range(100))
-    found = contents(written("drive.csv", f"time [s],Speed,Oil,Empty\n{rows}"))
+    found = describe_file(written("drive.csv", f"time [s],Speed,Oil,Empty\n{rows}"))
     rates = {row[0]: row[2] for row in found.tables[0]}
     assert rates == {"channel": "rate", "time": "10 Hz", "Speed": "10 Hz", "Oil": "every 2 s", "Empty": ""}
     told = {c["name"]: c["rate"] for c in found.as_json["tables"][0]["channels"]}
@@ -44,7 +44,7 @@ def test_a_channel_tells_the_rate_of_its_own_values(written):
 
 
 def test_points_without_time_have_no_rate(written):
-    found = contents(written("bench.csv", "Speed,Torque\n1000,80\n2000,90\n"))
+    found = describe_file(written("bench.csv", "Speed,Torque\n1000,80\n2000,90\n"))
     assert "rate" not in found.tables[0][0]
 
 
@@ -59,7 +59,7 @@ def test_a_recording_of_several_rasters_tells_each(tmp_path):
                 states = Signal((time > 0).astype(np.uint8), time, name="on", conversion={"val_0": 0, "text_0": "off"})
                 file.append([Signal(time, time, name=f"Speed{label}", unit="rpm"), states], comment=label)
             file.save(tmp_path / "drive.mf4")
-    text = "\n".join(contents(tmp_path / "drive.mf4").lines())
+    text = "\n".join(describe_file(tmp_path / "drive.mf4").lines())
     assert "channel in 10ms" in text
     assert "100 Hz" in text
     assert "1 Hz" in text
@@ -69,23 +69,23 @@ def test_a_recording_of_several_rasters_tells_each(tmp_path):
 
 
 def test_a_model_with_memory_tells_its_states(written):
-    found = contents(written("lag.kf", "y[degC] = PT1(MapA(u, v), T1) + delay(u, 3, 0)\nscalar T1[s]\nstep 0.1"))
+    found = describe_file(written("lag.kf", "y[degC] = PT1(MapA(u, v), T1) + delay(u, 3, 0)\nscalar T1[s]\nstep 0.1"))
     assert "states" in found.summary
     assert found.as_json["step"] == 0.1
     assert {"name": "MapA", "kind": "map"} in found.as_json["parameters"]
 
 
 def test_a_model_with_events_tells_that_derivatives_do_not_see_them(written):
-    found = contents(written("relay.kf", "scalar K\non = hysteresis(K * u, 2, 1)\nheat = PT1(5 * on, 3)"))
+    found = describe_file(written("relay.kf", "scalar K\non = hysteresis(K * u, 2, 1)\nheat = PT1(5 * on, 3)"))
     assert found.notes == [
-        'on (>=, <=) jumps when parameters decide: derivatives do not see that, method = "global" does.'
+        'on (>=, <=) jumps depending on parameters. Derivatives do not account for that; method = "global" does.'
     ]
     assert found.as_json["events"][0] == {"node": "on", "kind": ">=", "parameters": ["K"]}
-    assert contents(written("plain.kf", "scalar K\ny = if(K * u > 0, K * u, 0)")).notes == []
+    assert describe_file(written("plain.kf", "scalar K\ny = if(K * u > 0, K * u, 0)")).notes == []
 
 
 def test_values_that_are_not_finite_are_null(written):
-    found = contents(written("empty.csv", "a,b\n1,\n2,\n"))
+    found = describe_file(written("empty.csv", "a,b\n1,\n2,\n"))
     assert json.loads(json.dumps(found.as_json, allow_nan=False))["tables"][0]["channels"][1]["minimum"] is None
 
 
@@ -102,7 +102,7 @@ def test_values_that_are_not_finite_are_null(written):
     ],
 )
 def test_text_is_told_by_what_it_says(written, text, content):
-    assert contents(written("file.txt", text)).as_json["content"] == content
+    assert describe_file(written("file.txt", text)).as_json["content"] == content
 
 
 def test_a_calibration_shows_group_axes_texts_and_what_is_left_aside(written):
@@ -115,14 +115,14 @@ TEXTSTRING Version
   TEXT "V1.2"
 END
 """
-    shown = "\n".join(contents(written("set.dcm", text)).lines())
+    shown = "\n".join(describe_file(written("set.dcm", text)).lines())
     assert "AxisSpeed" in shown
     assert "V1.2" in shown
 
 
 def test_what_is_nothing_of_the_kind_is_named(written):
     with pytest.raises(InputError, match=r"notes\.txt"):
-        contents(written("notes.txt", ""))
+        describe_file(written("notes.txt", ""))
 
 
 def plane(inputs):
@@ -140,13 +140,13 @@ def engine(inputs=("throttle", "load", "b", "c", "d"), name="else"):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("a.par", "Kp 1.0\n", "is a parameter file (.par), such as CANape writes"),
+        ("a.par", "Kp 1.0\n", "is a parameter file (.par), as written by CANape"),
         ("a.a2l", '/begin MEASUREMENT n "" UWORD CM 0 0 0 8000\n/end MEASUREMENT\n', "is a fragment of an A2L file"),
     ],
 )
 def test_calibration_data_that_cannot_be_read_are_no_bad_measurement(written, name, text, said):
     with pytest.raises(InputError) as caught:
-        contents(written(name, text))
+        describe_file(written(name, text))
     assert said in str(caught.value)
 
 
@@ -154,7 +154,7 @@ def test_a_formula_reads_the_surrogates_that_lie_beside_it(written, tmp_path):
     path = written("loop.kf", LOOP)
     write_surrogate(engine(), tmp_path / "engine.json")
     write_surrogate(engine(), tmp_path / "other.json")
-    found = contents(path)
+    found = describe_file(path)
     assert found.as_json["surrogates"] == ["engine"]
     assert found.notes[0].startswith("engine.json: n = engine(throttle, load, b, c, d), steps of 0.02 s")
     assert {"name": "engine", "kind": "surrogate"} in found.as_json["parameters"]
@@ -163,13 +163,13 @@ def test_a_formula_reads_the_surrogates_that_lie_beside_it(written, tmp_path):
 
 def test_without_the_file_it_says_what_is_missing(written):
     with pytest.raises(InputError, match="engine has 5 coordinates"):
-        contents(written("loop.kf", LOOP))
+        describe_file(written("loop.kf", LOOP))
 
 
 def test_a_table_that_is_declared_stays_a_table_and_a_calibration_beside_is_no_surrogate(written, tmp_path):
     write_surrogate(engine(("a",)), tmp_path / "engine.json")
     written("Gain.json", '{"Gain": {"kind": "scalar", "unit": "", "value": 1.0}}')
-    found = contents(written("plain.kf", "y = engine(u) + Gain(u)\ncurve engine\n"))
+    found = describe_file(written("plain.kf", "y = engine(u) + Gain(u)\ncurve engine\n"))
     assert found.as_json["surrogates"] == []
     assert {"name": "engine", "kind": "curve"} in found.as_json["parameters"]
 
@@ -177,12 +177,12 @@ def test_a_table_that_is_declared_stays_a_table_and_a_calibration_beside_is_no_s
 def test_a_damaged_surrogate_beside_is_named(written):
     written("engine.json", '{"kind": "kennfeld-dynamic-surrogate", "version": 1')
     with pytest.raises(InputError, match=r"engine\.json line 1"):
-        contents(written("loop.kf", LOOP))
+        describe_file(written("loop.kf", LOOP))
 
 
 def test_formula_text_of_another_ending_reads_them_too(written, tmp_path):
     write_surrogate(engine(), tmp_path / "engine.json")
-    assert contents(written("loop.txt", LOOP)).as_json["surrogates"] == ["engine"]
+    assert describe_file(written("loop.txt", LOOP)).as_json["surrogates"] == ["engine"]
 
 
 def test_a_surrogate_tells_between_which_numbers_it_was_trained_whatever_the_lag(tmp_path):
@@ -194,21 +194,21 @@ def test_a_surrogate_tells_between_which_numbers_it_was_trained_whatever_the_lag
         units=units,
     )
     write_surrogate(made, tmp_path / "engine.json")
-    found = contents(tmp_path / "engine.json")
+    found = describe_file(tmp_path / "engine.json")
     assert found.as_json["ranges"] == {"n": [100.0, 200.0], "throttle": [1.0, 4.0], "load": [7.0, 9.0]}
     assert ["throttle", "deg", "1", "4"] in found.tables[1]
 
 
 def test_a_project_tells_its_surrogates(written):
     text = '[model]\nfile = "a.kf"\n[surrogates]\nengine = "e.json"\n[[dataset]]\nfiles = ["a.csv"]\n'
-    found = contents(written("p.toml", text + '[[criterion]]\nnode = "y"\ntarget = 1\n'))
+    found = describe_file(written("p.toml", text + '[[criterion]]\nnode = "y"\ntarget = 1\n'))
     assert found.as_json["surrogates"] == {"engine": "e.json"}
     assert "surrogate engine: e.json" in found.notes
 
 
 def test_a_cdfx_file_is_a_calibration(tmp_path):
     kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3])]).save(tmp_path / "p.cdfx")
-    assert contents(tmp_path / "p.cdfx").summary.startswith("p.cdfx: calibration (CDFX")
+    assert describe_file(tmp_path / "p.cdfx").summary.startswith("p.cdfx: calibration (CDFX")
 
 
 DIAGRAM = """Model {
@@ -236,7 +236,7 @@ DIAGRAM = """Model {
 
 def test_a_simulink_model_is_told_by_its_content(written):
     for name in ("engine.mdl", "engine.txt"):
-        found = contents(written(name, DIAGRAM))
+        found = describe_file(written(name, DIAGRAM))
         assert found.summary.startswith(f"{name}: Simulink model (version 8.5), 2 blocks")
         assert found.as_json["inputs"] == [{"name": "n", "unit": "rpm"}]
     assert "rpm" in "\n".join(found.lines())
@@ -249,8 +249,8 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
     entry = '<P Name="Name" Class="char">K</P><P Name="Value" Class="double">2.5</P>'
     with zipfile.ZipFile(tmp_path / "data.sldd", "w") as archive:
         archive.writestr("data/chunk0.xml", f'<DataSource><Object Class="DD.ENTRY">{entry}</Object></DataSource>')
-    assert contents(tmp_path / "engine.slx").as_json["blocks"] == {"Gain": 1}
-    found = contents(tmp_path / "data.sldd")
+    assert describe_file(tmp_path / "engine.slx").as_json["blocks"] == {"Gain": 1}
+    found = describe_file(tmp_path / "data.sldd")
     assert found.summary == "data.sldd: Simulink data dictionary, 1 variable"
     [variable] = found.as_json["variables"]
     assert (variable["name"], variable["class"], variable["size"]) == ("K", "double", [1, 1])
@@ -260,7 +260,7 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
 def test_a_damaged_simulink_model_is_told(tmp_path):
     (tmp_path / "engine.slx").write_bytes(b"PK\3\4 and no more")
     with pytest.raises(InputError, match=r"engine\.slx: is a broken zip archive"):
-        contents(tmp_path / "engine.slx")
+        describe_file(tmp_path / "engine.slx")
 
 
 @pytest.mark.parametrize(
@@ -269,12 +269,12 @@ def test_a_damaged_simulink_model_is_told(tmp_path):
 )
 def test_a_calibration_of_any_format_is_told_from_a_measurement(tmp_path, ending, kind):
     kf.ParameterSet([kf.Curve("C", [0, 1], [2, 3]), kf.Scalar("K", 1.0)]).save(tmp_path / f"p{ending}")
-    assert contents(tmp_path / f"p{ending}").summary.startswith(f"p{ending}: calibration ({kind}), 2 parameters")
+    assert describe_file(tmp_path / f"p{ending}").summary.startswith(f"p{ending}: calibration ({kind}), 2 parameters")
 
 
 def test_a_tune_is_a_calibration(written):
     tune = '<?xml version="1.0"?>\n<msq><versionInfo signature="x"/><page><constant name="K">1</constant></page></msq>'
-    assert contents(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
+    assert describe_file(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
 
 
 def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
@@ -284,21 +284,21 @@ def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
         sheet = book.add_worksheet("Parameters")
         for row, line in enumerate([("time", "n"), ("s", "rpm"), (0, 700), (1, 800)]):
             sheet.write_row(row, 0, line)
-    assert contents(tmp_path / "bench.xlsx").summary.startswith("bench.xlsx: measurement (Excel)")
+    assert describe_file(tmp_path / "bench.xlsx").summary.startswith("bench.xlsx: measurement (Excel)")
 
 
 def test_a_packed_file_that_is_damaged_anywhere_is_named_as_such(tmp_path):
     path, draw = tmp_path / "drive.csv.gz", random.Random(1)
     whole = gzip.compress(b"time,a\n" + b"".join(b"%d,%d\n" % (i, i * i % 977) for i in range(5000)))
-    said = "drive.csv.gz: the packed file is damaged or cut off. Copy it anew from its source."
+    said = "drive.csv.gz: the compressed file is damaged or cut off. Copy it again from its source."
     for at in range(10, len(whole), len(whole) // 40):
         path.write_bytes(whole[:at])
         with pytest.raises(InputError) as caught:
-            contents(path)
+            describe_file(path)
         assert str(caught.value) == said
         path.write_bytes(whole[:at] + draw.randbytes(9) + whole[at + 9 :])
         with pytest.raises(InputError) as caught:
-            contents(path)
+            describe_file(path)
         assert str(caught.value) == said
 
 
@@ -307,4 +307,4 @@ def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
     path = tmp_path / "drive.csv.x"
     path.write_bytes(start + bytes(200))
     with pytest.raises(InputError, match=r"this is a packed file\. Unpack it first"):
-        contents(path)
+        describe_file(path)

@@ -3,7 +3,7 @@ from dataclasses import replace
 from kennfeld.optimize.trust import ActiveLimit, Direction, NullSpace, Trust
 from kennfeld.terminal.result_lines import undetermined_lines
 
-ONE = Direction("Scaling A by 1.01 changes nothing.", "Pin a value of A.", {}, True, 0.0, float("inf"))
+ONE = Direction("Scaling A by 1.01 has no effect on the fit.", "Pin a value of A.", {}, True, 0.0, float("inf"))
 
 
 def test_nothing_is_said_where_nothing_is_open():
@@ -12,19 +12,19 @@ def test_nothing_is_said_where_nothing_is_open():
 
 def test_each_direction_is_a_line_with_its_mend():
     heading, line = undetermined_lines(Trust(directions=(ONE,)))
-    assert heading == "What the data leave open:"
+    assert heading == "Parameters not determined by the data:"
     assert line == "  Scaling A by 1.01 changes nothing. Pin a value of A."
 
 
 def test_the_number_of_undetermined_changes_comes_first_with_what_settles_all_of_them():
-    space = NullSpace(7, sentence="Nothing determines 7 independent changes of A and B.", advice="Pin all of B.")
+    space = NullSpace(7, sentence="7 combinations of values of A and B are undetermined.", advice="Pin all of B.")
     _, first, second = undetermined_lines(Trust(directions=(ONE,), null_space=space))
-    assert first == "  Nothing determines 7 independent changes of A and B. Pin all of B."
+    assert first == "  7 combinations of values of A and B are undetermined. Pin all of B."
     assert second == f"  {ONE}"
 
 
 def test_the_only_change_is_told_once():
-    space = NullSpace(1, sentence="Nothing determines one independent change of A.", advice="Pin A.")
+    space = NullSpace(1, sentence="One combination of values of A is undetermined.", advice="Pin A.")
     assert undetermined_lines(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
 
 
@@ -36,16 +36,16 @@ def test_at_most_three_are_shown_and_the_rest_is_counted():
 
 
 def test_what_limits_of_outputs_hold_comes_last():
-    held = ActiveLimit("y <= 2", "The limit y <= 2 is met at 3 samples.", 3, 1, ("k",))
-    close = ActiveLimit("least distance of C.x", "Breakpoints 2 and 3 of C.x stand at their least distance.", 0, 1)
+    held = ActiveLimit("y <= 2", "The limit y <= 2 is reached at 3 samples.", 3, 1, ("k",))
+    close = ActiveLimit("minimum distance of C.x", "Breakpoints 2 and 3 of C.x are at their minimum distance.", 0, 1)
     assert undetermined_lines(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
-        "What limits hold:",
+        "Active output limits:",
         "  The limit y <= 2 is met at 3 samples.",
     ]
 
 
 def test_a_search_that_did_not_come_to_its_end_says_so_first():
     assert (
-        undetermined_lines(Trust(remark="The search ended as stopped.", directions=(ONE,)))[0]
-        == "The search ended as stopped."
+        undetermined_lines(Trust(remark="The search ended with status stopped.", directions=(ONE,)))[0]
+        == "The search ended with status stopped."
     )

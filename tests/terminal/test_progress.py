@@ -9,7 +9,7 @@ LINE = TraceLine(1, 1, "plain", 1234.5, 1.5, 0.1, 1e-3, 0, 0.2)
 
 
 def test_elsewhere_a_stage_is_a_line_and_not_every_step_is(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "PAUSE", 1e9)
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 1e9)
     with display("compiling") as shown:
         for stage in ("plain", "smooth 4"):
             for iteration in (1, 2, 3):
@@ -22,7 +22,7 @@ def test_elsewhere_a_stage_is_a_line_and_not_every_step_is(capsys, monkeypatch):
 
 
 def test_elsewhere_a_long_stage_is_heard_of_now_and_then(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "PAUSE", 0.0)
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.0)
     with display("compiling") as shown:
         shown(LINE)
         shown(LINE)
@@ -30,7 +30,7 @@ def test_elsewhere_a_long_stage_is_heard_of_now_and_then(capsys, monkeypatch):
 
 
 def test_elsewhere_each_of_several_starts_has_a_line(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "PAUSE", 1e9)
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 1e9)
     with display("compiling", starts=2) as shown:
         for stage in ("plain", "smooth 4"):
             for start in (1, 2):

@@ -1,12 +1,12 @@
-"""What of a file's contents somebody searches."""
+"""Search in the description of a file."""
 
 import json
 
 import pytest
 
 from kennfeld.errors import InputError
-from kennfeld.terminal.file_info import contents
-from kennfeld.terminal.label_search import searched
+from kennfeld.terminal.file_info import describe_file
+from kennfeld.terminal.label_search import find_entries
 
 DRIVE = "time [s],EngineSpeed [rpm],WheelSpeed [rpm],Torque [Nm],rad[3],note\n" + "".join(
     f"{i / 10},{i},{i},{i},{i},cold\n" for i in range(3)
@@ -16,7 +16,7 @@ DRIVE = "time [s],EngineSpeed [rpm],WheelSpeed [rpm],Torque [Nm],rad[3],note\n" 
 @pytest.fixture
 def drive(tmp_path):
     (tmp_path / "drive.csv").write_text(DRIVE, encoding="utf-8")
-    return contents(tmp_path / "drive.csv")
+    return describe_file(tmp_path / "drive.csv")
 
 
 def channels(found):
@@ -40,25 +40,27 @@ def channels(found):
     ],
 )
 def test_channels_are_found_by_a_part_or_a_pattern_of_their_name(drive, text, names):
-    assert channels(searched(drive, text)) == names
+    assert channels(find_entries(drive, text)) == names
 
 
 def test_how_many_were_found_is_told(drive):
-    assert searched(drive, "speed").summary.endswith("; 2 found")
+    assert find_entries(drive, "speed").summary.endswith("; 2 found")
 
 
 def test_a_column_without_numbers_is_found_as_such(drive):
-    found = searched(drive, "note")
+    found = find_entries(drive, "note")
     assert channels(found) == []
     assert found.lines()[-1] == "columns without numbers: note"
     assert found.as_json["tables"][0]["left_out"] == ("note",) or found.as_json["tables"][0]["left_out"] == ["note"]
 
 
 def test_nothing_found_names_the_nearest(drive):
-    with pytest.raises(InputError, match=r"^drive.csv: nothing in it has .torqe. in .* Did you mean Torque\?$"):
-        searched(drive, "torqe")
-    with pytest.raises(InputError, match=r"Search for a part of a name\.$"):
-        searched(drive, "xyzxyz")
+    with pytest.raises(
+        InputError, match=r"^drive.csv: no name or description contains .torqe.\. Did you mean Torque\?$"
+    ):
+        find_entries(drive, "torqe")
+    with pytest.raises(InputError, match=r"Search for part of a name\.$"):
+        find_entries(drive, "xyzxyz")
 
 
 def test_descriptions_are_searched_too(tmp_path):
@@ -67,7 +69,7 @@ def test_descriptions_are_searched_too(tmp_path):
         'FESTWERT K2\n  LANGNAME "Fuel gain"\n  WERT 2\nEND\nSTUETZSTELLENVERTEILUNG AxisOil 2\n  ST/X 1 2\nEND\n',
         encoding="utf-8",
     )
-    found = searched(contents(tmp_path / "a.dcm"), "oil")
+    found = find_entries(describe_file(tmp_path / "a.dcm"), "oil")
     assert [p["name"] for p in found.as_json["parameters"]] == ["K1"]
     assert [a["name"] for a in found.as_json["axes"]] == ["AxisOil"]
     assert [row[0] for table in found.tables for row in table[1:]] == ["K1", "AxisOil"]
@@ -75,7 +77,7 @@ def test_descriptions_are_searched_too(tmp_path):
 
 def test_nodes_inputs_and_parameters_of_a_function_are_searched(tmp_path):
     (tmp_path / "a.kf").write_text("input Speed\nSpeedLow = MapSpeed(Speed)\nother = 2 * SpeedLow\n", encoding="utf-8")
-    found = searched(contents(tmp_path / "a.kf"), "speed")
+    found = find_entries(describe_file(tmp_path / "a.kf"), "speed")
     assert [row[0] for table in found.tables for row in table[1:]] == ["Speed", "MapSpeed", "SpeedLow"]
     assert [one["name"] for one in found.as_json["nodes"]] == ["SpeedLow"]
 
@@ -86,6 +88,6 @@ def test_parts_of_a_project_are_searched(tmp_path):
         '[[criterion]]\nnode = "y"\ntarget = 1\n',
         encoding="utf-8",
     )
-    found = searched(contents(tmp_path / "kennfeld.toml"), "map")
+    found = find_entries(describe_file(tmp_path / "kennfeld.toml"), "map")
     assert found.as_json["parameters"] == ["MapA"]
     assert found.as_json["datasets"] == []

@@ -1,4 +1,4 @@
-"""What a result is worth: the errors that remain, and where they lie."""
+"""Assessment of a result: its residuals, their location, active limits, and cross-validation."""
 
 from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
 from kennfeld.analysis.cell_errors import CellErrors

@@ -1,4 +1,4 @@
-"""How long errors remember: their correlation with themselves some time later."""
+"""Autocorrelation of the errors of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from kennfeld.optimize.trust.persistence import inflation, lagged_products
 
 __all__ = ["Autocorrelation", "autocorrelation"]
 
-MOST_LAGS = 1000
+MAX_LAGS = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Autocorrelation:
-    """Correlation of an error with itself `lags` later, in s, or in samples where the time steps are uneven.
+    """Correlation of an error with itself `lags` later, in s, or in samples if the time steps are uneven.
 
-    Errors without memory stay within plus and minus `band` at 19 of 20 lags. `independent` is how many independent
-    samples would tell as much about a mean; see `inflation`.
+    Uncorrelated errors stay within +- `band` at 19 of 20 lags. `independent` is the number of independent samples that
+    determine a mean equally well; see `inflation`.
     """
 
     lags: Float  # Float[lags], from 0
@@ -30,17 +30,17 @@ class Autocorrelation:
 
 
 def autocorrelation(
-    error: Float, starts: Sequence[int] | Int = (0,), step: float | None = None, most: int = MOST_LAGS
+    error: Float, starts: Sequence[int] | Int = (0,), step: float | None = None, most: int = MAX_LAGS
 ) -> Autocorrelation | None:
-    """The autocorrelation of an error that is sampled evenly; None where there is too little to tell.
+    """Compute the autocorrelation of an evenly sampled error; None if there are too few samples.
 
         r(k) = [sum e(i) e(i+k) / pairs(k)] / [sum e(i)^2 / pairs(0)]
 
-    over all pairs within a piece of which both are known, the mean taken off before. Blockwise by FFT, exactly.
+    over all pairs of known samples within a piece, after subtraction of the mean. Computed exactly, by blockwise FFT.
 
     Args:
-        error: shape (samples,), NaN where unknown.
-        starts: the first sample of each piece; no pair crosses it.
+        error: Float[samples], NaN if unknown.
+        starts: first sample of each piece; no pair crosses it.
         step: time between samples in s; None counts lags in samples.
         most: the greatest lag, in samples; at most a quarter of the longest piece is used.
 

@@ -1,4 +1,4 @@
-"""Errors by the cell of a table in which a sample lies, and how many samples touch each grid point."""
+"""Errors by table cell, and the number of samples at each grid point."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ __all__ = ["CellErrors", "tally"]
 
 @dataclass(frozen=True, eq=False)
 class CellErrors:
-    """The errors of one criterion in each cell of a table, between its breakpoints; NaN where no sample lies.
+    """The errors of one criterion in each cell of a table, between its breakpoints; NaN in cells without samples.
 
-    A sample beyond an axis counts in the cell at its end; one that looks a table up twice counts twice.
+    A sample beyond an axis counts in the cell at its end; a sample that looks up a table twice counts twice.
     """
 
     parameter: str
@@ -31,9 +31,9 @@ class CellErrors:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """The errors by the cells of every table, and how many training samples give each grid point a weight.
+    """The errors by the cells of every table, and the number of training samples that give each grid point a weight.
 
-    Without states only scored samples count as touching a grid point; with states every one may matter to a later one.
+    Without states only scored samples count; with states every sample may affect a later one.
     """
 
     cells: tuple[CellErrors, ...]
@@ -41,7 +41,7 @@ class Tally:
 
 
 def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[CriterionSeries]) -> Tally:
-    """Go through all lookups once: errors of every criterion by cell, training and test apart, and samples touching."""
+    """Sum errors by criterion, cell and use, and count samples at grid points, in one pass over all lookups."""
     sums: dict[tuple[str, int, Use], Float] = {}
     touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
     for (_, use), same in _by_dataset(series).items():
@@ -51,25 +51,25 @@ def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Criterion
         for lookup in lookups.blocks(bound):
             name = lookup.table.name
             if fits:
-                _touch(touching[name], lookup, counts[lookup.samples])
-            for one in same:
-                if one.criterion in lookups.reached[name]:
+                _count(touching[name], lookup, counts[lookup.samples])
+            for errors in same:
+                if errors.criterion in lookups.reached[name]:
                     cells = int(np.prod(cell_shape(lookup.table)))
-                    _sum(sums.setdefault((name, one.criterion, use), np.zeros((3, cells))), lookup, one)
+                    _add(sums.setdefault((name, errors.criterion, use), np.zeros((3, cells))), lookup, errors)
     return Tally(
         tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items()),
         {name: total.reshape(parameters[name].values.shape) for name, total in touching.items()},
     )
 
 
-def _touch(total: Int, lookup: Lookup, counts: Bool) -> None:
+def _count(total: Int, lookup: Lookup, counts: Bool) -> None:
     counts = counts & lookup.known
     for at, weight in lookup.corners():
         total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
 
 
-def _sum(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
-    """Add number, sum and sum of squares of the errors to each cell."""
+def _add(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
+    """Add count, sum and sum of squares of the errors to each cell."""
     errors = series.model[lookup.samples] - series.measured[lookup.samples]
     counts = lookup.known & np.isfinite(errors)
     cell, errors = lookup.cell[counts], errors[counts]
@@ -81,8 +81,8 @@ def _sum(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
 
 def _by_dataset(series: Sequence[CriterionSeries]) -> Mapping[tuple[str, Use], list[CriterionSeries]]:
     grouped: dict[tuple[str, Use], list[CriterionSeries]] = {}
-    for one in series:
-        grouped.setdefault((one.bound.dataset.name, one.bound.dataset.use), []).append(one)
+    for entry in series:
+        grouped.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
     return grouped
 
 

@@ -1,10 +1,9 @@
-"""Cross-validation: the error on data that the fit did not see, from the training data alone.
+"""Cross-validation: the error on unseen data, estimated from the training data.
 
-Each fold is held back once; the rest is calibrated from the project's start, everything that is chosen from data
-(smoothness, shifts) anew; the result is scored on the fold. Data held back are simulated all the same, so that the
-states of a model with memory are what they would be, but no target of theirs is seen.
-
-Which samples are held back together: whole recordings, blocks in time, or steady points at random.
+Each fold is held out once; the rest is calibrated from the start of the problem, including everything that is chosen
+from data (smoothness, shifts), and the result is scored on the fold. Held-out samples are simulated, so that the states
+of a model are correct, but their targets are not used. A fold is made of whole recordings, blocks in time, or steady
+points at random.
 """
 
 from collections.abc import Sequence
@@ -18,52 +17,61 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.optimize import Options, Problem, Progress, Quality, Result, TraceLine, run
 from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.result import finite_or_none
 
 __all__ = ["CrossValidation", "FoldQuality", "cross_validate", "cross_validated", "folds_of"]
 
 Kind = Literal["auto", "files", "blocks", "random"]
-GAP = 0.05  # share of a block that is not fitted on either side of it
+GAP = 0.05  # share of a block that is not fitted on each side of it
 
-HELD = " (held back)"
+HELD_OUT = " (held out)"
 
 
 @dataclass(frozen=True)
 class Fold:
-    """For each dataset the samples held back, and those beside them that are neither fitted nor scored."""
+    """For each dataset the samples held out, and their neighbours that are neither fitted nor scored."""
 
     name: str
     held: tuple[Bool, ...]
-    beside: tuple[Bool, ...]
+    excluded: tuple[Bool, ...]
 
 
 def folds_of(
     datasets: Sequence[Dataset], count: int, kind: Kind = "auto", *, memory: bool, seed: int = 0
 ) -> list[Fold]:
-    """`count` folds of about equal size that hold back every sample once.
+    """Split data into folds of about equal size that hold out every sample once.
 
-    `auto` is `files`, whole pieces, where there are at least as many as folds; else `blocks`, contiguous in time, where
-    data have time or the model has memory; else `random`. `blocks` go through each piece in recorded order. Raises
-    `ArgumentError` for fewer than two folds, `InputError` where the data are too few.
+    Args:
+        datasets: the training data.
+        count: number of folds.
+        kind: `files` are whole pieces, `blocks` contiguous parts of each piece, `random` single samples; `auto` is
+            `files` if there are enough pieces, else `blocks` if data have time or the model has states, else `random`.
+        memory: True if the model has states.
+        seed: of the random order.
+
+    Raises:
+        ArgumentError: fewer than two folds.
+        InputError: not enough data, or random samples for a model with states.
 
     >>> data = Dataset.of("d", {"x": np.arange(6.0)})
     >>> [fold.held[0].nonzero()[0].tolist() for fold in folds_of([data], 3, "blocks", memory=False)]
     [[0, 1], [2, 3], [4, 5]]
     """
     if count < 2:
-        raise ArgumentError(f"folds={count} must be at least 2")
+        raise ArgumentError(f"folds must be >= 2, got {count}")
     pieces = [(i, piece) for i, data in enumerate(datasets) for piece in data.pieces if piece.stop > piece.start]
     if kind == "auto":
         timed = memory or any(data.time is not None for data in datasets)
         kind = "files" if len(pieces) >= count else "blocks" if timed else "random"
     if kind == "random" and memory:
-        message = "a model with memory cannot be cross-validated on samples picked at random"
-        raise InputError.of("cross-validation", message, "Use blocks.")
+        message = "a model with states cannot be cross-validated on random samples"
+        raise InputError.of("cross-validation", message, 'Use kind = "blocks".')
     available = len(pieces) if kind == "files" else sum(data.samples for data in datasets)
     if available < count:
-        message = f"{count} folds of {available} {'pieces' if kind == 'files' else 'samples'}"
-        raise InputError.of("cross-validation", message, "Ask for fewer folds.")
+        message = f"cannot make {count} folds of {available} {'pieces' if kind == 'files' else 'samples'}"
+        raise InputError.of("cross-validation", message, "Use fewer folds.")
     if kind == "files":
-        return _whole(datasets, pieces, count)
+        return _pieces(datasets, pieces, count)
     return _blocks(datasets, pieces, count) if kind == "blocks" else _random(datasets, count, seed)
 
 
@@ -71,8 +79,8 @@ def _masks(datasets: Sequence[Dataset]) -> list[Bool]:
     return [np.zeros(data.samples, dtype=bool) for data in datasets]
 
 
-def _whole(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
-    """Whole pieces, the longest first, each to the fold that has least."""
+def _pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
+    """Assign whole pieces, the longest first, each to the smallest fold."""
     held = [_masks(datasets) for _ in range(count)]
     sizes, names = [0] * count, [dict[str, list[int]]() for _ in range(count)]
     numbers = [list(data.starts) for data in datasets]
@@ -94,23 +102,22 @@ def _named(dataset: str, pieces: Sequence[int], single: bool) -> str:
 
 
 def _blocks(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
-    """The same part of every piece; what lies beside it is not fitted, since neighbours resemble each other."""
+    """Hold out the same part of every piece; its neighbours are not fitted, because they are correlated with it."""
     folds = []
     for number in range(count):
-        held, beside = _masks(datasets), _masks(datasets)
+        held, excluded = _masks(datasets), _masks(datasets)
         for i, piece in pieces:
             edges = np.linspace(piece.start, piece.stop, count + 1).round().astype(int)
             first, last = int(edges[number]), int(edges[number + 1])
             gap = int(GAP * (last - first)) if datasets[i].time is not None else 0
-            beside[i][max(first - gap, piece.start) : min(last + gap, piece.stop)] = True
+            excluded[i][max(first - gap, piece.start) : min(last + gap, piece.stop)] = True
             held[i][first:last] = True
-            beside[i][first:last] = False
-        folds.append(Fold(f"block {number + 1}", tuple(held), tuple(beside)))
+            excluded[i][first:last] = False
+        folds.append(Fold(f"block {number + 1}", tuple(held), tuple(excluded)))
     return folds
 
 
 def _random(datasets: Sequence[Dataset], count: int, seed: int) -> list[Fold]:
-    """Samples in random order, the same for the same seed, dealt out evenly."""
     edges = np.cumsum([0, *(data.samples for data in datasets)])
     order = np.random.default_rng(seed).permutation(edges[-1])
     folds = []
@@ -123,7 +130,7 @@ def _random(datasets: Sequence[Dataset], count: int, seed: int) -> list[Fold]:
 
 @dataclass(frozen=True)
 class FoldQuality:
-    """One criterion in one fold, in the unit of its target; `samples` is how many were held back and scored."""
+    """One criterion in one fold, in the unit of its target; `samples` counts those held out and scored."""
 
     fold: int
     held: str
@@ -146,39 +153,39 @@ class CrossValidation:
         return tuple(dict.fromkeys(row.criterion for row in self.folds))
 
     def mean(self, criterion: str) -> float:
-        """Mean RMSE on the data held back; NaN where no fold was scored."""
+        """Return the mean RMSE on held-out data; NaN if no fold was scored."""
         return float(np.mean(self._held(criterion))) if self._held(criterion) else float("nan")
 
     def spread(self, criterion: str) -> float:
-        """Standard deviation of the RMSE from fold to fold; NaN for fewer than two."""
+        """Return the standard deviation of the RMSE over the folds; NaN for fewer than two."""
         return float(np.std(self._held(criterion), ddof=1)) if len(self._held(criterion)) > 1 else float("nan")
 
     def training(self, criterion: str) -> float:
-        """Mean RMSE on the data that were fitted."""
-        found = [row.rmse_training for row in self.folds if row.criterion == criterion]
-        return float(np.mean(found)) if found else float("nan")
+        """Return the mean RMSE on the fitted data."""
+        errors = [row.rmse_training for row in self.folds if row.criterion == criterion]
+        return float(np.mean(errors)) if errors else float("nan")
 
     def _held(self, criterion: str) -> list[float]:
         return [row.rmse_held for row in self.folds if row.criterion == criterion and row.samples]
 
     def as_json(self) -> dict[str, Any]:
-        """The contents of `cross_validation.json`; numbers that are not finite are None."""
+        """Return the contents of `cross_validation.json`; numbers that are not finite are None."""
         return {
-            "folds": [{name: _plain(value) for name, value in vars(row).items()} for row in self.folds],
+            "folds": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.folds],
             "summary": [
                 {
                     "criterion": name,
-                    "rmse_training": _plain(self.training(name)),
-                    "rmse_held": _plain(self.mean(name)),
-                    "spread": _plain(self.spread(name)),
+                    "rmse_training": finite_or_none(self.training(name)),
+                    "rmse_held": finite_or_none(self.mean(name)),
+                    "spread": finite_or_none(self.spread(name)),
                 }
                 for name in self.criteria
             ],
         }
 
     def table(self) -> list[tuple[str, ...]]:
-        """The folds and their mean as rows of text, the heading first."""
-        head = ("fold", "held back", "criterion", "samples", "RMSE training", "RMSE held back", "status")
+        """Return the folds as rows of text with a heading."""
+        head = ("fold", "held out", "criterion", "samples", "RMSE training", "RMSE held out", "status")
         rows = [
             (
                 *(str(row.fold), row.held, row.criterion, str(row.samples)),
@@ -190,9 +197,9 @@ class CrossValidation:
         return [head, *rows]
 
     def summary(self) -> list[str]:
-        """A sentence for each criterion."""
+        """Return a sentence for each criterion."""
         return [
-            f"{name}: RMSE {self.mean(name):#.4g} +- {self.spread(name):#.2g} on data held back, "
+            f"{name}: RMSE {self.mean(name):#.4g} +- {self.spread(name):#.2g} on held-out data, "
             f"{self.training(name):#.4g} in training"
             for name in self.criteria
         ]
@@ -217,7 +224,7 @@ def cross_validate(
     progress: Progress | None = None,
     **arguments: Any,
 ) -> CrossValidation:
-    """Cross-validate a problem, or what `calibrate` would be given.
+    """Cross-validate a problem, or a model with the arguments of `calibrate`.
 
     Args:
         model: a `Problem`, such as `Project.problem()` gives; or the model, with `data`, `start` and all else as in
@@ -225,25 +232,28 @@ def cross_validate(
         data: training data.
         start: the current calibration, from which every fold starts.
         target: the channel that the model's output shall follow.
-        folds: how many parts, each held back once.
-        kind: `files` holds back whole files or pieces, `blocks` contiguous parts of each piece, `random` steady points;
-            `auto` takes files where there are enough, blocks for data in time, else random.
+        folds: number of parts, each held out once.
+        kind: `files` holds out whole files or pieces, `blocks` contiguous parts of each piece, `random` steady points;
+            `auto` takes files if there are enough, blocks for data in time, else random.
         seed: of the random order.
         options: iterations, tolerance, continuation.
-        progress: called after each accepted step; may raise `Stop`, which ends with the folds so far.
+        progress: called after each accepted step; may raise `Stop`, which returns the folds so far.
         arguments: as in `calibrate`.
 
     Returns:
-        RMSE of each fold and criterion, with mean and spread. Raises `InputError` for unusable input.
+        RMSE of each fold and criterion, with mean and spread.
+
+    Raises:
+        InputError: the input cannot be used.
 
     >>> data = {"x": [0.0, 1.0, 2.0, 3.0], "y": [1.0, 3.0, 5.0, 7.0]}
-    >>> found = cross_validate("model = a + b * x", data, {"a": 0.0, "b": 0.0}, target="y", folds=2)
-    >>> round(found.mean("model"), 9)
+    >>> result = cross_validate("model = a + b * x", data, {"a": 0.0, "b": 0.0}, target="y", folds=2)
+    >>> round(result.mean("model"), 9)
     0.0
     """
     if isinstance(model, Problem):
         if arguments or data is not None or start is not None or target is not None:
-            raise ArgumentError("a problem has its data and its start; give nothing beside it but how to validate")
+            raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
         problem = model
     else:
         problem = build_problem(model, data, start, target, **arguments)
@@ -263,20 +273,20 @@ def cross_validated(
     memory = bool(problem.model.graph.states)
     rows: list[FoldQuality] = []
     for number, fold in enumerate(folds_of(training, folds, kind, memory=memory, seed=seed), 1):
-        result = run(_held_back(problem, training, fold), options or Options(), _labelled(progress, number))
+        result = run(_fold_problem(problem, training, fold), options or Options(), _labelled(progress, number))
         rows += _rows(number, fold, result)
         if result.status == "stopped":
             break
     return CrossValidation(tuple(rows))
 
 
-def _held_back(problem: Problem, training: Sequence[Dataset], fold: Fold) -> Problem:
-    """The problem of one fold: what is held back is a test dataset."""
+def _fold_problem(problem: Problem, training: Sequence[Dataset], fold: Fold) -> Problem:
+    """Return the problem of one fold, with the held-out samples as test datasets."""
     datasets: list[Dataset] = []
     shifts: dict[str, Sequence[str]] = {}
-    for data, held, beside in zip(training, fold.held, fold.beside, strict=True):
+    for data, held, excluded in zip(training, fold.held, fold.excluded, strict=True):
         scored = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
-        parts = (data.name, "training", scored & ~held & ~beside), (data.name + HELD, "test", scored & held)
+        parts = (data.name, "training", scored & ~held & ~excluded), (data.name + HELD_OUT, "test", scored & held)
         for name, use, mask in parts:
             datasets.append(_masked(data, name, use, mask))
             if data.name in problem.unknown_shifts:
@@ -319,10 +329,5 @@ def _of(quality: Sequence[Quality], criterion: str, use: str) -> list[Quality]:
 
 
 def _rmse(rows: Sequence[Quality]) -> float:
-    """Over the samples of several datasets."""
     samples = sum(row.samples for row in rows)
     return float(np.sqrt(sum(row.samples * row.rmse_after**2 for row in rows) / samples)) if samples else float("nan")
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

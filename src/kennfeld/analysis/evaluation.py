@@ -1,4 +1,4 @@
-"""A problem computed over its data: each criterion on each dataset, model beside measurement."""
+"""Simulation of all criteria of a problem on all its datasets."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.criteria import Criterion
-from kennfeld.graph.traversal import extended
+from kennfeld.graph.traversal import with_names
 from kennfeld.optimize import Problem
 from kennfeld.optimize.problem import difference
 from kennfeld.optimize.quality import NodeSimulator
@@ -19,7 +19,7 @@ __all__ = ["CriterionSeries", "Evaluator"]
 
 @dataclass(frozen=True, eq=False)
 class CriterionSeries:
-    """One criterion over the kept samples of one dataset; `measured` is NaN where a sample is not scored."""
+    """One criterion over the kept samples of one dataset; `measured` is NaN at samples that are not scored."""
 
     criterion: int
     bound: BoundDataset
@@ -29,38 +29,38 @@ class CriterionSeries:
 
     @property
     def error(self) -> Float:
-        """Model minus measurement, NaN where not scored."""
+        """Model minus measurement, NaN if not scored."""
         return self.model - self.measured
 
     @property
     def scored(self) -> Bool:
-        """The samples that count."""
+        """The scored samples."""
         return np.isfinite(self.measured)
 
     @property
     def time(self) -> Float | None:
-        """In s, of the kept samples; None for steady-state points."""
+        """Time of the kept samples in s; None for steady-state points."""
         time, picked = self.bound.dataset.time, self.bound.picked
         return time if time is None or picked is None else time[picked]
 
     @property
     def piece(self) -> Int:
-        """The piece each kept sample belongs to, counted from 0."""
+        """Piece of each kept sample, counted from 0."""
         begins = np.zeros(self.bound.count, dtype=np.int64)
         begins[self.bound.starts] = 1
         return np.cumsum(begins) - 1
 
 
 class Evaluator:
-    """Computes the criteria of a problem; compiled once for all parameter sets over the same axes.
+    """Simulates the criteria of a problem; compiled once for all parameter sets over the same axes.
 
-    `extra` names further nodes of the problem's graph, by number; `values` holds them after each call of `series`, for
-    each dataset an array of shape (extra, samples).
+    `extra` names additional nodes of the problem's graph, by number; `values` holds them after each call of `series`,
+    for each dataset Float[extra, samples].
     """
 
     def __init__(self, problem: Problem, extra: Mapping[int, str] | None = None) -> None:
         self._problem, self._extra, self.values = problem, dict(extra or {}), list[Float]()
-        self._graph = extended(problem.graph, self._extra)
+        self._graph = with_names(problem.graph, self._extra)
         self.bounds = [problem.bind(dataset) for dataset in problem.datasets]
         self._against_node = [problem.target_node(criterion) is not None for criterion in problem.criteria]
         self._names = [difference(i) for i in range(len(problem.criteria))]
@@ -69,13 +69,13 @@ class Evaluator:
         self._nodes: tuple[ParameterSet, NodeSimulator] | None = None
 
     def series(self, parameters: ParameterSet) -> tuple[CriterionSeries, ...]:
-        """Every criterion on every dataset that scores it, dataset by dataset."""
+        """Return every criterion on every dataset that scores it, dataset by dataset."""
         nodes = self._compiled(parameters)
         self.values = []
         return tuple(series for bound in self.bounds for series in self._of(bound, nodes, parameters))
 
     def _compiled(self, parameters: ParameterSet) -> NodeSimulator:
-        if self._nodes is None or not same_axes(self._nodes[0], parameters):
+        if self._nodes is None or not _same_axes(self._nodes[0], parameters):
             self._nodes = parameters, NodeSimulator(self._graph, parameters, self._names)
         return self._nodes[1]
 
@@ -84,15 +84,15 @@ class Evaluator:
         count = len(self._problem.criteria)
         own = iter(values[count:])
         self.values.append(values[len(self._names) - len(self._extra) :])
-        made = []
+        series = []
         for i, criterion in enumerate(self._problem.criteria):
             target = self._problem.target(criterion, bound)
             model = next(own) if self._against_node[i] else values[i]
-            # where the target is a node the difference is what is scored, and the target is what it leaves
+            # a target that is a node is model minus the scored difference
             measured = model - (values[i] - target) if self._against_node[i] else target
             if np.isfinite(target).any():
-                made.append(CriterionSeries(i, bound, self._unit(criterion, bound), model, measured))
-        return made
+                series.append(CriterionSeries(i, bound, self._unit(criterion, bound), model, measured))
+        return series
 
     def _unit(self, criterion: Criterion, bound: BoundDataset) -> str:
         own = self._problem.model.graph.units.get(criterion.node, "")
@@ -101,11 +101,11 @@ class Evaluator:
         return recorded or own
 
 
-def same_axes(one: ParameterSet, other: ParameterSet) -> bool:
-    """Whether two sets hold the same tables over the same breakpoints."""
-    if list(one) != list(other):
+def _same_axes(first: ParameterSet, second: ParameterSet) -> bool:
+    """Return True if two sets hold the same tables over the same breakpoints."""
+    if list(first) != list(second):
         return False
-    pairs = [(one[name], other[name]) for name in one]
+    pairs = [(first[name], second[name]) for name in first]
     return all(
         a.values.shape == b.values.shape
         and a.extrapolation == b.extrapolation

@@ -1,4 +1,4 @@
-"""Where a function uses its data-driven models outside the data that these were trained on."""
+"""Use of data-driven models outside the range of their training data."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,10 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
-from kennfeld.graph.traversal import extended
+from kennfeld.graph.traversal import with_names
 from kennfeld.optimize import Problem
-from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
+from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
@@ -19,16 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Extrapolation", "find_extrapolation"]
 
-BLOCK = 65536  # samples at once, so that memory does not grow with the data
-
 
 @dataclass(frozen=True)
 class Farthest:
-    """The sample at which a surrogate is farthest outside, counted from 1 like `piece`; `time` is in s.
+    """The sample at which a surrogate is farthest outside its validity range; sample and piece count from 1.
 
-    `input` is the one that is farthest beyond an end of the training data, in
-    units of the lengths of the validity range, its `value` and that `end`. Where none is beyond its ends, the inputs
-    are where they were, but never together: `input` is empty then.
+    `input` is the one farthest beyond an end of the training data, in lengths of the validity range, with its `value`
+    and that `end`. It is empty if each input is within its range but their combination is far from the training data.
     """
 
     sample: int
@@ -40,26 +38,25 @@ class Farthest:
 
     @property
     def sentence(self) -> str:
-        """Why it is outside: `throttle is 15.2, above 15`."""
+        """The reason as a clause: `throttle is 15.2, above 15`."""
         if not self.input:
-            return "no input is beyond its range, but all together are far from the training data"
+            return "each input is within its range, but their combination is far from the training data"
         if not np.isfinite(self.value):
-            return f"{self.input} is no finite number"
+            return f"{self.input} is not finite"
         value, end = _apart(self.value, self.end)
         return f"{self.input} is {value}, {'above' if self.value > self.end else 'below'} {end}"
 
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """How often a surrogate is looked up outside its validity over the samples of a dataset.
+    """The samples of a dataset at which a surrogate is evaluated outside its validity range.
 
-    `outside` is None where it does not say for which data it holds, `worst` is None where it stays inside; `several`
-    says whether the dataset has more than one piece. Points that are held until the model has settled count once, as
-    they are then.
+    `outside` is None if it has no validity range, `worst` is None if it stays inside; `several` is True if the dataset
+    has more than one piece. Points held until the model has settled count once, in their settled state.
 
     >>> worst = Farthest(616, 1, 12.3, "throttle", 15.2, 15.0)
     >>> print(Extrapolation("engine", "set values", "training", 1500, 132, worst))  # doctest: +NORMALIZE_WHITESPACE
-    engine is used outside the data it was trained on at 132 of 1500 samples of set values (8.8 %),
+    engine is used outside its training data at 132 of 1500 samples of set values (8.8 %),
     worst at 12.3 s, where throttle is 15.2, above 15
     """
 
@@ -73,12 +70,12 @@ class Extrapolation:
 
     @property
     def share(self) -> float:
-        """Of the samples; 0 where nothing is known."""
+        """Share of the samples; 0 if unknown."""
         return (self.outside or 0) / max(self.samples, 1)
 
     @property
     def place(self) -> str:
-        """Where it is worst: `12.3 s`, `0.5 s of piece 2`, `sample 17`; empty where it stays inside."""
+        """Location of the worst sample: `12.3 s`, `0.5 s of piece 2`, `sample 17`; empty if it stays inside."""
         if self.worst is None:
             return ""
         if self.worst.time is None:
@@ -87,34 +84,40 @@ class Extrapolation:
 
     def __str__(self) -> str:
         if self.outside is None:
-            return f"{self.name} does not say for which data it holds"
+            return f"{self.name} has no validity range"
         if self.worst is None:
-            return f"{self.name} stays within the data it was trained on, over {self.samples} samples of {self.dataset}"
+            return f"{self.name} stays within its training data over {self.samples} samples of {self.dataset}"
         counted = f"at {self.outside} of {self.samples} samples of {self.dataset} ({_percent(self.share)})"
-        said = f"worst at {self.place}, where {self.worst.sentence}"
-        return f"{self.name} is used outside the data it was trained on {counted}, {said}"
+        return (
+            f"{self.name} is used outside its training data {counted}, "
+            f"worst at {self.place}, where {self.worst.sentence}"
+        )
 
     def as_json(self) -> dict[str, Any]:
-        """A row of `surrogates` in `result.json`; numbers that are not finite are None."""
+        """Return a row of `surrogates` in `result.json`; numbers that are not finite are None."""
         worst = None
         if self.worst is not None:
-            worst = {name: _plain(value) for name, value in vars(self.worst).items()}
+            worst = {name: finite_or_none(value) for name, value in vars(self.worst).items()}
             worst["sentence"] = self.worst.sentence
         rest = {name: getattr(self, name) for name in ("dataset", "use", "samples", "outside")}
         return {"name": self.name, **rest, "worst": worst}
 
 
 def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extrapolation, ...]:
-    """For each surrogate that the model of a problem calls and each dataset: where it is used outside its validity.
+    """Find where the surrogates of a model are used outside their validity range, by surrogate and dataset.
 
-    `parameters` are all that the model looks up, the expansions of its surrogates included, as in a `Result`. A sample
-    at which it is called several times counts once. Empty where the model calls none.
+    Args:
+        problem: the problem.
+        parameters: all that the model looks up, including the expansions of its surrogates, as in a `Result`.
+
+    Returns:
+        A row per surrogate and dataset; a sample with several calls counts once.
     """
     return tuple(row for surrogate in problem.model.surrogates for row in _Calls(problem, parameters, surrogate).rows())
 
 
 class _Calls:
-    """The calls of one surrogate: the points that it is looked up at, over the datasets of a problem."""
+    """The calls of one surrogate over the datasets of a problem."""
 
     def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
         nodes = problem.graph.nodes
@@ -125,10 +128,10 @@ class _Calls:
         self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
 
     def rows(self) -> Iterator[Extrapolation]:
-        """A row a dataset."""
+        """Yield a row per dataset."""
         validity, nodes = self.surrogate.validity, None
         if validity is not None and self.computed:
-            grown = extended(self.problem.graph, self.computed)
+            grown = with_names(self.problem.graph, self.computed)
             nodes = NodeSimulator(grown, self.parameters, list(self.computed.values()))
         for data in self.problem.datasets:
             bound = self.problem.bind(data)
@@ -144,21 +147,21 @@ class _Calls:
             yield Extrapolation(self.surrogate.name, data.name, data.use, samples, search.outside, worst, several)
 
     def _points(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[Int, Sequence[Float]]]:
-        """Numbers of kept samples, and the points Float[samples, inputs] of each call there; block by block."""
+        """Yield numbers of kept samples, and the points Float[samples, inputs] of each call, block by block."""
         columns = bound.columns
         for here, values in self._blocks(bound, nodes):
-            found: Mapping[int, Float] = dict(zip(self.computed, values, strict=True))
-            found = {**found, **{at: columns[name][here] for at, name in self.inputs.items()}}
+            coordinates: Mapping[int, Float] = dict(zip(self.computed, values, strict=True))
+            coordinates = {**coordinates, **{at: columns[name][here] for at, name in self.inputs.items()}}
             at = np.arange(here.start, here.stop)
             counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
-            yield at[counted], [np.column_stack([found[a] for a in args])[counted] for args in self.calls]
+            yield at[counted], [np.column_stack([coordinates[a] for a in args])[counted] for args in self.calls]
 
     def _blocks(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[slice, Float]]:
         if nodes is not None:
             yield from nodes.blocks(bound, self.parameters)
             return
-        for first in range(0, bound.count, BLOCK):
-            here = slice(first, min(first + BLOCK, bound.count))
+        for first in range(0, bound.count, SAMPLES_PER_BLOCK):
+            here = slice(first, min(first + SAMPLES_PER_BLOCK, bound.count))
             yield here, np.empty((0, here.stop - here.start))
 
     def _farthest(self, bound: BoundDataset, search: "_FarthestPoint") -> Farthest | None:
@@ -177,14 +180,14 @@ class _Calls:
 
 
 class _FarthestPoint:
-    """Counts the samples outside, and keeps the farthest: beyond an end, or else by the measure of the validity."""
+    """Counts the samples outside, and finds the farthest: beyond an end, or else by the distance of the validity."""
 
     def __init__(self, validity: "Validity") -> None:
         self.validity, self.outside = validity, 0
         self.at, self.point, self._worst = 0, np.empty(0), (0.0, 0.0)
 
     def add(self, at: Int, calls: Sequence[Float]) -> None:
-        """More samples, by number, and the points Float[samples, inputs] of each call there."""
+        """Add samples by number, and the points Float[samples, inputs] of each call."""
         out = np.zeros(at.size, dtype=bool)
         for points in calls:
             measure = self.validity.distance(points)
@@ -203,14 +206,14 @@ class _FarthestPoint:
 
 
 def _beyond(validity: "Validity", points: Float) -> Float:
-    """How far each coordinate is beyond the ends of the training data, in lengths: Float[..., inputs]."""
+    """Return the distance of each coordinate beyond the training data, in lengths: Float[..., inputs]."""
     with np.errstate(invalid="ignore", over="ignore"):
         past = np.maximum(validity.least - points, points - validity.most) / validity.lengths
     return np.where(np.isnan(past), np.inf, np.maximum(past, 0.0))
 
 
 def _coordinates(surrogate: "Surrogate") -> list[str]:
-    """What each coordinate of its points is: `throttle`, `n 2 samples before`."""
+    """Return the label of each coordinate: `throttle`, `n 2 samples before`."""
     from kennfeld.surrogate import DynamicSurrogate
 
     if not isinstance(surrogate, DynamicSurrogate):
@@ -220,7 +223,7 @@ def _coordinates(surrogate: "Surrogate") -> list[str]:
 
 
 def _apart(value: float, end: float) -> tuple[str, str]:
-    """Two numbers with as few digits, from 4 on, as tell them apart.
+    """Format two numbers with as few digits as distinguish them, at least 4.
 
     >>> _apart(15.2, 15.0), _apart(15.00001, 15.0)
     (('15.2', '15'), ('15.00001', '15'))
@@ -233,14 +236,10 @@ def _apart(value: float, end: float) -> tuple[str, str]:
 
 
 def _percent(share: float) -> str:
-    """A share in percent; never all and never nothing where that is not so.
+    """Format a share in percent; 100 % and 0 % only if exact.
 
     >>> _percent(0.088), _percent(1e-6), _percent(0.9999), _percent(1.0)
     ('8.8 %', '0.0001 %', '99.9 %', '100 %')
     """
     value = 100 * share if share == 1 else min(100 * share, 99.9)
     return f"{value:.{3 if value >= 99 else 2}g} %"
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

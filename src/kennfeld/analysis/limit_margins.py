@@ -1,4 +1,4 @@
-"""Which limits press on given values: rows that hold with equality, and how far outputs come to their limits."""
+"""Active limits at given values, and the range of limited outputs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["ActiveConstraint", "OutputRange", "active_constraints", "output_ranges"]
 
-CLOSE = 1e-7  # of what is summed in a row: nearer than this is at the limit
+ACTIVE = 1e-7  # of the terms of a row: closer than this is at the limit
 
 
 @dataclass(frozen=True)
 class ActiveConstraint:
-    """A linear limit at given values: of its `rows`, those that hold with equality, in words."""
+    """A linear limit at given values: the number of its `rows`, and the labels of the active ones."""
 
     constraint: Shape | Equality
     rows: int
@@ -30,29 +30,34 @@ class ActiveConstraint:
 
 
 def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[ActiveConstraint, ...]:
-    """For each shape and each equality of a problem, the rows that press on the values."""
+    """Return for each shape and equality of a problem its active rows.
+
+    Args:
+        problem: with the constraints.
+        parameters: the values.
+    """
     offsets = np.cumsum([0, *(problem.parameters[name].size for name in problem.free_names)]).tolist()
     values = ValueLayout(dict(zip(problem.free_names, offsets, strict=False)), offsets[-1], 0, offsets[-1])
     flat = np.concatenate([np.zeros(0), *(parameters[name].values.ravel() for name in problem.free_names)])
-    still = with_fixed_axes(parameters, free_axes(parameters))  # the breakpoints are those of now
-    found = []
+    fixed = with_fixed_axes(parameters, free_axes(parameters))  # at the current breakpoints
+    constraints = []
     for constraint in problem.constraints:
-        alone = replace(problem, parameters=still, pins=(), constraints=(constraint,), limits=())
+        alone = replace(problem, parameters=fixed, pins=(), constraints=(constraint,), limits=())
         rows = linear_limits(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
-        at = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
-        found.append(ActiveConstraint(constraint, rows.count, tuple(rows.names[i] for i in at)))
-    return tuple(found)
+        active = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
+        constraints.append(ActiveConstraint(constraint, rows.count, tuple(rows.names[i] for i in active)))
+    return tuple(constraints)
 
 
 def _near(product: Float, side: Float, size: Float) -> Bool:
     with np.errstate(invalid="ignore"):
-        return np.isfinite(side) & (np.abs(product - side) <= CLOSE * (size + np.abs(side)))
+        return np.isfinite(side) & (np.abs(product - side) <= ACTIVE * (size + np.abs(side)))
 
 
 @dataclass(frozen=True)
 class OutputRange:
-    """What a limited output does over the training samples where the limit counts; `beyond` of them exceed it."""
+    """Range of a limited output over the training samples at which the limit applies; `beyond` of them exceed it."""
 
     limit: Limit
     samples: int
@@ -62,7 +67,7 @@ class OutputRange:
 
 
 def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRange, ...]:
-    """The range of each limited output at given values."""
+    """Return the range of each limited output at given values."""
     if not problem.limits:
         return ()
     texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}

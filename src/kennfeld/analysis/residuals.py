@@ -1,7 +1,4 @@
-"""The errors that remain: in their unit, relative, and in units of what is to be expected; and where they are large.
-
-How much a sample pulls the fit towards itself, so that its error can be judged.
-"""
+"""Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +19,7 @@ from kennfeld.preprocessing.sample_weights import sample_weights
 
 __all__ = ["Errors", "Residuals", "Summary", "WorstSample", "residuals", "sample_leverage"]
 
-MOST = 0.999  # a sample that decides a value alone has no error left to judge
+MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual
 
 Scaling = Literal["studentized", "standardised"]
 
@@ -30,27 +27,36 @@ Scaling = Literal["studentized", "standardised"]
 def sample_leverage(
     problem: Problem, lookups: Lookups, series: Sequence[CriterionSeries], leverage: Mapping[str, Float]
 ) -> dict[int, Float]:
-    """The leverage of each training sample, by the number of its series.
+    """Approximate the leverage of each training sample, by the number of its series.
 
-    The leverage of a grid point, 1 where the data alone decide it, is shared out among the samples that look it up,
-    by their weights in the lookup and in the cost. Over all samples it adds up to that of all grid points, which is
-    the number of values that the data determine. For a table alone whose samples lie on its grid points this is the
-    diagonal of the hat matrix; else it approximates it without a matrix of samples by values.
+    The leverage of a grid point, 1 if the data alone determine it, is distributed among the samples that look it up,
+    by their weights in the lookup and in the cost. Its sum over all samples equals that over all grid points, the
+    number of values that the data determine. For a single table whose samples are at its grid points this is the
+    diagonal of the hat matrix; otherwise it approximates it without a matrix of samples by values.
+
+    Args:
+        problem: criteria and their weights.
+        lookups: at the values of the fit.
+        series: the criteria on the datasets.
+        leverage: of the grid points, by table.
+
+    Returns:
+        Float[samples] by number of the series.
     """
-    training = {i: one for i, one in enumerate(series) if one.bound.dataset.use == "training"}
-    weights = {i: _weight(problem, one) for i, one in training.items()}
+    training = {i: entry for i, entry in enumerate(series) if entry.bound.dataset.use == "training"}
+    weights = {i: _weight(problem, entry) for i, entry in training.items()}
     totals = {name: np.zeros(values.size) for name, values in leverage.items() if name in lookups.reached}
     for i, lookup in _reaching(lookups, training, totals):
         total = totals[lookup.table.name]
         for at, weight in lookup.corners():
             total += np.bincount(at, _share(weight, weights[i][lookup.samples]), minlength=total.size)
-    found = {i: np.zeros(one.bound.count) for i, one in training.items()}
+    pulls = {i: np.zeros(entry.bound.count) for i, entry in training.items()}
     for i, lookup in _reaching(lookups, training, totals):
         name = lookup.table.name
         each = np.divide(leverage[name].ravel(), totals[name], out=np.zeros(totals[name].size), where=totals[name] > 0)
         for at, weight in lookup.corners():
-            found[i][lookup.samples] += each[at] * _share(weight, weights[i][lookup.samples])
-    return {i: np.clip(np.nan_to_num(values), 0.0, MOST) for i, values in found.items()}
+            pulls[i][lookup.samples] += each[at] * _share(weight, weights[i][lookup.samples])
+    return {i: np.clip(np.nan_to_num(values), 0.0, MAX_LEVERAGE) for i, values in pulls.items()}
 
 
 def _weight(problem: Problem, series: CriterionSeries) -> Float:
@@ -66,20 +72,20 @@ def _share(weight: Float, of_sample: Float) -> Float:
 
 
 def _reaching(
-    lookups: Lookups, training: Mapping[int, CriterionSeries], wanted: Mapping[str, Float]
+    lookups: Lookups, training: Mapping[int, CriterionSeries], tables: Mapping[str, Float]
 ) -> Iterator[tuple[int, Lookup]]:
-    """Lookups of the wanted tables, with the number of each series that depends on them."""
-    for i, one in training.items():
-        for lookup in lookups.blocks(one.bound):
-            if lookup.table.name in wanted and one.criterion in lookups.reached[lookup.table.name]:
+    """Yield lookups of the given tables, with the number of each series that depends on them."""
+    for i, entry in training.items():
+        for lookup in lookups.blocks(entry.bound):
+            if lookup.table.name in tables and entry.criterion in lookups.reached[lookup.table.name]:
                 yield i, lookup
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors of a criterion on one dataset, model minus measurement; NaN where not scored.
+    """The errors of a criterion on one dataset, model minus measurement; NaN if not scored.
 
-    `relative` is the error over the size of the measurement, NaN where that is 0. `scaled` is the error over its
+    `relative` is the error over the size of the measurement, NaN if that is 0. `scaled` is the error over its
     standard deviation; see `Residuals.scaling`.
     """
 
@@ -92,10 +98,10 @@ class Errors:
 
 @dataclass(frozen=True)
 class Summary:
-    """The errors of a criterion on one dataset in numbers, in the unit of the target; `mean` is their bias.
+    """Statistics of the errors of a criterion on one dataset, in the unit of the target; `mean` is their bias.
 
-    `relative` is the median of the relative errors' sizes. `beyond` is the share of scaled errors above 3 in size:
-    0.3 % where errors are normal.
+    `relative` is the median size of the relative errors. `beyond` is the share of scaled errors above 3 in size: 0.3 %
+    for a normal distribution.
     """
 
     dataset: str
@@ -132,10 +138,10 @@ class WorstSample:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What remains of one criterion.
+    """The residuals of one criterion.
 
-    `scaling` says what the scaled errors are: studentized, where it is known how much each sample pulls the fit
-    towards itself, else standardised by `deviation`, their standard deviation over the training data alone.
+    Scaled errors are studentized if the leverage of each sample is known, else standardised by `deviation`, their
+    standard deviation over the training data.
     """
 
     criterion: str
@@ -159,19 +165,19 @@ def residuals(
     lookups: Lookups | None = None,
     cells: tuple[CellErrors, ...] | None = None,
 ) -> tuple[Residuals, ...]:
-    """Analyse the errors of a parameter set, one entry a criterion.
+    """Analyse the errors of a parameter set, one entry per criterion.
 
-    An error is studentized, r / (s sqrt(1 - h)), where `trust.leverage` is known; h is the sample's leverage and
-    s^2 = sum r^2 / (n - sum h) over the training samples. A sample of the test data had no part in the fit: h = 0.
+    An error is studentized, r / (s sqrt(1 - h)), if `trust.leverage` is known; h is the sample's leverage and
+    s^2 = sum r^2 / (n - sum h) over the training samples. h = 0 for test data.
 
     Args:
         problem: function, data and criteria.
         parameters: the values to analyse.
-        trust: the trust of a result; its `leverage` by table is used where it has one.
-        worst: how many of the largest errors to list.
-        series: the criteria as computed from `parameters`, where that is done already.
-        lookups: the lookups at `parameters`, where they are known already.
-        cells: the errors by cell, where they are known already.
+        trust: the trust of a result; its `leverage` by table is used if it has one.
+        worst: number of the largest errors to list.
+        series: the criteria at `parameters`, if computed already.
+        lookups: the lookups at `parameters`, if computed already.
+        cells: the errors by cell, if computed already.
 
     Returns:
         The residuals of each criterion that has a scored sample.
@@ -221,7 +227,7 @@ def _of_criterion(
 
 
 def _deviation(series: Sequence[CriterionSeries], pulls: Sequence[Float]) -> float:
-    """Standard deviation of the errors: sum r^2 / (n - sum h) over the training samples, or over all there are."""
+    """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
     pairs = list(zip(series, pulls, strict=True))
     used = [(s, h) for s, h in pairs if s.bound.dataset.use == "training" and s.bound.dataset.weight > 0] or pairs
     with np.errstate(over="ignore", invalid="ignore"):
@@ -258,7 +264,7 @@ def _summary(series: CriterionSeries, errors: Errors) -> Summary:
             largest=float(size.max()) if known else float("nan"),
             relative=_median(np.abs(errors.relative)),
             beyond=_mean(np.abs(errors.scaled[np.isfinite(errors.scaled)]) > 3),
-            autocorrelation=_memory(series),
+            autocorrelation=_autocorrelation(series),
         )
 
 
@@ -278,8 +284,8 @@ def _r2(series: CriterionSeries, error: Float) -> float:
     return 1.0 - float(np.sum(error**2)) / variation if variation > 0 and whole else float("nan")
 
 
-def _memory(series: CriterionSeries) -> Autocorrelation | None:
-    """The autocorrelation of the errors of a recording, in s where its time step is even."""
+def _autocorrelation(series: CriterionSeries) -> Autocorrelation | None:
+    """Return the autocorrelation of the errors of a recording, in s if its time step is even."""
     if series.time is None:
         return None
     steps = np.delete(np.diff(series.time), series.bound.starts[1:] - 1)
@@ -291,9 +297,9 @@ def _memory(series: CriterionSeries) -> Autocorrelation | None:
 def _worst(
     problem: Problem, series: Sequence[CriterionSeries], errors: Sequence[Errors], count: int
 ) -> tuple[WorstSample, ...]:
-    """The largest errors of all datasets, the largest first; an error that is not finite is the largest.
+    """Return the largest errors of all datasets in descending order; an error that is not finite is the largest.
 
-    Of neighbours in time whose errors have one sign only the worst is taken: they are one event.
+    Of neighbours in time whose errors have the same sign only the worst is listed: they are one event.
     """
     found: list[tuple[float, int, int]] = []
     for i, (one, of) in enumerate(zip(series, errors, strict=True)):
@@ -307,7 +313,7 @@ def _worst(
 
 
 def _peaks(size: Float, error: Float, starts: Int) -> Int:
-    """The greatest of each run of errors of one sign, by number."""
+    """Return the index of the largest of each run of errors of one sign."""
     sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
     fresh = np.ones(size.size, dtype=bool)
     fresh[1:] = sign[1:] != sign[:-1]

@@ -1,4 +1,4 @@
-"""Calibration files: one converter a format, told apart by content when reading and by ending when writing."""
+"""Calibration files: one converter per format, chosen by content when reading and by ending when writing."""
 
 from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
 from kennfeld.calfiles.files import (

@@ -1,4 +1,4 @@
-"""What distinguishes two parameter sets: values, axes, units, and what only one of them has."""
+"""Compares two parameter sets: values, axes, units, and labels that only one of them has."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,13 +14,13 @@ from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["Comparison", "Difference", "Tolerance", "compare"]
 
-_Thing = Parameter | Text | Axis
+_Item = Parameter | Text | Axis
 _LETTERS = ("x", "y", "z", "u")
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far two numbers may be apart and still count as equal: `absolute + relative * max(|a|, |b|)`.
+    """The largest difference that counts as equal: `absolute + relative * max(|a|, |b|)`.
 
     Without tolerance only the same number is equal; two missing values (NaN) are, and so are 0 and -0.
 
@@ -34,10 +34,18 @@ class Tolerance:
     def __post_init__(self) -> None:
         for name, given in (("absolute", self.absolute), ("relative", self.relative)):
             if not (isfinite(given) and given >= 0):
-                raise ArgumentError(f"{name}={given!r} is no tolerance: it must be a number from 0 on")
+                raise ArgumentError(f"{name} must be a finite number >= 0, got {given!r}")
 
     def exceeded(self, left: Float, right: Float) -> Bool:
-        """Where two arrays of one shape differ by more than this."""
+        """Return a mask of the elements that differ by more than the tolerance.
+
+        Args:
+            left: Values of any shape.
+            right: Values of the same shape and unit.
+
+        Returns:
+            A boolean array of that shape.
+        """
         with np.errstate(invalid="ignore", over="ignore"):
             allowed = self.absolute + self.relative * np.maximum(np.abs(left), np.abs(right))
             far: Bool = ~(np.abs(left - right) <= allowed) & (left != right)
@@ -47,10 +55,10 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Difference:
-    """One thing in which two sets differ.
+    """One difference of two sets.
 
     `name` is followed by the variant where a label has several: `K (Engine=2)`; `function` is the first one that uses
-    it, empty where none is known. `aspect` is values, kind, size, unit, text, content, "x axis" and the like, or
+    it, empty if none is known. `aspect` is values, kind, size, unit, text, content, "x axis" and the like, or
     "presence" where only one set has it: the other side is empty then. Numbers carry how many of them differ, the
     largest difference and its index.
     """
@@ -81,73 +89,81 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All differences of two sets, in the order of the first; `compared` counts the names that both have."""
+    """All differences of two sets, in the order of the first; `compared` is the number of common names."""
 
     differences: tuple[Difference, ...]
     compared: int
 
     @property
     def equal(self) -> bool:
-        """Whether there is no difference."""
+        """True if there is no difference."""
         return not self.differences
 
 
 def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None = None) -> Comparison:
-    """Every difference in values, axes, units, kinds, texts and names.
+    """Compare values, axes, units, kinds, texts and names of two sets.
 
-    Values of tables of another size are not compared. Breakpoints of a group axis that both sets have are compared
-    once. Variants of a label are compared each with its own. Descriptions, bounds, locks, axis inputs and
-    extrapolation are not compared: most formats have no place for them.
+    Tables of different size are not compared by value. Breakpoints of a group axis of both sets are compared once.
+    Variants are compared by name. Descriptions, bounds, locks, axis inputs and extrapolation are not compared, because
+    most formats do not store them.
+
+    Args:
+        left: The first set.
+        right: The second set.
+        tolerance: The largest difference that counts as equal; none by default.
+
+    Returns:
+        All differences, in the order of `left`.
     """
     allowed = tolerance or Tolerance()
-    found: list[Difference] = []
+    results: list[Difference] = []
     compared = 0
-    for name, one, other in _paired(left, right):
+    for name, one, other in _pair_items(left, right):
         if one is None or other is None:
-            made = [Difference(name, "presence", _described(one), _described(other))]
+            result = [Difference(name, "presence", _describe_item(one), _describe_item(other))]
         else:
             compared += 1
-            made = [replace(difference, name=name) for difference in _differences(one, other, allowed)]
+            result = [replace(difference, name=name) for difference in _differences(one, other, allowed)]
         function = _function(one) or _function(other)
-        found += [replace(difference, function=function) for difference in made] if function else made
-    return Comparison(tuple(found), compared)
+        results += [replace(difference, function=function) for difference in result] if function else result
+    return Comparison(tuple(results), compared)
 
 
-def _paired(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, _Thing | None, _Thing | None]]:
-    """What is compared with what, under which name; None where one side has it not."""
-    ours, theirs = _by_name(left), _by_name(right)
+def _pair_items(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, _Item | None, _Item | None]]:
+    """Yield the items to compare with their common name; None for a side without it."""
+    ours, theirs = _items_by_name(left), _items_by_name(right)
     for name in dict.fromkeys([*ours, *theirs]):
         mine, its = ours.get(name, {}), theirs.get(name, {})
         if mine.keys() & its.keys() or not (mine and its):
             for variant in dict.fromkeys([*mine, *its]):
-                yield _labelled(name, variant), mine.get(variant), its.get(variant)
+                yield _label_with_variant(name, variant), mine.get(variant), its.get(variant)
         else:  # one of them knows no variants: what counts there is compared with what counts here
             (_, one), *more = mine.items()
             (_, other), *further = its.items()
             yield name, one, other
-            yield from ((_labelled(name, variant), thing, None) for variant, thing in more)
-            yield from ((_labelled(name, variant), None, thing) for variant, thing in further)
+            yield from ((_label_with_variant(name, variant), item, None) for variant, item in more)
+            yield from ((_label_with_variant(name, variant), None, item) for variant, item in further)
 
 
-def _labelled(name: str, variant: str) -> str:
+def _label_with_variant(name: str, variant: str) -> str:
     return f"{name} ({variant})" if variant else name
 
 
-def _function(thing: _Thing | None) -> str:
-    return "" if thing is None or isinstance(thing, Axis) or not thing.functions else thing.functions[0]
+def _function(item: _Item | None) -> str:
+    return "" if item is None or isinstance(item, Axis) or not item.functions else item.functions[0]
 
 
-def _by_name(members: ParameterSet) -> dict[str, dict[str, _Thing]]:
-    """Everything that has a name, by variant; where a table and a group axis share one, it stands for the table."""
-    things: dict[str, dict[str, _Thing]] = {}
-    for (name, variant), thing in members.everything.items():
-        things.setdefault(name, {})[variant] = thing
+def _items_by_name(members: ParameterSet) -> dict[str, dict[str, _Item]]:
+    """Return all named items by variant; if a table and a group axis share a name, it is the table."""
+    items: dict[str, dict[str, _Item]] = {}
+    for (name, variant), item in members.everything.items():
+        items.setdefault(name, {})[variant] = item
     for axis in members.axes:
-        things.setdefault(axis.name, {"": axis})
-    return things
+        items.setdefault(axis.name, {"": axis})
+    return items
 
 
-def _differences(one: _Thing, other: _Thing, allowed: Tolerance) -> list[Difference]:
+def _differences(one: _Item, other: _Item, allowed: Tolerance) -> list[Difference]:
     if isinstance(one, Text) and isinstance(other, Text):
         pairs = {aspect: (getattr(one, aspect), getattr(other, aspect)) for aspect in ("kind", "text", "unit")}
         return [Difference(one.name, aspect, *pair) for aspect, pair in pairs.items() if pair[0] != pair[1]]
@@ -156,25 +172,25 @@ def _differences(one: _Thing, other: _Thing, allowed: Tolerance) -> list[Differe
     if isinstance(one, Parameter) and isinstance(other, Parameter) and one.kind == other.kind:
         return list(_member_differences(one, other, allowed))
     return [
-        Difference(one.name, "kind", _described(one), _described(other)),
+        Difference(one.name, "kind", _describe_item(one), _describe_item(other)),
         *_block_differences(one, other, allowed),
     ]
 
 
-def _block_differences(one: _Thing, other: _Thing, allowed: Tolerance) -> Iterator[Difference]:
-    """The values where one file has a table or axis, and the other, a script, a block of its numbers alone."""
+def _block_differences(one: _Item, other: _Item, allowed: Tolerance) -> Iterator[Difference]:
+    """Compare values if one set has a table or axis and the other only a block of its numbers."""
     left, right = _numbers(one), _numbers(other)
     if left is None or right is None or left.shape != right.shape:
         return
-    if any(isinstance(thing, Parameter) and thing.kind == "block" for thing in (one, other)):
-        axes = next((thing.axes for thing in (one, other) if isinstance(thing, Parameter) and thing.axes), ())
+    if any(isinstance(item, Parameter) and item.kind == "block" for item in (one, other)):
+        axes = next((item.axes for item in (one, other) if isinstance(item, Parameter) and item.axes), ())
         yield from _number_differences(one.name, "values", left, right, allowed, axes)
 
 
-def _numbers(thing: _Thing) -> Float | None:
-    if isinstance(thing, Axis):
-        return thing.breakpoints
-    return thing.values if isinstance(thing, Parameter) else None
+def _numbers(item: _Item) -> Float | None:
+    if isinstance(item, Axis):
+        return item.breakpoints
+    return item.values if isinstance(item, Parameter) else None
 
 
 def _member_differences(one: Parameter, other: Parameter, allowed: Tolerance) -> Iterator[Difference]:
@@ -197,7 +213,7 @@ def _member_differences(one: Parameter, other: Parameter, allowed: Tolerance) ->
 
 def _axis_differences(name: str, prefix: str, one: Axis, other: Axis, allowed: Tolerance) -> Iterator[Difference]:
     if len(one) != len(other):
-        yield Difference(name, f"{prefix}breakpoints", f"{len(one)} of them", f"{len(other)} of them")
+        yield Difference(name, f"{prefix}breakpoints", f"{len(one)} points", f"{len(other)} points")
     else:
         aspect = f"{prefix}breakpoints"
         yield from _number_differences(name, aspect, one.breakpoints, other.breakpoints, allowed, ())
@@ -217,25 +233,25 @@ def _number_differences(
     apart = np.where(far, np.where(np.isnan(apart), np.inf, apart), -1.0)
     index = tuple(int(i) for i in np.unravel_index(int(apart.argmax()), apart.shape))
     shown = (repr(float(left[index])), repr(float(right[index])))
-    largest, place = float(apart[index]), _place(index, axes)
+    largest, place = float(apart[index]), _describe_place(index, axes)
     yield Difference(name, aspect, *shown, int(far.sum()), far.size, largest, index, place)
 
 
-def _place(index: tuple[int, ...], axes: tuple[Axis, ...]) -> str:
+def _describe_place(index: tuple[int, ...], axes: tuple[Axis, ...]) -> str:
     if axes:
         points = (f"{axis.breakpoints[at]:g}" for axis, at in zip(axes, index, strict=True))
         return ", ".join(f"{letter} = {point}" for letter, point in zip(_LETTERS, points, strict=False))
     return f"[{', '.join(map(str, index))}]" if index else ""
 
 
-def _described(thing: _Thing | None) -> str:
-    if thing is None:
+def _describe_item(item: _Item | None) -> str:
+    if item is None:
         return ""
-    if isinstance(thing, Axis):
-        return f"group axis of {len(thing)}"
-    if isinstance(thing, Text):
-        return thing.kind
-    return f"{thing.kind} of {_size(thing.values)}" if thing.values.ndim else thing.kind
+    if isinstance(item, Axis):
+        return f"group axis of {len(item)}"
+    if isinstance(item, Text):
+        return item.kind
+    return f"{item.kind} of {_size(item.values)}" if item.values.ndim else item.kind
 
 
 def _size(values: Float) -> str:

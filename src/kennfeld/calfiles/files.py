@@ -1,4 +1,4 @@
-"""Read, write and describe calibration files; the formats are one line each in `_FORMATS`."""
+"""Reads, writes and describes calibration files; `_FORMATS` lists the formats."""
 
 import gc
 import os
@@ -12,7 +12,7 @@ import numpy as np
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
 from kennfeld.calfiles.format import CalibrationSource, Format, ReadResult
-from kennfeld.calfiles.unsupported_files import foreign_calibration, look_of
+from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
@@ -22,7 +22,7 @@ __all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "losses
 
 _SCRIPT = "MATLAB script"
 _SETTINGS = ("bounds", "locks", "free axes")  # of a calibration, which files of values do not hold
-_PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
+_PLAIN_LOSSES = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 # What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
 _FORMATS = (
     Format(
@@ -39,7 +39,7 @@ _FORMATS = (
         "cvx.reader:recognises_cvx",
         "cvx.reader:read_cvx",
         "cvx.writer:write_cvx",
-        lacks=("kinds", "descriptions", "group units", *_PLAIN),
+        lacks=("kinds", "descriptions", "group units", *_PLAIN_LOSSES),
     ),
     Format(
         "CDFX",
@@ -47,7 +47,7 @@ _FORMATS = (
         "cdfx.reader:recognises_cdfx",
         "cdfx.reader:read_cdfx",
         "cdfx.writer:write_cdfx",
-        lacks=_PLAIN,
+        lacks=_PLAIN_LOSSES,
     ),
     Format(
         "DCM",
@@ -55,7 +55,7 @@ _FORMATS = (
         "dcm.lines:recognises_dcm",
         "dcm.reader:read_dcm",
         "dcm.update:write_dcm",
-        lacks=("kinds", *_PLAIN),
+        lacks=("kinds", *_PLAIN_LOSSES),
     ),
     Format(
         "Intel HEX or S-records with an A2L file",
@@ -98,7 +98,7 @@ _HEAD = 65536  # bytes looked at before a file is read as a whole
 
 @dataclass(frozen=True)
 class ParameterSummary:
-    """One parameter in a line: what it is and between which values it moves."""
+    """Kind, shape, unit and value range of a parameter."""
 
     name: str
     kind: str
@@ -113,7 +113,7 @@ class ParameterSummary:
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """What is in a calibration file; `remarks` tells what a reader leaves aside."""
+    """The content of a calibration file; `remarks` lists what was skipped."""
 
     path: Path
     kind: str
@@ -124,32 +124,48 @@ class CalibrationFile:
 
 
 def endings() -> tuple[str, ...]:
-    """The file endings that `write` knows."""
+    """Return the file endings that `write` supports."""
     return tuple(ending for known in _FORMATS for ending in known.endings)
 
 
 def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
-    """The parameters of a calibration file; its content, not its name, tells the format.
+    """Read the parameters of a calibration file of any format, which is recognised by its content.
 
-    `a2l` is the description of an image (Intel HEX, S-records); by default the A2L file of the same name beside it,
-    or the only one there. Raises `InputError` with every finding: the thing, its value, the line, the mend.
+    Args:
+        path: The file.
+        a2l: The A2L file that describes an image (Intel HEX, S-records). By default the one with the same name in its
+            folder, or the only one there.
+
+    Returns:
+        The parameters, texts and group axes, in file order.
+
+    Raises:
+        InputError: The file cannot be read; with all findings.
     """
-    parameters = _content(Path(path), a2l).parameters
+    parameters = _read_content(Path(path), a2l).parameters
     return parameters if parameters.origin is not None else parameters.from_origin(Path(path))
 
 
 def read_several(
     paths: Iterable[str | Path], a2l: str | Path | None = None
 ) -> tuple[list[ParameterSet], tuple[Finding, ...]]:
-    """The parameters of several files, and the remarks on what was left aside in them.
+    """Read several calibration files.
 
-    `a2l` describes the images among them. Raises `InputError` with the findings of all files that cannot be read.
+    Args:
+        paths: The files.
+        a2l: The A2L file that describes the images among them.
+
+    Returns:
+        One set per file, and the findings on what was skipped.
+
+    Raises:
+        InputError: With the findings of all files that cannot be read.
     """
     contents: list[ReadResult] = []
     findings: list[Finding] = []
     for path in paths:
         try:
-            contents.append(_content(Path(path), a2l))
+            contents.append(_read_content(Path(path), a2l))
         except InputError as error:
             findings += error.findings
     if findings:
@@ -160,25 +176,35 @@ def read_several(
 def write(
     parameters: ParameterSet, path: str | Path, image: str | Path | None = None, a2l: str | Path | None = None
 ) -> tuple[Finding, ...]:
-    """Write a calibration file; the ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...) chooses the format.
+    """Write a calibration file in the format of its ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...).
 
-    The file is complete or untouched. A set that was read from a DCM file or a tune and is written as one gives the
-    same file with other numbers. What should be said about the new file is returned. Raises `ArgumentError` for an
-    unknown ending and `InputError` naming each parameter that the format cannot hold.
+    The file is written completely or not at all. A set that was read from a DCM file or a tune and is written in the
+    same format keeps the rest of that file. An image is a copy of the one that the set was read from, with values
+    rounded to what the control unit can store.
 
-    An image (.hex, .s19, ...) is written over the one that the set was read from, or over `image`, which `a2l`
-    describes; values are rounded to what the control unit can store.
+    Args:
+        parameters: The set.
+        path: The file to write.
+        image: The image (.hex, .s19, ...) to modify, if the set was not read from one.
+        a2l: The A2L file that describes `image`.
+
+    Returns:
+        Findings about the new file, such as rounding.
+
+    Raises:
+        ArgumentError: The ending is unknown.
+        InputError: The format cannot store some parameters, or the file cannot be written.
     """
     target = Path(path)
     if image is not None:
-        parameters = parameters.from_origin(_content(Path(image), a2l).parameters.origin)
-    made = _format_for(target).write(parameters, target.name)
-    _replace(target, made.raw)
-    return made.remarks
+        parameters = parameters.from_origin(_read_content(Path(image), a2l).parameters.origin)
+    result = _format_for(target).write(parameters, target.name)
+    _write_bytes(target, result.raw)
+    return result.remarks
 
 
 def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
-    """Return a remark on all that the format of a file has no place for, by the ending of its name.
+    """Return a warning for each aspect of a set that the format of a file cannot store.
 
     Args:
         parameters: The set that is written.
@@ -200,7 +226,7 @@ def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
 
 
 def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
-    """The parameters that a format cannot hold, by name, each with the first reason.
+    """Return the parameters that a format cannot store, by name, each with the first reason.
 
     Raises `ArgumentError` for an unknown ending.
 
@@ -218,15 +244,15 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
 
 
 def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
-    """What is in a calibration file: kind, parameters, group axes, texts, and what was left aside.
+    """Return the kind, parameters, group axes and texts of a calibration file, and what was skipped.
 
-    Raises `InputError` where the file cannot be read.
+    Raises `InputError` if the file cannot be read.
     """
-    content = _content(Path(path), a2l)
+    content = _read_content(Path(path), a2l)
     members = content.parameters
     others: dict[str, list[str]] = {}
-    for thing in members.others:
-        others.setdefault(thing.name, []).append(thing.variant)
+    for item in members.others:
+        others.setdefault(item.name, []).append(item.variant)
     summaries = tuple(_summary(member, others.get(member.name, [])) for member in members.parameters)
     return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
 
@@ -239,24 +265,24 @@ def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
     return ParameterSummary(member.name, member.kind, shape, *said, low, high, member.functions, variants)
 
 
-def _content(path: Path, a2l: str | Path | None = None) -> ReadResult:
+def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     source = CalibrationSource(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
-    for known in _in_order(path):
+    for known in _ordered_formats(path):
         if known.recognises(source):
             with _no_collection():
                 return known.read(source)
-    raise InputError([_unknown(path, source)])
+    raise InputError([_unrecognised_file(path, source)])
 
 
-def _in_order(path: Path) -> list[Format]:
-    """The formats, that of the file's ending first: the content decides, but others need not be loaded then."""
+def _ordered_formats(path: Path) -> list[Format]:
+    """Return the formats, that of the file's ending first, so that the others need not be loaded."""
     ending = path.suffix.lower()
     return sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT)
 
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """A large file makes a million objects, all of them in use; looking for garbage takes a third of the time."""
+    """Pause garbage collection, which takes a third of the time with a million live objects."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -267,49 +293,51 @@ def _no_collection() -> Iterator[None]:
 
 
 def _bytes(path: Path) -> bytes:
-    """What the file holds; a large file of another kind is refused by its head."""
+    """Read a file; a large one of another kind is refused by its head."""
     try:
         with path.open("rb") as file:
             head = CalibrationSource(path.name, file.read(_HEAD), path)
             if head.is_binary and not any(known.recognises(head) for known in _FORMATS if known.binary):
-                raise InputError([_foreign(path, head.raw, "holds binary data")])
+                raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
             return head.raw + file.read()
     except FileNotFoundError:
-        raise InputError([_missing(path)]) from None
+        raise InputError([_missing_file(path)]) from None
     except OSError as error:
         message = f"cannot be read: {error.strerror or error}"
         raise InputError.of(str(path), message) from None
 
 
-def _missing(path: Path) -> Finding:
+def _missing_file(path: Path) -> Finding:
     beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
     return Finding(str(path), "there is no such file", nearest(path.name, beside))
 
 
-def _unknown(path: Path, source: CalibrationSource) -> Finding:
+def _unrecognised_file(path: Path, source: CalibrationSource) -> Finding:
     lines = source.text.strip().splitlines()
     if not lines:
-        return Finding(path.name, "is empty", f"Expected {_known()}.")
+        return Finding(path.name, "is empty", f"Expected {_describe_formats()}.")
     fragment = fragment_of_a2l(source.text)
     if fragment:
         return Finding(path.name, *fragment)
     if recognises_a2l(source.text):
-        message = "is an A2L description, which holds no values"
-        return Finding(path.name, message, "Name the image that it describes (.hex, .s19), with --a2l where needed.")
-    return _foreign(path, source.raw, f"begins with {lines[0][:60]!r}")
+        message = "is an A2L description, which contains no values"
+        return Finding(path.name, message, "Pass the image that it describes (.hex, .s19), with --a2l if needed.")
+    return _unsupported_file(path, source.raw, f"begins with {lines[0][:60]!r}")
 
 
-def _foreign(path: Path, head: bytes, message: str) -> Finding:
-    known = foreign_calibration(path)
+def _unsupported_file(path: Path, head: bytes, message: str) -> Finding:
+    known = explain_unsupported(path)
     if known is not None:
         return known
-    look = look_of(head)
+    look = identify_content(head)
     return Finding(
-        path.name, f"is no calibration file: it {f'looks like {look}' if look else message}", f"Expected {_known()}."
+        path.name,
+        f"is not a calibration file: it {f'looks like {look}' if look else message}",
+        f"Expected {_describe_formats()}.",
     )
 
 
-def _known() -> str:
+def _describe_formats() -> str:
     return ", ".join(f"{known.name} ({', '.join(known.endings)})" for known in _FORMATS)
 
 
@@ -319,12 +347,12 @@ def _format_for(path: Path) -> Format:
         if ending in known.endings:
             return known
     guess = nearest(ending, endings())
-    raise ArgumentError(f"path={str(path)!r} has no ending of a calibration file: {_known()}. {guess}".strip())
+    raise ArgumentError(f"path={str(path)!r} must end like a calibration file: {_describe_formats()}. {guess}".strip())
 
 
-def _replace(target: Path, raw: bytes) -> None:
+def _write_bytes(target: Path, raw: bytes) -> None:
     try:
         write_whole(target, raw)
     except OSError as error:
         message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(os.path.realpath(target), message, "Name another file.") from None
+        raise InputError.of(os.path.realpath(target), message, "Choose another path.") from None

@@ -1,10 +1,7 @@
-"""What every calibration format shares: the file as read, the notes taken on it, and what came out.
-
-What a set of parameters keeps of an image that it was read from.
-"""
+"""The common interface of calibration formats: source file, findings, and the results of reading and writing."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -13,14 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter, Text
 
 if TYPE_CHECKING:
     from kennfeld.calfiles.a2l.objects import A2l
     from kennfeld.calfiles.flash.image import Image
 
-__all__ = ["CalibrationSource", "Findings", "FlashOrigin", "Format", "ReadResult", "WriteResult"]
+__all__ = [
+    "CalibrationSource",
+    "Findings",
+    "FlashOrigin",
+    "Format",
+    "ReadResult",
+    "WriteResult",
+    "build_set",
+    "drop_trailing_ones",
+]
 
-_DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
+_DECLARED_ENCODING = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
 _CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
@@ -28,12 +35,12 @@ _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 _LINE_OF = re.compile(r" line (\d+)")
 _HEAD = 65536  # bytes that tell text from other content
-_EXCERPT = 120  # characters of a line shown with a finding
+_MAX_EXCERPT = 120  # characters of a line shown with a finding
 
 
 @dataclass(frozen=True, eq=False)
 class FlashOrigin:
-    """Where a set of parameters was read from: an image, and the A2L file that describes it."""
+    """The image that a set was read from, and the A2L file that describes it."""
 
     a2l: "A2l"
     image: "Image"
@@ -41,30 +48,30 @@ class FlashOrigin:
 
 @dataclass
 class Findings:
-    """Everything noticed while one file is read: errors refuse it, remarks are shown by `kennfeld info`."""
+    """Findings of one file: errors refuse it, warnings are shown by `kennfeld info`."""
 
     file: str
     _taken: list[tuple[int, Finding]] = field(default_factory=list)
 
-    def error(self, line: int, thing: str, message: str, remedy: str = "", excerpt: str = "") -> None:
-        """Note what makes the file unusable; line 0 stands for the file as a whole."""
-        self._taken.append((line, Finding(self._place(line, thing), message, remedy, excerpt.strip()[:_EXCERPT])))
+    def error(self, line: int, item: str, message: str, remedy: str = "", excerpt: str = "") -> None:
+        """Add an error; line 0 means the file as a whole."""
+        self._taken.append((line, Finding(self._place(line, item), message, remedy, excerpt.strip()[:_MAX_EXCERPT])))
 
-    def remark(self, line: int, thing: str, message: str, remedy: str = "") -> None:
-        """Note what was left aside."""
-        self._taken.append((line, Finding(self._place(line, thing), message, remedy, severity="warning")))
+    def warning(self, line: int, item: str, message: str, remedy: str = "") -> None:
+        """Add a warning, such as a skipped item."""
+        self._taken.append((line, Finding(self._place(line, item), message, remedy, severity="warning")))
 
     def take(self, finding: Finding) -> None:
-        """Note what another room found, in the order of its lines."""
+        """Add a finding of another package, sorted by its line."""
         line = _LINE_OF.search(finding.place)
         self._taken.append((int(line[1]) if line else 0, finding))
 
-    def _place(self, line: int, thing: str) -> str:
+    def _place(self, line: int, item: str) -> str:
         place = f"{self.file} line {line}" if line else self.file
-        return f"{place} ({thing})" if thing else place
+        return f"{place} ({item})" if item else place
 
-    def settle(self) -> tuple[Finding, ...]:
-        """The remarks in the order of the file; raises `InputError` with every finding if there was an error."""
+    def finish(self) -> tuple[Finding, ...]:
+        """Return the warnings in file order; raise `InputError` with all findings if there is an error."""
         ordered = [finding for _, finding in sorted(self._taken, key=lambda taken: taken[0])]
         errors = [finding for finding in ordered if finding.severity == "error"]
         if errors:
@@ -74,9 +81,9 @@ class Findings:
 
 @dataclass(frozen=True)
 class CalibrationSource:
-    """A calibration file as it lies on the disk.
+    """The bytes of a calibration file.
 
-    For formats whose files come in pairs, `path` tells where it is, and `partner` is the other file where it was named.
+    For formats with paired files, `path` is its location and `partner` the other file, if given.
     """
 
     name: str
@@ -86,12 +93,12 @@ class CalibrationSource:
 
     @property
     def is_binary(self) -> bool:
-        """Whether it holds bytes that no text has; UTF-16 is text."""
+        """True if it contains NUL bytes and is not UTF-16."""
         return b"\0" in self.raw[:_HEAD] and self.mark not in _UTF_16
 
     @cached_property
     def text(self) -> str:
-        """The characters with lines that end in a bare line feed.
+        """The decoded text with LF line ends.
 
         A byte order mark decides first, then a first line `* encoding="..."`, then UTF-8;
         what is none of these is cp1252, as older INCA and ASCET wrote it.
@@ -100,21 +107,19 @@ class CalibrationSource:
 
     @property
     def lines(self) -> list[str]:
-        """The lines of `text`, each with the line end that the file has; the last one may have none."""
+        """The lines of `text` with their original line ends; the last one may have none."""
         return _LINE.findall(self._decoded)
 
     def encoded(self, text: str) -> bytes:
-        """The bytes of a text in the encoding of this file, behind its byte order mark."""
+        """Encode a text in the encoding of this file, with its byte order mark."""
         return self.mark + text.encode(self.encoding, errors="replace")
 
     @property
     def mark(self) -> bytes:
-        """The byte order mark."""
         return next((mark for mark in _MARKS if self.raw.startswith(mark)), b"")
 
     @cached_property
     def encoding(self) -> str:
-        """The name of the encoding."""
         if self.mark:
             return _MARKS[self.mark]
         for encoding in (self._declared(), "utf-8", "cp1252"):
@@ -127,7 +132,7 @@ class CalibrationSource:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the text gives the bytes of the file again."""
+        """True if encoding the text reproduces the file."""
         return self.encoded(self._decoded) == self.raw
 
     @cached_property
@@ -135,14 +140,14 @@ class CalibrationSource:
         return self.raw[len(self.mark) :].decode(self.encoding, errors="replace")
 
     def _declared(self) -> str:
-        found = _DECLARED.match(self.raw)
-        name = found[1].decode("ascii") if found else ""
+        match = _DECLARED_ENCODING.match(self.raw)
+        name = match[1].decode("ascii") if match else ""
         return name if _CHARACTER_SET.match(name) else "utf-8"
 
 
 @dataclass(frozen=True)
 class ReadResult:
-    """What a reader found: the values, the dialect of the file, and what it left aside."""
+    """The parameters of a file, its dialect, and the findings on what was skipped."""
 
     kind: str
     parameters: ParameterSet
@@ -151,7 +156,7 @@ class ReadResult:
 
 @dataclass(frozen=True)
 class WriteResult:
-    """The bytes of a file to be written, and what should be said about them."""
+    """The bytes of a file to write, and the findings about them."""
 
     raw: bytes
     remarks: tuple[Finding, ...] = ()
@@ -159,12 +164,12 @@ class WriteResult:
 
 @dataclass(frozen=True)
 class Format:
-    """One calibration format: how it is told from others, read and written.
+    """One calibration format: how it is recognised, read and written.
 
-    The functions are named as `module:function` of this room, and loaded when they are needed. What tells a format is
-    given the text of a file, or the file itself, of which the beginning has to do, where the format is `binary`. What
-    writes turns a set into the text or the bytes of a file; its second argument is the file's name, for findings.
-    `lacks` are the aspects of a set that a new file has no place for, in the words of `loss_report`.
+    The functions are given as `module:function` of this package and loaded on first use. The recogniser gets the text
+    of a file or, if the format is `binary`, the source, of which the head must suffice. The writer returns the text or
+    bytes of a file; its second argument is the file name for findings. `lacks` lists the aspects of a set that a new
+    file does not store, by the keys of `loss_report`.
     """
 
     name: str
@@ -176,23 +181,41 @@ class Format:
     lacks: tuple[str, ...] = ()
 
     def recognises(self, source: CalibrationSource) -> bool:
-        """Whether a file is of this format."""
         if self.binary:
-            return bool(_loaded(self._recognises)(source))
-        return not source.is_binary and bool(_loaded(self._recognises)(source.text))
+            return bool(_load_function(self._recognises)(source))
+        return not source.is_binary and bool(_load_function(self._recognises)(source.text))
 
     def read(self, source: CalibrationSource) -> ReadResult:
-        """What a file holds; raises `InputError` with every finding."""
-        content: ReadResult = _loaded(self._read)(source)
+        """Read a file; raises `InputError` with all findings."""
+        content: ReadResult = _load_function(self._read)(source)
         return content
 
     def write(self, parameters: ParameterSet, file: str) -> WriteResult:
-        """The file that holds a set; raises `InputError` naming what the format cannot hold."""
-        made: str | WriteResult = _loaded(self._write)(parameters, file)
-        return WriteResult(made.encode("utf-8", errors="replace")) if isinstance(made, str) else made
+        """Convert a set to a file; raises `InputError` naming what the format cannot store."""
+        result: str | WriteResult = _load_function(self._write)(parameters, file)
+        return WriteResult(result.encode("utf-8", errors="replace")) if isinstance(result, str) else result
 
 
-def _loaded(name: str) -> Callable[..., Any]:
+def _load_function(name: str) -> Callable[..., Any]:
     module, function = name.split(":")
-    found: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), function)
-    return found
+    results: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), function)
+    return results
+
+
+def build_set(
+    items: dict[tuple[str, str], Parameter | Text], axes: Iterable[Axis], origin: object | None = None
+) -> ParameterSet:
+    """Build a set from items by name and variant; the first variant of each label is used, the rest are `others`."""
+    first = {name: (name, variant) for name, variant in reversed(items)}
+    chosen = [item for key, item in items.items() if first[key[0]] == key]
+    members = [item for item in chosen if isinstance(item, Parameter)]
+    texts = [item for item in chosen if isinstance(item, Text)]
+    return ParameterSet(members, texts, axes, [item for key, item in items.items() if first[key[0]] != key], origin)
+
+
+def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
+    """Drop trailing ones of a shape, which tools append; (3, 1) and (3,) are equal."""
+    kept = len(sizes)
+    while kept > 1 and sizes[kept - 1] == 1:
+        kept -= 1
+    return sizes[:kept]

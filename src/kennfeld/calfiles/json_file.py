@@ -1,13 +1,13 @@
-"""`parameters.json`: the values a run leaves, one entry a parameter, a row for each x.
+"""Reads and writes `parameters.json`, the values of a run: one entry per parameter, one row per x.
 
     {"b1": {"kind": "scalar", "unit": "", "value": 1.0},
      "MapX": {"kind": "map", "unit": "Nm", "x": [1, 2], "y": [0, 9], "values": [[1, 2], [3, 4]]},
      "Model": {"kind": "rbf", "unit": "", "inputs": ["n"], "offset": 1, "slopes": [0],
                "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
-`description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are left out
-where empty, `extrapolation` of a table where it is "clip"; `others` lists further variants as entries of their own. A
-group axis that no table uses is an entry of kind "axis". Numbers that are not finite are null.
+`description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are omitted
+if empty, `extrapolation` of a table if it is "clip"; `others` lists further variants as entries of their own. A group
+axis that no table uses is an entry of kind "axis". Non-finite numbers are null.
 """
 
 import json
@@ -30,45 +30,45 @@ _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")
 _TEXTS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 _KINDS = (*_TABLES, "block", "rbf", *_TEXTS, "axis")
-_ATTRIBUTES = ("name", "unit", "input")
+_AXIS_ATTRIBUTES = ("name", "unit", "input")
 _LABELS = ("description", "display_name", "variant")
 
 
 def recognises_json(text: str) -> bool:
-    """Whether a text begins like a JSON object."""
+    """Check whether a text begins like a JSON object."""
     return text.lstrip().startswith("{")
 
 
 def write_json(parameters: ParameterSet, file: str) -> str:
-    """The text of a `parameters.json`; bounds and locks stay with the project.
+    """Return the text of a `parameters.json`; bounds and locks are not stored.
 
-    Raises `InputError` where two entries would have the same name.
+    Raises `InputError` if two entries would have the same name.
     """
     used = {axis.name for member in parameters.parameters for axis in member.axes}
     others: dict[str, list[dict[str, Any]]] = {}
-    for thing in parameters.others:
-        others.setdefault(thing.name, []).append(_entry_of(thing))
+    for item in parameters.others:
+        others.setdefault(item.name, []).append(_entry_of(item))
     entries = [
-        (thing.name, _entry_of(thing) | ({"others": others[thing.name]} if thing.name in others else {}))
-        for thing in parameters.chosen
+        (item.name, _entry_of(item) | ({"others": others[item.name]} if item.name in others else {}))
+        for item in parameters.chosen
     ]
     entries += [(axis.name, _axis_entry(axis)) for axis in parameters.axes if axis.name not in used]
-    notes, seen = Findings(file), set[str]()
+    findings, seen = Findings(file), set[str]()
     for name, _ in entries:
         if name in seen:
-            notes.error(0, name, "is given twice", "Rename one of the two.")
+            findings.error(0, name, "is defined twice", "Rename one of the two.")
         seen.add(name)
-    notes.settle()
-    return "{" + ",".join(f"\n {_compact(name)}: {_laid_out(entry)}" for name, entry in entries) + "\n}\n"
+    findings.finish()
+    return "{" + ",".join(f"\n {_format_compact(name)}: {_format_entry(entry)}" for name, entry in entries) + "\n}\n"
 
 
-def _entry_of(thing: Parameter | Text) -> dict[str, Any]:
-    return _text_entry(thing) if isinstance(thing, Text) else _entry(thing)
+def _entry_of(item: Parameter | Text) -> dict[str, Any]:
+    return _text_entry(item) if isinstance(item, Text) else _entry(item)
 
 
-def _labels_of(thing: Parameter | Text) -> dict[str, Any]:
-    labels = {key: getattr(thing, key) for key in _LABELS if getattr(thing, key)}
-    return labels | ({"functions": list(thing.functions)} if thing.functions else {})
+def _labels_of(item: Parameter | Text) -> dict[str, Any]:
+    labels = {key: getattr(item, key) for key in _LABELS if getattr(item, key)}
+    return labels | ({"functions": list(item.functions)} if item.functions else {})
 
 
 def _entry(member: Parameter) -> dict[str, Any]:
@@ -77,11 +77,11 @@ def _entry(member: Parameter) -> dict[str, Any]:
         parts = {part: getattr(member.expansion, part) for part in _PARTS}
         return entry | {"inputs": list(member.inputs)} | {name: np.asarray(a).tolist() for name, a in parts.items()}
     for letter, axis in zip("xyzw", member.axes, strict=False):
-        entry |= {f"{letter}_{key}": getattr(axis, key) for key in _ATTRIBUTES if getattr(axis, key)}
+        entry |= {f"{letter}_{key}": getattr(axis, key) for key in _AXIS_ATTRIBUTES if getattr(axis, key)}
         entry[letter] = axis.breakpoints.tolist()
     if member.axes and member.extrapolation != "clip":
         entry["extrapolation"] = member.extrapolation
-    entry["value" if member.kind == "scalar" else "values"] = _nullable(member.values)
+    entry["value" if member.kind == "scalar" else "values"] = _finite_or_null(member.values)
     return entry
 
 
@@ -95,66 +95,66 @@ def _axis_entry(axis: Axis) -> dict[str, Any]:
     return own | {"x": axis.breakpoints.tolist()}
 
 
-def _nullable(values: Float) -> Any:
+def _finite_or_null(values: Float) -> Any:
     if np.isfinite(values).all():
         return values.tolist()
-    made = values.astype(object)
-    made[~np.isfinite(values)] = None
-    return made.tolist()
+    result = values.astype(object)
+    result[~np.isfinite(values)] = None
+    return result.tolist()
 
 
-def _laid_out(entry: dict[str, Any]) -> str:
-    """One line an entry, but one line a row of a table of several dimensions: files that people compare."""
+def _format_entry(entry: dict[str, Any]) -> str:
+    """Format one entry per line, tables of several dimensions one row per line, for readable diffs."""
     values = entry.get("values")
     if not values or not isinstance(values[0], list):
-        return _compact(entry)
-    head = _compact({key: value for key, value in entry.items() if key != "values"})
-    rows = ",\n  ".join(map(_compact, values))
+        return _format_compact(entry)
+    head = _format_compact({key: value for key, value in entry.items() if key != "values"})
+    rows = ",\n  ".join(map(_format_compact, values))
     return f'{head[:-1]}, "values": [\n  {rows}]}}'
 
 
-def _compact(value: Any) -> str:
+def _format_compact(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def read_json(source: CalibrationSource) -> ReadResult:
-    """The parameters of a `parameters.json`; null is read as NaN.
+    """Return the parameters of a `parameters.json`; null is read as NaN.
 
-    Raises `InputError` with every finding and its path, like `MapX.values[3]`.
+    Raises `InputError` with all findings and its path, like `MapX.values[3]`.
     """
-    notes = Findings(source.name)
-    entries = _loaded(source.text, notes)
-    reader = _JsonReader(notes)
+    findings = Findings(source.name)
+    entries = _load_entries(source.text, findings)
+    reader = _JsonReader(findings)
     if entries and not any(isinstance(entry, _Pairs) and "kind" in entry for _, entry in entries):
         remedy = 'Each entry needs a kind and values: {"K": {"kind": "scalar", "unit": "", "value": 1.0}}'
-        notes.error(0, "", "is JSON, but holds no parameters", remedy)
+        findings.error(0, "", "is JSON, but contains no parameters", remedy)
         entries = []
     for name, entry in entries:
         reader.take(name, entry)
     members = reader.agreed()
-    remarks = notes.settle()
+    remarks = findings.finish()
     return ReadResult("JSON", ParameterSet(members, reader.texts, reader.axes.values(), reader.others), remarks)
 
 
-def _loaded(text: str, notes: Findings) -> list[tuple[str, Any]]:
-    """The entries in their order, each key of which a finding could be told twice."""
+def _load_entries(text: str, findings: Findings) -> list[tuple[str, Any]]:
+    """Return the entries in order; duplicate keys are reported."""
     try:
         pairs = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_Pairs, parse_int=float)
     except json.JSONDecodeError as error:
         line = text.split("\n")[error.lineno - 1] if error.lineno <= text.count("\n") + 1 else ""
-        notes.error(error.lineno, "", f"is no valid JSON: {error.msg}", "The file may be cut off.", line)
+        findings.error(error.lineno, "", f"is not valid JSON: {error.msg}", "The file may be truncated.", line)
         return []
     except RecursionError:
-        notes.error(0, "", "nests its lists too deeply")
+        findings.error(0, "", "lists are nested too deeply")
         return []
     assert isinstance(pairs, _Pairs)
     for name in pairs.repeated():
-        notes.error(0, name, "is given twice", "Keep one of the two.")
+        findings.error(0, name, "is defined twice", "Keep one of the two.")
     return list(pairs.items())
 
 
 class _Pairs(dict[str, Any]):
-    """A JSON object that remembers the keys it was given more than once."""
+    """A JSON object that remembers duplicate keys."""
 
     def __init__(self, pairs: list[tuple[str, Any]]) -> None:
         super().__init__(pairs)
@@ -168,8 +168,8 @@ class _Pairs(dict[str, Any]):
 
 
 class _JsonReader:
-    def __init__(self, notes: Findings) -> None:
-        self.notes = notes
+    def __init__(self, findings: Findings) -> None:
+        self.findings = findings
         self.members: list[Parameter] = []
         self.texts: list[Text] = []
         self.others: list[Parameter | Text] = []
@@ -177,13 +177,15 @@ class _JsonReader:
 
     def take(self, name: str, entry: Any) -> None:
         if not isinstance(entry, _Pairs):
-            return self._wrong(name, "is no object with a kind and values")
+            return self._wrong(name, "must be an object with a kind and values")
         for key in entry.repeated():
-            self._wrong(f"{name}.{key}", "is given twice")
+            self._wrong(f"{name}.{key}", "is defined twice")
         kind = entry.get("kind")
         if kind not in _KINDS:
             guess = nearest(kind, _KINDS) if isinstance(kind, str) else ""
-            return self._wrong(f"{name}.kind", f"{kind!r} is no kind of parameter", guess or ", ".join(_KINDS))
+            return self._wrong(
+                f"{name}.kind", f"unknown kind {kind!r}", guess or f"Must be one of: {', '.join(_KINDS)}."
+            )
         self._unknown_keys(name, kind, entry)
         if kind in _TEXTS:
             text, unit = self._string(name, entry, "text"), self._string(name, entry, "unit")
@@ -198,19 +200,18 @@ class _JsonReader:
         return None
 
     def _take_others(self, name: str, entry: _Pairs) -> None:
-        """Further variants of an entry."""
         given = entry.get("others", [])
         if not isinstance(given, list):
-            return self._wrong(f"{name}.others", f"{_shown(given)} is no list of entries")
-        inner = _JsonReader(self.notes)
+            return self._wrong(f"{name}.others", f"must be a list of entries, got {_describe_value(given)}")
+        inner = _JsonReader(self.findings)
         for other in given:
             inner.take(name, other)
-        found: list[Parameter | Text] = [*inner.members, *inner.texts]
-        variants = [str(entry.get("variant", "")), *(thing.variant for thing in found)]
+        results: list[Parameter | Text] = [*inner.members, *inner.texts]
+        variants = [str(entry.get("variant", "")), *(item.variant for item in results)]
         twice = sorted({one for one in variants if variants.count(one) > 1})
         for variant in twice:
-            self._wrong(f"{name}.others", f"the variant {variant!r} is given twice", "Keep one of the two.")
-        self.others += found if not twice else []
+            self._wrong(f"{name}.others", f"the variant {variant!r} is defined twice", "Keep one of the two.")
+        self.others += results if not twice else []
         return None
 
     def _labels(self, name: str, entry: _Pairs) -> dict[str, Any]:
@@ -218,11 +219,11 @@ class _JsonReader:
         functions = entry.get("functions", [])
         if isinstance(functions, list) and all(isinstance(one, str) for one in functions):
             return labels | {"functions": tuple(functions)}
-        self._wrong(f"{name}.functions", f"{_shown(functions)} is no list of names")
+        self._wrong(f"{name}.functions", f"must be a list of names, got {_describe_value(functions)}")
         return labels
 
     def _wrong(self, path: str, message: str, remedy: str = "") -> None:
-        self.notes.error(0, "", f"{path}: {message}", remedy)
+        self.findings.error(0, "", f"{path}: {message}", remedy)
 
     def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
         special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
@@ -231,17 +232,17 @@ class _JsonReader:
         if kind not in (*_TEXTS, "axis", "rbf"):
             letters = _TABLES.get(kind, "")
             known |= {"value" if kind == "scalar" else "values", *letters}
-            known |= {f"{letter}_{key}" for letter in letters for key in _ATTRIBUTES}
+            known |= {f"{letter}_{key}" for letter in letters for key in _AXIS_ATTRIBUTES}
             known |= {"extrapolation"} if letters else set()
         for key in entry:
             if key not in known:
-                self._wrong(f"{name}.{key}", f"is no key of a {kind}", nearest(key, known))
+                self._wrong(f"{name}.{key}", f"unknown key of a {kind}", nearest(key, known))
 
     def _string(self, name: str, entry: _Pairs, key: str) -> str:
         value = entry.get(key, "")
         if isinstance(value, str):
             return value
-        self._wrong(f"{name}.{key}", f"{_shown(value)} is no text")
+        self._wrong(f"{name}.{key}", f"must be a text, got {_describe_value(value)}")
         return ""
 
     def _spare_axis(self, name: str, entry: _Pairs) -> None:
@@ -267,7 +268,7 @@ class _JsonReader:
         if kind == "block":
             shape = _shape_of(entry[key])
             if not 1 <= len(shape) <= 4:
-                return self._wrong(f"{name}.{key}", f"a value block has one to four dimensions, not {len(shape)}")
+                return self._wrong(f"{name}.{key}", f"must have one to four dimensions, got {len(shape)}")
         values = list(self._numbers(entry[key], shape, f"{name}.{key}"))
         if len(values) == int(np.prod(shape)):
             self._build(name, kind, np.array(values, dtype=np.float64).reshape(shape), own, attributes)
@@ -277,16 +278,18 @@ class _JsonReader:
         given = entry["extrapolation"]
         if given in ("clip", "linear"):
             return str(given)
-        self._wrong(f"{name}.extrapolation", f"{_shown(given)} must be clip or linear")
+        self._wrong(f"{name}.extrapolation", f'must be "clip" or "linear", got {_describe_value(given)}')
         return "clip"
 
     def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, Any]) -> None:
         try:
-            made = Block(name, values, **attributes) if kind == "block" else parameter(name, values, axes, **attributes)
+            result = (
+                Block(name, values, **attributes) if kind == "block" else parameter(name, values, axes, **attributes)
+            )
         except ArgumentError as error:
             self._wrong(name, str(error))
         else:
-            self.members.append(made)
+            self.members.append(result)
 
     def _rbf(self, name: str, entry: _Pairs) -> None:
         missing = [key for key in ("inputs", *_PARTS) if key not in entry]
@@ -310,41 +313,43 @@ class _JsonReader:
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
         points = self._points(name, entry, letter)
-        given = {key: self._string(name, entry, f"{letter}_{key}") for key in _ATTRIBUTES}
+        given = {key: self._string(name, entry, f"{letter}_{key}") for key in _AXIS_ATTRIBUTES}
         return None if points is None else Axis(points, given["input"], given["unit"], given["name"])
 
     def _points(self, name: str, entry: _Pairs, letter: str) -> Float | None:
         path, given = f"{name}.{letter}", entry.get(letter)
         if not isinstance(given, list) or not given:
-            message = "is missing" if letter not in entry else f"{_shown(given)} is no list of breakpoints"
+            message = (
+                "is missing" if letter not in entry else f"must be a list of breakpoints, got {_describe_value(given)}"
+            )
             self._wrong(path, message)
             return None
         points = np.array(list(self._numbers(given, [len(given)], path)), dtype=np.float64)
         if len(points) < len(given):
             return None
-        wrong = _wrong_points(points)
+        wrong = _point_fault(points)
         if wrong:
             self._wrong(f"{path}[{wrong[0]}]", wrong[1])
         return None if wrong else points
 
     def _numbers(self, given: Any, shape: list[int], path: str) -> Iterator[float]:
-        """The numbers of a nested list in order; what is no number or has another length is noted and skipped."""
+        """Yield the numbers of a nested list in order; wrong entries are reported and skipped."""
         if not shape:
-            number = _number(given)
+            number = _to_number(given)
             if number is None:
-                return self._wrong(path, f"{_shown(given)} is no number")
+                return self._wrong(path, f"must be a number, got {_describe_value(given)}")
             yield number
         elif not isinstance(given, list):
-            self._wrong(path, f"{_shown(given)} is no list of {shape[0]}")
+            self._wrong(path, f"must be a list of length {shape[0]}, got {_describe_value(given)}")
         elif len(given) != shape[0]:
-            self._wrong(path, f"has {len(given)} entries, not {shape[0]}")
+            self._wrong(path, f"must have length {shape[0]}, got {len(given)}")
         else:
             for index, inner in enumerate(given):
                 yield from self._numbers(inner, shape[1:], f"{path}[{index}]")
         return None
 
     def agreed(self) -> list[Parameter]:
-        """The tables; a group axis with different breakpoints in two of them is noted."""
+        """Return the tables; group axes that differ between tables are reported."""
         first: dict[str, tuple[str, Axis]] = {name: (name, axis) for name, axis in self.axes.items()}
         for member in self.members:
             for letter, axis in zip("xyzw", member.axes, strict=False):
@@ -354,16 +359,16 @@ class _JsonReader:
         return self.members
 
 
-def _wrong_points(points: Float) -> tuple[int, str] | None:
-    """Where an axis is wrong, and how."""
+def _point_fault(points: Float) -> tuple[int, str] | None:
+    """Return the index and the fault of the first wrong breakpoint, or None."""
     for at in np.flatnonzero(~np.isfinite(points)):
-        return int(at), "is no finite number"
+        return int(at), "must be a finite number"
     for at in np.flatnonzero(points[1:] <= points[:-1]):
-        return int(at) + 1, f"the axis does not increase: {points[at + 1]:g} follows {points[at]:g}"
+        return int(at) + 1, f"the axis is not strictly increasing: {points[at + 1]:g} follows {points[at]:g}"
     return None
 
 
-def _number(given: Any) -> float | None:
+def _to_number(given: Any) -> float | None:
     if given is None:
         return float("nan")
     return given if isinstance(given, float) else None
@@ -377,8 +382,8 @@ def _shape_of(given: Any) -> list[int]:
     return shape
 
 
-def _shown(value: Any) -> str:
-    """A value as an error shows it; a list is only named, it may be long or deep."""
+def _describe_value(value: Any) -> str:
+    """Return a value for an error; lists and objects are not spelled out, they may be large."""
     if isinstance(value, (list, dict)):
         return "a list" if isinstance(value, list) else "an object"
     return "null" if value is None else repr(value)[:60]

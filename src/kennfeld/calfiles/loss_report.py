@@ -1,11 +1,11 @@
-"""What a parameter set loses in a file of a format that has no place for it."""
+"""Reports the aspects of a parameter set that a format does not store."""
 
 from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from kennfeld.calfiles.format import Findings
-from kennfeld.calfiles.verbal_values import remark_on_kinds
+from kennfeld.calfiles.verbal_values import warn_about_kinds
 from kennfeld.errors import Finding
 from kennfeld.formatting import holds_control_characters, join_limited
 from kennfeld.parameter_set import ParameterSet
@@ -13,68 +13,68 @@ from kennfeld.parameters import Axis, Parameter, Text
 
 __all__ = ["loss_remarks"]
 
-Thing = Parameter | Text
-_IN_JSON = "Write it as .json to keep them."
-_IN_PROJECT = "A project file holds them."
+Item = Parameter | Text
+_USE_JSON = "Write it as .json to keep them."
+_USE_PROJECT = "Keep them in a project file."
 
 
-def _of_axes(has: Callable[[Axis], bool]) -> Callable[[Thing], bool]:
-    return lambda thing: isinstance(thing, Parameter) and any(map(has, thing.axes))
+def _any_axis(has: Callable[[Axis], bool]) -> Callable[[Item], bool]:
+    return lambda item: isinstance(item, Parameter) and any(map(has, item.axes))
 
 
-def _of_tables(has: Callable[[Parameter], bool]) -> Callable[[Thing], bool]:
-    return lambda thing: isinstance(thing, Parameter) and has(thing)
+def _any_table(has: Callable[[Parameter], bool]) -> Callable[[Item], bool]:
+    return lambda item: isinstance(item, Parameter) and has(item)
 
 
-def _has_line_breaks(thing: Thing) -> bool:
-    units = [axis.unit for axis in thing.axes] if isinstance(thing, Parameter) else []
-    return any(map(holds_control_characters, (thing.unit, thing.description, thing.display_name, *units)))
+def _has_line_breaks(item: Item) -> bool:
+    units = [axis.unit for axis in item.axes] if isinstance(item, Parameter) else []
+    return any(map(holds_control_characters, (item.unit, item.description, item.display_name, *units)))
 
 
 # For each aspect: which things have it, what becomes of it, and the remedy.
-_ASPECTS: dict[str, tuple[Callable[[Thing], bool], str, str]] = {
-    "descriptions": (lambda thing: bool(thing.description), "descriptions are left out", _IN_JSON),
-    "inputs": (_of_axes(lambda axis: bool(axis.input)), "the inputs of axes are left out", _IN_JSON),
+_ASPECTS: dict[str, tuple[Callable[[Item], bool], str, str]] = {
+    "descriptions": (lambda item: bool(item.description), "descriptions are left out", _USE_JSON),
+    "inputs": (_any_axis(lambda axis: bool(axis.input)), "the inputs of axes are left out", _USE_JSON),
     "extrapolation": (
-        _of_tables(lambda table: bool(table.axes) and table.extrapolation != "clip"),
+        _any_table(lambda table: bool(table.axes) and table.extrapolation != "clip"),
         "linear extrapolation is left out",
-        _IN_JSON,
+        _USE_JSON,
     ),
-    "line breaks": (_has_line_breaks, "line breaks in units and descriptions become blanks", _IN_JSON),
+    "line breaks": (_has_line_breaks, "line breaks in units and descriptions become spaces", _USE_JSON),
     "infinities": (
-        _of_tables(lambda table: bool(np.isinf(table.values).any())),
-        "infinite values become missing ones",
+        _any_table(lambda table: bool(np.isinf(table.values).any())),
+        "infinite values become missing values",
         "Write it as .mat to keep them.",
     ),
-    "bounds": (_of_tables(lambda table: table.limited), "bounds are left out", _IN_PROJECT),
-    "locks": (_of_tables(lambda table: bool(table.locked.any())), "locks are left out", _IN_PROJECT),
+    "bounds": (_any_table(lambda table: table.limited), "bounds are left out", _USE_PROJECT),
+    "locks": (_any_table(lambda table: bool(table.locked.any())), "locks are left out", _USE_PROJECT),
     "free axes": (
-        _of_axes(lambda axis: axis.free or axis.range is not None or axis.min_distance is not None),
-        "which breakpoints are free, and their limits, is left out",
-        _IN_PROJECT,
+        _any_axis(lambda axis: axis.free or axis.range is not None or axis.min_distance is not None),
+        "free breakpoints and their limits are left out",
+        _USE_PROJECT,
     ),
 }
 
 
 def loss_remarks(parameters: ParameterSet, lacks: Iterable[str], file: str) -> tuple[Finding, ...]:
-    """Return a remark on each aspect of a set that a format lacks: a key of `_ASPECTS`, "kinds" or "group units"."""
-    notes = Findings(file)
-    things = list(parameters.everything.values())
+    """Return a warning for each aspect that a format lacks: a key of `_ASPECTS`, "kinds" or "group units"."""
+    findings = Findings(file)
+    items = list(parameters.everything.values())
     for aspect in lacks:
         if aspect == "kinds":
-            remark_on_kinds(parameters, notes)
+            warn_about_kinds(parameters, findings)
             continue
-        has, becomes, remedy = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _IN_JSON))
-        names = list(dict.fromkeys(thing.name for thing in things if has(thing)))
+        has, becomes, remedy = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _USE_JSON))
+        names = list(dict.fromkeys(item.name for item in items if has(item)))
         if names:
-            notes.remark(0, "", f"{becomes}: {join_limited(names)}", remedy)
-    return notes.settle()
+            findings.warning(0, "", f"{becomes}: {join_limited(names)}", remedy)
+    return findings.finish()
 
 
-_GROUP_UNITS = "units of group axes that differ from table to table become that of the first table"
+_GROUP_UNITS = "units of a group axis that differ between tables become that of the first table"
 
 
-def _has_other_unit(parameters: ParameterSet) -> Callable[[Thing], bool]:
+def _has_other_unit(parameters: ParameterSet) -> Callable[[Item], bool]:
     """Find the tables that give a group axis another unit than the set does."""
     units = {axis.name: axis.unit for axis in parameters.axes}
-    return _of_axes(lambda axis: bool(axis.name) and axis.unit != units.get(axis.name, axis.unit))
+    return _any_axis(lambda axis: bool(axis.name) and axis.unit != units.get(axis.name, axis.unit))

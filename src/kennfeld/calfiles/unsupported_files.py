@@ -1,11 +1,11 @@
-"""What a file is that no reader of calibrations knows, as far as its beginning or its ending tells."""
+"""Identifies files that are not supported as calibrations, by their ending or first bytes."""
 
 import re
 from pathlib import Path
 
 from kennfeld.errors import Finding
 
-__all__ = ["foreign_calibration", "look_of"]
+__all__ = ["explain_unsupported", "identify_content"]
 
 _ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})[\s/>]")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
@@ -14,29 +14,29 @@ _MARKS = (
     (b"MDF ", "an MDF measurement"),
     (b"UnFinMF ", "an unfinished MDF measurement"),
     (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
-    (b"\x7fELF", "a program (ELF) without the addresses of labels"),
+    (b"\x7fELF", "an ELF program"),
 )
-_EXPORT = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
-_AS_IMAGE = "Convert it to Intel HEX (.hex) or S-records (.s19), and name the A2L file that describes it."
+_EXPORT_REMEDY = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
+_IMAGE_REMEDY = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass the A2L file that describes it."
 _ENDINGS = {
-    ".par": ("a parameter file (.par), such as CANape writes, which cannot be read", _EXPORT),
-    ".cdm": ("a calibration data file (.cdm) of INCA, which cannot be read", _EXPORT),
-    ".lab": ("a list of labels (.lab), which holds no values", "Name the calibration file with their values."),
-    ".bin": ("a plain copy of a memory (.bin), which holds no addresses", _AS_IMAGE),
-    ".elf": ("a program (.elf)", _AS_IMAGE),
+    ".par": ("a parameter file (.par), as written by CANape, which cannot be read", _EXPORT_REMEDY),
+    ".cdm": ("an INCA calibration data file (.cdm), which cannot be read", _EXPORT_REMEDY),
+    ".lab": ("a list of labels (.lab), which contains no values", "Pass the calibration file with their values."),
+    ".bin": ("a raw memory dump (.bin), which contains no addresses", _IMAGE_REMEDY),
+    ".elf": ("a program (.elf)", _IMAGE_REMEDY),
 }
 
 
-def foreign_calibration(path: Path) -> Finding | None:
-    """Return why a file of calibration data cannot be read, by its ending; None if the ending is none of these."""
+def explain_unsupported(path: Path) -> Finding | None:
+    """Return why calibration data of an unsupported ending cannot be read; None for other endings."""
     known = _ENDINGS.get(path.suffix.lower())
     return None if known is None else Finding(path.name, f"is {known[0]}", known[1])
 
 
-def look_of(head: bytes) -> str:
-    """Return what a file looks like by the beginning of its content; empty if that is not known.
+def identify_content(head: bytes) -> str:
+    """Return the kind of a file by its first bytes; empty if unknown.
 
-    >>> look_of(b"<?xml version='1.0'?><PaCo/>")
+    >>> identify_content(b"<?xml version='1.0'?><PaCo/>")
     'XML with the root PaCo'
     """
     start = head.removeprefix(b"\xef\xbb\xbf").lstrip()

@@ -1,4 +1,4 @@
-"""Enumerations and booleans in formats that keep only their words, without saying which of the two they are."""
+"""Enumerations and booleans in formats that store only their texts and do not distinguish the two."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -8,10 +8,10 @@ from kennfeld.calfiles.format import Findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text, TextKind
 
-__all__ = ["kind_of_words", "of_one_kind", "remark_on_kinds"]
+__all__ = ["kind_of_words", "unify_text_kinds", "warn_about_kinds"]
 
 _BOOLEAN = frozenset({"true", "false"})
-_Thing = TypeVar("_Thing", bound=Parameter | Text)
+_Item = TypeVar("_Item", bound=Parameter | Text)
 
 
 def kind_of_words(words: Iterable[str]) -> TextKind:
@@ -23,25 +23,25 @@ def kind_of_words(words: Iterable[str]) -> TextKind:
     return "boolean" if _BOOLEAN.issuperset(words) else "enumeration"
 
 
-def of_one_kind(things: Mapping[tuple[str, str], _Thing]) -> dict[tuple[str, str], _Thing]:
-    """Return the things by name and variant, with the words of a label all of one kind."""
-    kinds = _kinds(thing for thing in things.values() if isinstance(thing, Text))
+def unify_text_kinds(items: Mapping[tuple[str, str], _Item]) -> dict[tuple[str, str], _Item]:
+    """Return the items by name and variant, with all texts of a label of one kind."""
+    kinds = _kinds_by_name(item for item in items.values() if isinstance(item, Text))
     return {
-        key: replace(thing, kind=kinds[thing.name]) if isinstance(thing, Text) and thing.kind != "text" else thing
-        for key, thing in things.items()
+        key: replace(item, kind=kinds[item.name]) if isinstance(item, Text) and item.kind != "text" else item
+        for key, item in items.items()
     }
 
 
-def remark_on_kinds(parameters: ParameterSet, notes: Findings) -> None:
-    """Remark on each enumeration and boolean whose words read back as the other kind."""
-    texts = [thing for thing in parameters.everything.values() if isinstance(thing, Text)]
-    kinds = _kinds(texts)
+def warn_about_kinds(parameters: ParameterSet, findings: Findings) -> None:
+    """Warn about each enumeration or boolean that reads back as the other kind."""
+    texts = [item for item in parameters.everything.values() if isinstance(item, Text)]
+    kinds = _kinds_by_name(texts)
     for name, text in {text.name: text for text in texts if text.kind not in ("text", kinds.get(text.name))}.items():
-        message = f"is of the kind {text.kind}; {text.text[:40]!r} reads back as {kinds[name]}"
-        notes.remark(0, name, message, "Write it as .cdfx or .json to keep the kind.")
+        message = f"is of kind {text.kind}, but {text.text[:40]!r} reads back as {kinds[name]}"
+        findings.warning(0, name, message, "Write it as .cdfx or .json to keep the kind.")
 
 
-def _kinds(texts: Iterable[Text]) -> dict[str, TextKind]:
+def _kinds_by_name(texts: Iterable[Text]) -> dict[str, TextKind]:
     words: dict[str, list[str]] = {}
     for text in texts:
         if text.kind != "text":

@@ -1,4 +1,4 @@
-"""XML as a plain tree that knows its lines; what a calibration file has no need of is refused, not expanded."""
+"""Parses XML into a plain tree with line numbers; entities are refused, not expanded."""
 
 import gc
 import re
@@ -9,19 +9,19 @@ from xml.parsers import expat
 
 from kennfeld.calfiles.format import Findings
 
-__all__ = ["PARTED", "Element", "collection_paused", "parsed"]
+__all__ = ["PARTED", "Element", "collection_paused", "parse_xml"]
 
 PARTED = "\x1f"  # parts the texts of equal elements that were joined; no XML can hold it
 
-_DEEPEST = 100  # levels; calibration files have about twenty
+_MAX_LEVELS = 100  # levels; calibration files have about twenty
 _SEPARATORS = (b"|", b"~", b"^", b"`", b"\\", b"$", b"@")
-_MOST_GAPS = 50
+_MAX_GAPS = 50
 _PROSE = frozenset({"LONG-NAME", "UNIT-DISPLAY-NAME"})  # their text may hold marks such as <SUP>
 
 
 @dataclass(slots=True)
 class Element:
-    """One element: its name without namespace, the text in it, and what it holds."""
+    """One element: its tag without namespace, its text and its children."""
 
     tag: str
     line: int
@@ -29,49 +29,49 @@ class Element:
     children: Sequence["Element"] = ()
 
     def all(self, tag: str) -> Iterator["Element"]:
-        """The children of a name."""
+        """Yield the children of a tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> "Element | None":
-        """The first child of a name."""
+        """Return the first child of a tag."""
         return next(self.all(tag), None)
 
     def words(self, tag: str) -> list[str]:
-        """The texts of all children of a name, joined or not."""
+        """Return the texts of all children of a tag, joined or not."""
         return [word for child in self.all(tag) for word in child.text.split(PARTED)]
 
     def line_of(self, tag: str) -> str:
-        """The text of the first child of a name as one line; empty where there is none."""
+        """Return the text of the first child of a tag as one line; empty if there is none."""
         found = self.first(tag)
         if found is None:
             return ""
         return " ".join(found.text.split()) if "\n" in found.text else found.text
 
 
-def parsed(raw: bytes, notes: Findings, joined: str = "") -> Element | None:
-    """The root of an XML document; None with an error noted where it is broken or declares entities.
+def parse_xml(raw: bytes, findings: Findings, joined: str = "") -> Element | None:
+    """Return the root of an XML document; None, with an error, if it is malformed or declares entities.
 
     External documents are never loaded: a document type is accepted, an entity (which could name a file of this
     machine, or grow without end) is refused where it is declared. Elements called `joined`, of which there may be
     millions, are read as one where they follow each other; `Element.words` gives the text of each.
     """
-    made, separator = _joined(raw, joined.encode("ascii")) if joined else (raw, "")
-    builder = _TreeBuilder(notes, joined, separator)
+    result, separator = _join_elements(raw, joined.encode("ascii")) if joined else (raw, "")
+    builder = _TreeBuilder(findings, joined, separator)
     try:
-        builder.parser.Parse(made, True)
+        builder.parser.Parse(result, True)
     except _RefusedError:
         return None
     except (expat.ExpatError, ValueError, LookupError) as error:
         message = expat.errors.messages.get(getattr(error, "code", 0), str(error))
-        remedy = "The file may be cut off or damaged: take a complete copy."
-        notes.error(getattr(error, "lineno", 1), "", f"is no well-formed XML: {message}", remedy)
+        remedy = "The file may be truncated or damaged: use a complete copy."
+        findings.error(getattr(error, "lineno", 1), "", f"is not well-formed XML: {message}", remedy)
         return None
     return builder.root
 
 
 @contextmanager
 def collection_paused() -> Iterator[None]:
-    """While a large tree grows, which has no cycles, Python does not search it for unused objects again and again."""
+    """Pause garbage collection while a large tree without cycles is built."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -81,8 +81,8 @@ def collection_paused() -> Iterator[None]:
             gc.enable()
 
 
-def _joined(raw: bytes, tag: bytes) -> tuple[bytes, str]:
-    """A document in which `<V>1</V><V>2</V>` is `<V>1|2</V>`, and the character that parts the texts there.
+def _join_elements(raw: bytes, tag: bytes) -> tuple[bytes, str]:
+    """Return a document in which `<V>1</V><V>2</V>` is `<V>1|2</V>`, and the character that parts the texts there.
 
     Line breaks stay, so that every line keeps its number. A document is left as it is where it already uses all
     characters that could part texts, or has literal text in which tags are none.
@@ -92,22 +92,22 @@ def _joined(raw: bytes, tag: bytes) -> tuple[bytes, str]:
     if separator is None or b"<![CDATA[" in raw or raw.count(b"\0", 0, 100):
         return raw, ""
     gap = re.compile(re.escape(ends) + rb"(\s*)" + re.escape(begins))
-    made = raw
-    for _ in range(_MOST_GAPS):
-        found = gap.search(made)
-        if found is None:
-            return made, separator.decode("ascii")
-        made = made.replace(found[0], separator + found[1])
+    result = raw
+    for _ in range(_MAX_GAPS):
+        match = gap.search(result)
+        if match is None:
+            return result, separator.decode("ascii")
+        result = result.replace(match[0], separator + match[1])
     return raw, ""
 
 
 class _RefusedError(Exception):
-    """Ends the parser; what is wrong is noted already."""
+    """Stops the parser; the error is already reported."""
 
 
 class _TreeBuilder:
-    def __init__(self, notes: Findings, joined: str, separator: str) -> None:
-        self.notes = notes
+    def __init__(self, findings: Findings, joined: str, separator: str) -> None:
+        self.findings = findings
         self.joined = joined if separator else ""
         self.separator = separator
         self.root: Element | None = None
@@ -132,8 +132,8 @@ class _TreeBuilder:
             siblings.append(element)
         else:
             self.open[-1].children = [element]
-        if len(self.open) >= _DEEPEST:
-            self._refuse(f"has elements more than {_DEEPEST} levels deep")
+        if len(self.open) >= _MAX_LEVELS:
+            self._refuse(f"has elements nested more than {_MAX_LEVELS} levels deep")
         self.open.append(element)
         self.pieces.append("")
 
@@ -159,8 +159,8 @@ class _TreeBuilder:
         self._refuse(f"declares the entity {name[:60]}", "Remove the declarations within <!DOCTYPE ...>.")
 
     def _skipped(self, name: str, _: bool) -> None:
-        self._refuse(f"uses the entity {name[:60]}, which it does not declare", "Write the characters themselves.")
+        self._refuse(f"uses the undeclared entity {name[:60]}", "Write the characters themselves.")
 
     def _refuse(self, message: str, remedy: str = "") -> None:
-        self.notes.error(self.parser.CurrentLineNumber, "", message, remedy)
+        self.findings.error(self.parser.CurrentLineNumber, "", message, remedy)
         raise _RefusedError

@@ -1,4 +1,4 @@
-"""The graph of a model: nodes, exact derivatives, preparation, and the reference interpreter."""
+"""Computation graph of one time step of a model: nodes, exact derivatives, graph passes and a reference interpreter."""
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import CLOCK, Graph, Node, State

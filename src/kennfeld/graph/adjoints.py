@@ -1,10 +1,9 @@
-"""How each node passes an adjoint on to its arguments: the local derivatives, written as nodes of the same graph.
+"""Reverse-mode derivatives of graph nodes: local partial derivatives, and adjoint sweeps as lists of products.
 
-Slopes of many rows without a node for each: a list of products to be run once a row.
-
-An adjoint starts as 1 at the node of a row and is pulled back to what the node was computed from, a product and a sum
-at a time. The factors are the same for all rows, so there are about as many as nodes, however many rows. Zero times
-anything is zero: what is not finite leaks neither from a branch not taken nor from where a row does not reach.
+`partials` writes the local derivatives of a node as nodes of the same graph. `pull_back` builds an `AdjointProgram`:
+the adjoint of a row starts as 1 at the row's root and is propagated to the arguments, adjoint[onto] += adjoint[of] *
+factor. The factors are shared by all rows, so their number grows with the nodes, not with the rows. A product with a
+zero is zero even if the other factor is not finite, so values of a branch not taken cannot reach the result.
 """
 
 from collections import Counter, defaultdict
@@ -17,13 +16,15 @@ from kennfeld.graph.node import Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
 
-__all__ = ["AdjointProgram", "of_breakpoints", "partials", "pull_back"]
+__all__ = ["AdjointProgram", "breakpoint_slope", "partials", "pull_back"]
 
 SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
 
 
 class Partial(NamedTuple):
-    """The adjoint of `argument` grows by the node's: times `factor`, or, if it `switches`, where that is true."""
+    """A local derivative: adjoint of `argument` += adjoint of the node * `factor`, or, if `switches`, if `factor`
+    is true.
+    """
 
     argument: int
     factor: int
@@ -31,7 +32,7 @@ class Partial(NamedTuple):
 
 
 def partials(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[Partial]:
-    """What node `at` passes on to those of its arguments that are `active`; steps pass nothing on."""
+    """Yield the local derivatives of node `at` with respect to its `active` arguments; step functions yield none."""
     op, args, payload = b.nodes[at]
     if op in SLOPES:
         for axis, a in enumerate(args):
@@ -47,14 +48,14 @@ def partials(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[Part
                 yield Partial(a, factor, switches=condition is not None)
 
 
-def of_breakpoints(b: GraphBuilder, at: int) -> int:
-    """The slope of a position p with respect to B(p), the breakpoints' curve there: minus its slope along the axis."""
+def breakpoint_slope(b: GraphBuilder, at: int) -> int:
+    """Return dp/dB(p) for a position p and the curve B of its breakpoints: minus the slope along the axis."""
     _, args, payload = b.nodes[at]
     return b.call("neg", b.node("density", args, payload))
 
 
 class AdjointStep(NamedTuple):
-    """The adjoint of node `onto` grows by the adjoint of node `of` times the value of node `factor`."""
+    """One product of an adjoint sweep: adjoint[onto] += adjoint[of] * value(factor)."""
 
     of: int
     onto: int
@@ -63,10 +64,11 @@ class AdjointStep(NamedTuple):
 
 @dataclass(frozen=True)
 class AdjointProgram:
-    """The slopes of the nodes `roots`, a row each, as pulls to be run in their order.
+    """The derivatives of the nodes `roots`, one row each, as a list of products to be run in order.
 
-    Afterwards the adjoint of an atom or a state is the row's slope, for a position on a free axis times the value of
-    its node in `scales`; `reach[row]` are those that can differ from zero.
+    After the run, the adjoint of an atom or a state is the derivative of the row; for a position on a free axis it must
+    still be multiplied by the value of its node in `scales`. `reach[row]` are the nodes whose derivative can be
+    non-zero.
     """
 
     roots: tuple[int, ...]
@@ -75,11 +77,11 @@ class AdjointProgram:
     scales: Mapping[int, int]
 
     def only(self, rows: Sequence[int]) -> "AdjointProgram":
-        """That of some rows; the others must have no pulls of their own."""
+        """Return the program restricted to some rows; the others must have no steps of their own."""
         return replace(self, roots=tuple(self.roots[row] for row in rows), reach=tuple(self.reach[row] for row in rows))
 
     def of_row(self, row: int, value: Callable[[int], float]) -> Mapping[int, float]:
-        """The slopes of one row where `value(node)` is the value of a factor."""
+        """Compute the derivatives of one row by node; `value(node)` is the value of a factor."""
         adjoint: dict[int, float] = defaultdict(float)
         adjoint[self.roots[row]] = 1.0
         for of, onto, factor in self.pulls:
@@ -94,13 +96,15 @@ class AdjointProgram:
 def pull_back(
     b: GraphBuilder, roots: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]
 ) -> AdjointProgram:
-    """The pull-back of these rows to the atoms and states they reach within one step; writes the factors."""
+    """Return the adjoint program of these rows, down to the atoms and states of one step; adds the factors to
+    the graph.
+    """
     reached: dict[int, int] = defaultdict(int)  # the rows that reach a node, a bit each
     for row, root in enumerate(roots):
         reached[root] |= (root in active) << row
     pulls: list[AdjointStep] = []
     leaves: list[int] = []
-    for at in reversed(ancestors(b, [root for root in roots if root in active], active)):
+    for at in reversed(ancestors(b.nodes, [root for root in roots if root in active], active)):
         if not reached[at]:  # needed by steps alone, as a comparison
             continue
         if b.nodes[at].op == "state" or is_atom(b.nodes[at]):
@@ -109,16 +113,16 @@ def pull_back(
             pulls.append(AdjointStep(at, argument, _share(b, factor) if switches else factor))
             reached[argument] |= reached[at]
     reach = tuple(frozenset(leaf for leaf in leaves if reached[leaf] >> row & 1) for row in range(len(roots)))
-    scales = {leaf: of_breakpoints(b, leaf) for leaf in leaves if b.nodes[leaf].op == "position"}
-    return AdjointProgram(tuple(roots), tuple(_joined(b, pulls, {*roots, *leaves})), reach, scales)
+    scales = {leaf: breakpoint_slope(b, leaf) for leaf in leaves if b.nodes[leaf].op == "position"}
+    return AdjointProgram(tuple(roots), tuple(_without_copies(b, pulls, {*roots, *leaves})), reach, scales)
 
 
 def _share(b: GraphBuilder, condition: int) -> int:
     return b.call("select", condition, b.const(1.0), b.const(0.0))
 
 
-def _joined(b: GraphBuilder, pulls: Sequence[AdjointStep], kept: Collection[int]) -> Iterator[AdjointStep]:
-    """The pulls without those that only copy an adjoint, as a sum does to what nothing else uses."""
+def _without_copies(b: GraphBuilder, pulls: Sequence[AdjointStep], kept: Collection[int]) -> Iterator[AdjointStep]:
+    """Yield the steps without those that only copy an adjoint, such as a sum passing it to an otherwise unused node."""
     users = Counter(pull.onto for pull in pulls)
     one = b.const(1.0)
     same: dict[int, int] = {}

@@ -1,4 +1,4 @@
-"""How much one import may ask for: the operations of its graph, and the work to find them."""
+"""Graph builder with a limit on the size of the graph, for imports from untrusted or very large sources."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ from kennfeld.graph.builder import GraphBuilder
 
 __all__ = ["BoundedGraphBuilder", "GraphTooLargeError"]
 
-_MOST_NODES = 500_000  # different operations in a step
-_MOST_ASKED = 5_000_000  # operations that are asked for, equal ones and constants counted
+_MAX_NODES = 500_000  # different operations in a step
+_MAX_REQUESTS = 5_000_000  # requested operations, including duplicates and constants
 
 
 class GraphTooLargeError(Exception):
-    """The blocks ask for more operations than any model has that is calibrated; `place` is the block."""
+    """The import requires more operations than allowed; `place` is the block that exceeded the limit."""
 
     def __init__(self, place: str, message: str) -> None:
         super().__init__(message)
@@ -20,22 +20,22 @@ class GraphTooLargeError(Exception):
 
 
 class BoundedGraphBuilder(GraphBuilder):
-    """A graph builder with an end: `most` operations may be asked for; `place` is the block that is being built.
+    """Graph builder that accepts at most `most` requests for nodes; `place` names the block under construction.
 
-    Raises `TooLargeError`.
+    Raises:
+        GraphTooLargeError: the limit is exceeded.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.asked = 0
-        self.most = _MOST_ASKED
+        self.most = _MAX_REQUESTS
         self.place = ""
 
     def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
-        """The number of this node, made where it does not exist yet."""
         self.asked += 1
-        if self.asked > self.most or len(self.nodes) > _MOST_NODES:
+        if self.asked > self.most or len(self.nodes) > _MAX_NODES:
             raise GraphTooLargeError(
-                self.place, f"the blocks up to here ask for more than {_MOST_NODES} operations a step"
+                self.place, f"the blocks up to here require more than {_MAX_NODES} operations per step"
             )
         return super().node(op, args, payload)

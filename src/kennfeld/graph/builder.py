@@ -1,4 +1,4 @@
-"""Builds the graph of one time step: equal nodes become one, constants are folded, memories may close later."""
+"""Construction of the graph of one time step: hash-consed nodes, constant folding, and states for feedback."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ _NEUTRAL: dict[str, tuple[float | None, float | None]] = {
 
 
 class GraphBuilder:
-    """Collects nodes; equal ones become one, constants are folded.
+    """Builder of the graph of one time step. Equal nodes become one; constants are folded.
 
     >>> b = GraphBuilder()
     >>> x = b.input("x")
@@ -37,36 +37,36 @@ class GraphBuilder:
 
     @classmethod
     def of(cls, graph: Graph) -> Self:
-        """A builder that goes on from a graph; its nodes keep their numbers."""
-        made = cls()
+        """Return a builder that continues a graph; its nodes keep their numbers."""
+        result = cls()
         for op, args, payload in graph.nodes:
-            made.node(op, args, payload)
-        made.states.extend(graph.states)
-        return made
+            result.node(op, args, payload)
+        result.states.extend(graph.states)
+        return result
 
     def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
-        """The number of this node, made where it does not exist yet."""
+        """Return the number of this node; add the node if it does not exist yet."""
         key = (op, args, payload.hex() if isinstance(payload, float) else payload)
-        found = self._index.get(key)
-        if found is None:
-            found = self._index[key] = len(self.nodes)
+        number = self._index.get(key)
+        if number is None:
+            number = self._index[key] = len(self.nodes)
             self.nodes.append(Node(op, args, payload))
-        return found
+        return number
 
     def const(self, value: float) -> int:
-        """A constant."""
+        """Return the node of a constant."""
         return self.node("const", (), math.nan if math.isnan(value) else float(value))  # one NaN, so that == holds
 
     def input(self, name: str) -> int:
-        """A channel of the measurement."""
+        """Return the node of an input channel."""
         return self.node("input", (), name)
 
     def lookup(self, parameter: str, *coordinates: int) -> int:
-        """The value of a scalar, or of a table at these coordinates."""
+        """Return the node of a scalar parameter, or of a table lookup at these coordinates."""
         return self.node("lookup", coordinates, parameter)
 
     def call(self, op: str, *args: int) -> int:
-        """An elementwise operation of `OPERATIONS`; constants are folded, neutral elements dropped."""
+        """Return the node of an elementwise operation; constants are folded, neutral elements dropped."""
         if op == "select" and self.nodes[args[0]].op == "const":
             return args[1] if self.nodes[args[0]].payload else args[2]
         if all(self.nodes[a].op == "const" for a in args):
@@ -85,22 +85,22 @@ class GraphBuilder:
         return value is not None and self.nodes[node].op == "const" and bool(self.nodes[node].payload == value)
 
     def state(self, latency: int = 1) -> int:
-        """A memory to be read now; `close` says what it holds."""
+        """Return the node that reads a new state; `close` must then define its contents."""
         self.states.append(State(-1, -1, latency))
         return self.node("state", (), len(self.states) - 1)
 
     def close(self, state: int, init: int, next: int) -> None:  # noqa: A002
-        """Complete the memory that node `state` reads."""
+        """Set the first value and the next value of the state that node `state` reads."""
         which = self.nodes[state].payload
         self.states[which] = State(init, next, self.states[which].latency)
 
     def prev(self, x: int, init: int, latency: int = 1) -> int:
-        """`x` of `latency` steps before, `init` of the first sample until then."""
+        """Return the value of `x` `latency` steps ago; until then, the value of `init` at the first sample."""
         key = ("prev", x, init, latency)
         if key not in self._index:
-            made = self.state(latency)
-            self.close(made, init, x)
-            self._index[key] = made
+            result = self.state(latency)
+            self.close(result, init, x)
+            self._index[key] = result
         return self._index[key]
 
     def finish(
@@ -109,15 +109,17 @@ class GraphBuilder:
         units: Mapping[str, str] | None = None,
         outputs: Sequence[str] = (),
     ) -> Graph:
-        """The graph of the named nodes and what they need, with canonical numbers."""
+        """Return the graph of the named nodes and their ancestors, with canonical node numbers."""
         return extract(self.nodes, self.states, names, units or {}, outputs)
 
     def remember(self, init: int, then: Callable[[int], int], latency: int = 1) -> int:
-        """A new memory as read now; `then` maps it to what it holds next, and is asked in `settle`."""
+        """Return the node that reads a new state; `settle` calls `then` with it to get the node of the next value."""
         return self._opened(lambda read: (init, then(read)), latency)
 
     def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
-        """A memory of x that starts with the first x, or `otherwise` where the first x needs this memory."""
+        """Return a state holding x; it starts with the first x, or with `otherwise` if the first x depends on
+        the state.
+        """
 
         def held(read: int) -> tuple[int, int]:
             node = x()
@@ -131,7 +133,7 @@ class GraphBuilder:
         return read
 
     def _needs(self, node: int, other: int) -> bool:
-        """Whether a node is computed from another one within the step."""
+        """Return True if `node` depends on `other` within the step."""
         seen, stack = {node}, [node]
         while stack:
             args = [a for a in self.nodes[stack.pop()].args if a not in seen]
@@ -140,11 +142,11 @@ class GraphBuilder:
         return other in seen
 
     def settle(self) -> None:
-        """Complete all memories; completing one may open further ones."""
+        """Close all open states; closing one may open others."""
         while self._open:
             read, held = self._open.pop()
             self.close(read, *held(read))
 
     def value(self, node: int) -> float | None:
-        """The value of a constant node."""
+        """Return the value of a constant node, or None."""
         return float(self.nodes[node].payload) if self.nodes[node].op == "const" else None

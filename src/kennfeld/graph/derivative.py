@@ -1,12 +1,13 @@
-"""Exact derivatives of one time step, on further nodes of the same graph.
+"""Exact derivatives of one time step, as additional nodes of the same graph.
 
-The calibratable values enter through atoms, the `interpolate` nodes of free parameters and the `position` nodes of
-free axes. A position p is where the breakpoints, as a curve B over 0, 1, ..., take the value x: B(p) = x. So its slope
-with respect to a breakpoint is minus the breakpoint's weight in B(p), times the slope of p with respect to x.
-One reverse sweep a row (output or next state) gives its slopes with respect to every atom and every state that carries
-a parameter's influence. Where few rows see a node, each sweep is written out as nodes: conditions switch adjoints
-instead of multiplying them, so a value that is not finite in a branch not taken never reaches the result; where such an
-adjoint meets a slope, `guard` keeps 0 times infinity at 0. Where many do, they share one pull-back (`pullback.py`).
+Free values enter through atoms: the `interpolate` nodes of free parameters and the `position` nodes of free axes. With
+the breakpoints as a curve B over 0, 1, ..., the position p of a coordinate x satisfies B(p) = x. Differentiating gives
+dp/db_i = -w_i(p) dp/dx, where w_i(p) is the weight of breakpoint b_i in B(p).
+
+One reverse sweep per row (an output or a next state) gives its derivatives with respect to all atoms and all states
+that carry the influence of a free value. If few rows share a node, each sweep is written out as nodes: conditions
+switch adjoints instead of multiplying them, so a non-finite value in a branch not taken never reaches the result, and
+`guard` keeps 0 times infinity at 0. If many rows share a node, they share one adjoint program (`adjoints.py`).
 """
 
 from collections import defaultdict
@@ -16,32 +17,32 @@ from functools import partial
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.adjoints import AdjointProgram, of_breakpoints, partials, pull_back
+from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, partials, pull_back
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.traversal import ancestors, dependent
+from kennfeld.graph.traversal import ancestors, dependents
 
 __all__ = ["Linearization", "Slopes", "Written", "differentiate"]
 
-MOST_VISITS = 5000  # of nodes by rows, up to which each row is written out
+MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
 SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back
 
 
 @dataclass(frozen=True)
 class Written:
-    """Slopes written out: `rows[row]` maps an atom or a state node to the node of the derivative."""
+    """Derivatives written out as nodes: `rows[row]` maps an atom or a state node to the node of the derivative."""
 
     rows: tuple[Mapping[int, int], ...]
 
     @property
     def reach(self) -> tuple[Collection[int], ...]:
-        """The atoms and states to which each row has a slope."""
+        """The atoms and states on which each row depends."""
         return self.rows
 
     def only(self, rows: Sequence[int]) -> "Written":
-        """Those of some rows."""
+        """Return the derivatives of some rows."""
         return Written(tuple(self.rows[row] for row in rows))
 
 
@@ -50,12 +51,12 @@ Slopes: TypeAlias = Written | AdjointProgram
 
 @dataclass(frozen=True)
 class Linearization:
-    """A step and its derivatives.
+    """A time step and its derivatives.
 
-    `nodes` extend those of the graph. Rows are the `outputs`, then the next values of the `carried` states, which are
-    the states that depend on a free value. `slopes` are theirs with respect to atoms and carried states, for a position
-    with respect to B(p). `starts[state]` is the node of a state's first value, free of states; `start_slopes` are the
-    derivatives of the carried ones with respect to atoms.
+    `nodes` extend those of the graph. Rows are the `outputs`, then the next values of the `carried` states, i.e. of the
+    states that depend on a free value. `slopes` are the derivatives of the rows with respect to atoms and carried
+    states; for a position p, with respect to B(p). `starts[state]` is the node of a state's first value, free of
+    states; `start_slopes` are the derivatives of the carried first values with respect to atoms.
     """
 
     nodes: tuple[Node, ...]
@@ -74,17 +75,23 @@ class Linearization:
 
     @property
     def start_atoms(self) -> tuple[int, ...]:
-        """The lookups through which free values enter the first values of states."""
+        """The lookups through which free values enter the first values of states, in the order of their numbers."""
         return tuple(sorted({leaf for row in self.start_slopes.reach for leaf in row}))
 
 
 def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Linearization:
-    """The derivatives of `outputs` (nodes of a lowered graph) and of the states with respect to what is `free`.
+    """Differentiate a step with respect to the free values and the carried states.
 
-    Raises `ArgumentError` where the first value of a state depends on itself.
+    Args:
+        graph: graph with lowered lookups.
+        outputs: nodes of the graph.
+        free: free parameters and axes.
+
+    Raises:
+        ArgumentError: the first value of a state depends on itself.
     """
     atom = partial(is_atom, free=free)
-    live = dependent(graph, atom)
+    live = dependents(graph, atom)
     b = GraphBuilder.of(graph)
     carried = tuple(i for i, s in enumerate(graph.states) if s.init in live or s.next in live)
     seeds = tuple(b.node("state", (), i) for i in carried)
@@ -103,17 +110,17 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
 
 def _slopes(b: GraphBuilder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
     nodes, visits = _extent(b, [row for row in rows if row in active], active)
-    if visits > MOST_VISITS and visits > SHARED * nodes:
+    if visits > MAX_VISITS and visits > SHARED * nodes:
         return pull_back(b, rows, active, is_atom)
     return Written(tuple(_reverse(b, row, active, is_atom) for row in rows))
 
 
 def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tuple[int, int]:
-    """How many nodes the rows see, all together and each for itself."""
+    """Return the number of nodes that all rows reach together, and the sum over the rows."""
     seen: dict[int, int] = defaultdict(int)  # the rows that see a node, a bit each
     for number, row in enumerate(rows):
         seen[row] |= 1 << number
-    for at in reversed(ancestors(b, rows, active)):
+    for at in reversed(ancestors(b.nodes, rows, active)):
         for a in b.nodes[at].args:
             if a in active:
                 seen[a] |= seen[at]
@@ -121,7 +128,7 @@ def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tu
 
 
 class _Adjoints:
-    """Sums of adjoints by node, remembering which of them a condition may switch off."""
+    """Sums of adjoints by node, with a note of those that a condition may switch off."""
 
     def __init__(self, b: GraphBuilder) -> None:
         self.b = b
@@ -136,39 +143,39 @@ class _Adjoints:
 
 
 def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Callable[[Node], bool]) -> dict[int, int]:
-    """Derivatives of `root` with respect to the atoms and states it reaches within one step."""
+    """Differentiate `root` with respect to the atoms and states it reaches within one step."""
     if root not in active:
         return {}
     sums = _Adjoints(b)
     sums.add(root, b.const(1.0), switched=False)
-    found: dict[int, int] = {}
-    for at in reversed(ancestors(b, [root], active)):
+    result: dict[int, int] = {}
+    for at in reversed(ancestors(b.nodes, [root], active)):
         if at not in sums.total:  # reached through steps alone, as a comparison
             continue
         adjoint, switched = sums.total[at], at in sums.switched
         node = b.nodes[at]
         if node.op == "state" or is_atom(node):
-            found[at] = _of_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
+            result[at] = _convert_to_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
         for argument, factor, switches in partials(b, at, active):
             if switches:
                 sums.add(argument, b.call("select", factor, adjoint, b.const(0.0)), switched=True)
             else:
                 sums.add(argument, b.call("guard" if switched else "mul", adjoint, factor), switched)
-    return found
+    return result
 
 
-def _of_breakpoints(b: GraphBuilder, at: int, adjoint: int, switched: bool) -> int:
-    """The derivative with respect to B(p), from that with respect to the position p."""
-    return b.call("guard" if switched else "mul", adjoint, of_breakpoints(b, at))
+def _convert_to_breakpoints(b: GraphBuilder, at: int, adjoint: int, switched: bool) -> int:
+    """Return the derivative with respect to B(p), given that with respect to the position p."""
+    return b.call("guard" if switched else "mul", adjoint, breakpoint_slope(b, at))
 
 
 def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:
-    """For each state the node of its first value, other states' first values put in the place of their reads."""
+    """Return for each state the node of its first value, with reads of other states replaced by their first values."""
     number: dict[int, int] = {}  # of each node what it is in the first sample
     open_states: set[int] = set()
 
     def at_start(root: int) -> int:
-        for at in ancestors(b, [root], without=number):
+        for at in ancestors(b.nodes, [root], without=number):
             if at not in number:
                 number[at] = first_value(at)
         return number[root]

@@ -1,9 +1,9 @@
-"""Events whose time depends on parameters: jumps that derivatives do not see.
+"""Detection of discontinuities whose time depends on parameters, which derivatives do not see.
 
-A relay, a counter or a rounded number changes in steps. Where parameters decide when, the cost has steps as well, and
-its derivatives are exact and useless. Not each condition is such an event: `if(x > 0, x, 0)` has a kink and no jump.
-What tells them apart is measured: inputs, states and lookups are given random values, the place is found at which a
-condition changes, and outputs and next states are compared on its two sides.
+A relay, a counter or a rounded value changes in steps. If parameters decide when, the cost is discontinuous as well,
+and its exact derivatives do not describe it. A condition alone is no indication: `if(x > 0, x, 0)` has a kink but no
+jump. Jumps are therefore found numerically: inputs, states and lookups get random values, the point at which a
+condition changes is located, and outputs and next states are compared on both sides.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.graph.node import Graph
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.traversal import dependent
+from kennfeld.graph.traversal import ancestors, dependents
 
 __all__ = ["Event", "events"]
 
@@ -23,8 +23,8 @@ POINTS = 256  # random points, between neighbours of which a condition may chang
 HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more
 SHRUNK = 0.1  # of the first difference; what is continuous has become far smaller at the second
 JUMP = 1e-9  # of an end's size; what is smaller is rounding
-TRIED = 8  # changes looked at for each condition
-MOST = 64  # conditions looked at in a graph that has more
+MAX_CHANGES = 8  # changes looked at for each condition
+MAX_CONDITIONS = 64  # conditions looked at in a graph that has more
 _WORDS = {
     "floor": "floor",
     "ceil": "ceil",
@@ -42,7 +42,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Event:
-    """A node that jumps, as the text writes it (`floor`, `>=`), the parameters that decide when, and its named node."""
+    """A discontinuous node: its operator in formula text (`floor`, `>=`), its parameters, and its name."""
 
     node: int
     word: str
@@ -51,22 +51,23 @@ class Event:
 
 
 def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -> tuple[Event, ...]:
-    """The events whose time depends on the parameters `free`, and which the outputs feel, in the order of the graph.
+    """Return the discontinuities whose time depends on the parameters `free` and which affect the outputs, in graph
+    order.
 
-    Without `outputs`, names of nodes, those of the graph are meant. Where there are very many conditions, some of them
-    are looked at.
+    `outputs` are names of nodes, by default the outputs of the graph. In a very large graph only some of the conditions
+    are examined.
 
     >>> from kennfeld.models.formula import formula
     >>> graph = formula("y = max(Gain(u), 0) + round(Gain(u))").graph
     >>> [(event.name, event.word, event.parameters) for event in events(graph, ["Gain"])]
     [('y', 'round', ('Gain',))]
     """
-    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in free)
+    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload in free)
     ends, needed = _needed(graph, [graph.names[name] for name in outputs or graph.outputs])
     candidates = [at for at in sorted(needed & moving) if graph.nodes[at].op in _WORDS]
     if not candidates:
         return ()
-    jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MOST)])
+    jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MAX_CONDITIONS)])
     reach = {name: _reached(graph, name) for name in free} if jumping else {}
     return tuple(
         Event(at, _WORDS[graph.nodes[at].op], _user(graph, at), tuple(name for name in reach if at in reach[name]))
@@ -75,17 +76,17 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
 
 
 class _Step:
-    """One time step on random points; inputs, states and lookups are its leaves."""
+    """One time step evaluated at random points; its leaves are inputs, states and lookups."""
 
     def __init__(self, graph: Graph, ends: Sequence[int]) -> None:
         self.graph, self.ends = graph, ends
-        self.cone = _cone(graph, ends)
+        self.cone = ancestors(graph.nodes, ends)
         self.leaves = [at for at in self.cone if graph.nodes[at].op in ("input", "state", "lookup")]
         self.random = np.random.default_rng(0)
         self.points = self._points()
 
     def _points(self) -> Float:
-        """Values of the leaves, shape (leaves, points): of all sizes, and often near a constant of the graph."""
+        """Draw values of the leaves, shape (leaves, points), of all magnitudes, often close to graph constants."""
         shape = (len(self.leaves), POINTS)
         sizes = 10.0 ** self.random.uniform(-3, 4, shape)
         numbers = [n.payload for n in self.graph.nodes if n.op == "const" and np.isfinite(n.payload)]
@@ -97,11 +98,11 @@ class _Step:
         return points
 
     def jumping(self, candidates: Sequence[int]) -> list[int]:
-        """Those of the candidates at whose changes an end jumps; and those that were never seen to change."""
-        cone = _cone(self.graph, candidates)
+        """Return the candidates at whose changes an end jumps, and those that never changed."""
+        cone = ancestors(self.graph.nodes, candidates)
         far = self._evaluate(self.points, cone)
         levels = [self._level(at, far) for at in candidates]
-        origins = [_changes(level) for level in levels]
+        origins = [_find_changes(level) for level in levels]
         parts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(origin.size for origin in origins)]).tolist())]
         first = np.concatenate([level[origin] for level, origin in zip(levels, origins, strict=True)])
         origin = np.concatenate(origins)
@@ -119,7 +120,7 @@ class _Step:
         return [at for at, part in zip(candidates, parts, strict=True) if part.start == part.stop or jumps[part].any()]
 
     def _level(self, at: int, values: Mapping[int, Float]) -> Float:
-        """The value of a node that jumps; of `mod`, which also moves in between, the number of its jumps."""
+        """Return the value of a discontinuous node; for `mod`, which varies in between, the number of its jumps."""
         op, args, _ = self.graph.nodes[at]
         if op != "mod":
             return values[at]
@@ -128,7 +129,7 @@ class _Step:
         return whole
 
     def _gaps(self, low: Float, high: Float) -> Float:
-        """Differences of the ends, shape (ends, changes); 0 where one is not finite, which says nothing."""
+        """Compute the differences of the ends, shape (ends, changes); 0 if one is not finite."""
         before, after = (self._evaluate(points, self.cone) for points in (low, high))
         with np.errstate(all="ignore"):
             gaps = np.array([np.abs(after[end] - before[end]) for end in self.ends])
@@ -136,7 +137,7 @@ class _Step:
         return finite
 
     def _sizes(self, origin: Int) -> Float:
-        """What size the ends have where the changes were looked for, and usually; shape (ends, changes)."""
+        """Compute the magnitudes of the ends near the changes and in general, shape (ends, changes)."""
         far = self._evaluate(self.points, self.cone)
         with np.errstate(all="ignore"):
             way = np.nan_to_num(np.abs([far[end] for end in self.ends]), nan=0.0, posinf=0.0)
@@ -144,7 +145,7 @@ class _Step:
         return sizes
 
     def _evaluate(self, points: Float, cone: Sequence[int]) -> dict[int, Float]:
-        """The nodes of a cone; a lookup is its random value plus something smooth of its coordinates."""
+        """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates."""
         row = {at: points[i] for i, at in enumerate(self.leaves)}
         values: dict[int, Float] = {}
         with np.errstate(all="ignore"):
@@ -159,35 +160,23 @@ class _Step:
         return values
 
 
-def _changes(level: Float) -> Int:
-    """Points between which and the next one a condition changes."""
+def _find_changes(level: Float) -> Int:
+    """Return the points after which a condition changes."""
     following = np.roll(level, -1)
     with np.errstate(invalid="ignore"):
         apart = np.isfinite(level) & np.isfinite(following) & (level != following)
-    return np.flatnonzero(apart)[:TRIED]
-
-
-def _cone(graph: Graph, roots: Sequence[int]) -> list[int]:
-    """The nodes that the roots are computed from within the step, themselves included, in order."""
-    seen = set(roots)
-    stack = list(roots)
-    while stack:
-        for a in graph.nodes[stack.pop()].args:
-            if a not in seen:
-                seen.add(a)
-                stack.append(a)
-    return sorted(seen)
+    return np.flatnonzero(apart)[:MAX_CHANGES]
 
 
 def _reached(graph: Graph, parameter: str) -> set[int]:
-    return dependent(graph, lambda node: node.op == "lookup" and node.payload == parameter)
+    return dependents(graph, lambda node: node.op == "lookup" and node.payload == parameter)
 
 
 def _needed(graph: Graph, outputs: Sequence[int]) -> tuple[list[int], set[int]]:
-    """What a step hands on, outputs and first and next values of the states they need; and all nodes behind that."""
+    """Return the outputs, the first and next values of the states they need, and all ancestors of these."""
     ends = set(outputs)
     while True:
-        cone = set(_cone(graph, sorted(ends)))
+        cone = set(ancestors(graph.nodes, ends))
         states = [graph.states[node.payload] for node in (graph.nodes[at] for at in cone) if node.op == "state"]
         grown = ends | {end for state in states for end in (state.init, state.next)}
         if grown == ends:
@@ -196,7 +185,7 @@ def _needed(graph: Graph, outputs: Sequence[int]) -> tuple[list[int], set[int]]:
 
 
 def _user(graph: Graph, at: int) -> str:
-    """The first named node that is computed from a node, through memory where nothing else is; empty if none is."""
+    """Return the first named node that depends on a node, through states only if no other does; "" if none does."""
     names: dict[int, str] = {node: name for name, node in reversed(list(graph.names.items()))}
     seen, front = {at}, [at]
     while front:
@@ -209,7 +198,7 @@ def _user(graph: Graph, at: int) -> str:
 
 
 def _users(graph: Graph, nodes: Collection[int]) -> list[int]:
-    """The nodes that use one of these directly, and the reads of the states that hold them."""
+    """Return the nodes that use one of these directly, and the reads of the states that hold them."""
     used = set(nodes)
     holding = {i for i, s in enumerate(graph.states) if s.next in used or s.init in used}
     return [

@@ -1,9 +1,9 @@
-"""Parameters that are factors: at 0 they would switch off others, or make a function fail."""
+"""Parameters that act as factors, divisors or arguments of roots and logarithms, and so must not start at 0."""
 
 from collections.abc import Iterator
 
 from kennfeld.graph.node import Graph
-from kennfeld.graph.traversal import dependent
+from kennfeld.graph.traversal import dependents
 
 __all__ = ["factors"]
 
@@ -12,31 +12,31 @@ TRANSPARENT = ("add", "sub", "neg", "mul", "div", "min", "max", "abs", "select")
 
 
 def factors(graph: Graph) -> set[str]:
-    """The parameters that multiply something that depends on a parameter, divide, or stand below a root or logarithm.
+    """Return the parameters that multiply a parameter-dependent value, divide, or are under a root or logarithm.
 
-    What a table is looked up with counts as little as the data: only how its values are used does.
+    The coordinates of a lookup are ignored; only the use of its values counts.
 
     >>> from kennfeld.models.formula import formula
     >>> sorted(factors(formula("y = A(u) * B(v) - D(u) * u").graph))
     ['A', 'B']
     """
-    adjustable = dependent(graph, lambda node: node.op == "lookup")
-    found: set[str] = set()
-    pending = list(dict.fromkeys(_decisive(graph, adjustable)))
+    adjustable = dependents(graph, lambda node: node.op == "lookup")
+    result: set[str] = set()
+    pending = list(dict.fromkeys(_non_zero_nodes(graph, adjustable)))
     seen = set(pending)
     while pending:
         op, args, payload = graph.nodes[pending.pop()]
         if op == "lookup":
-            found.add(str(payload))
+            result.add(str(payload))
         elif op in TRANSPARENT:
             more = {*(args[1:] if op == "select" else args)} - seen
             seen |= more
             pending += more
-    return found
+    return result
 
 
-def _decisive(graph: Graph, adjustable: set[int]) -> Iterator[int]:
-    """Nodes that should not be 0."""
+def _non_zero_nodes(graph: Graph, adjustable: set[int]) -> Iterator[int]:
+    """Return the nodes that should not be 0."""
     for op, args, _ in graph.nodes:
         if op in ("mul", "div") and adjustable.issuperset(args):
             yield from args

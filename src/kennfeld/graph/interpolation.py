@@ -1,4 +1,4 @@
-"""Linear interpolation in tables, exact and smoothed, in numpy: the definition that native code is tested against."""
+"""Linear interpolation in tables, exact and smoothed, in numpy: the reference for the native code."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -10,11 +10,16 @@ from kennfeld.parameters import Extrapolation
 
 __all__ = ["WINDOW", "cell_weights", "density", "interpolate", "position", "smooth_weights", "table_weights"]
 
-WINDOW = 4.0  # the smoothing kernel is cut off at so many standard deviations
+WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
 
 
 def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
-    """Index of the cell that holds x, plus the fraction within it: 2.25 is a quarter past breakpoint 2.
+    """Compute the cell index of x plus the fraction within the cell; 2.25 is a quarter past breakpoint 2.
+
+    Args:
+        x: coordinates, shape (samples,).
+        breakpoints: increasing, in the unit of x.
+        extrapolation: "clip" or "linear".
 
     >>> position(np.array([5.0, 12.5]), np.array([0.0, 10.0, 20.0]), "clip")
     array([0.5 , 1.25])
@@ -28,7 +33,7 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
 
 
 def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:
-    """Slope of `position`: one over the width of the cell, 0 where x is clipped."""
+    """Compute the slope of `position` with respect to x: 1 / width of the cell, 0 if x is clipped."""
     last = breakpoints.size - 1
     if last == 0:
         return np.zeros_like(x)
@@ -40,7 +45,7 @@ def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float
 
 
 def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
-    """Weights of all `count` grid points at positions `place`, and their slopes; shapes (samples, count)."""
+    """Compute the weights of all `count` grid points at `place`, and their slopes; shapes (samples, count)."""
     samples = np.arange(place.size)
     weights, slopes = np.zeros((2, place.size, count))
     if count == 1:
@@ -53,10 +58,13 @@ def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
 
 
 def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, width: float) -> tuple[Float, Float]:
-    """Weights of all grid points when interpolation is convolved with a Gaussian of standard deviation `width`.
+    """Compute grid-point weights of linear interpolation convolved with a Gaussian of standard deviation `width`.
 
-    A piecewise-linear interpolation is a sum of ramps that start at the breakpoints; each ramp's convolution has the
-    closed form t Phi(t/s) + s phi(t/s). Slopes are with respect to x. Shapes (samples, count).
+    A piecewise-linear interpolation is a sum of ramps that start at the breakpoints. The convolution of a ramp is t
+    Phi(t/s) + s phi(t/s), with the distance t from its start and the width s.
+
+    Returns:
+        The weights and their slopes with respect to x, shapes (samples, count).
     """
     from scipy.special import ndtr
 
@@ -77,14 +85,14 @@ def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, w
 
 
 def _differences(share: Float, total: float) -> Float:
-    """Weights of the grid points from the share of each interval that has been climbed."""
+    """Return the weights of the grid points, given the fraction of each interval passed."""
     edges = np.full((share.shape[0], 1), total)
     result: Float = np.hstack([edges, share]) - np.hstack([share, np.zeros_like(edges)])
     return result
 
 
 def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
-    """Products of the weights along each axis; shape (samples, grid points of the table)."""
+    """Compute the products of the weights along each axis; shape (samples, grid points of the table)."""
     samples = sides[0].shape[0] if sides else 1
     flat: Float = np.ones((samples, 1))
     for side in sides:
@@ -93,7 +101,7 @@ def table_weights(sides: Sequence[Float], shape: tuple[int, ...]) -> Float:
 
 
 def interpolate(values: Float, sides: Sequence[Float]) -> Float:
-    """Value of a table under weights along each axis. Grid points of weight 0 do not count, whatever they hold."""
+    """Interpolate with weights along each axis. Grid points of weight 0 are ignored, even if not finite."""
     if not sides:
         return values.reshape(1)
     support = [np.flatnonzero((side != 0).any(axis=0)) for side in sides]

@@ -1,4 +1,4 @@
-"""The reference interpreter: plain numpy, one node after the other. Every other backend is tested against it."""
+"""Reference interpreter of graphs in numpy, one node after the other. All other backends are tested against it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,9 +28,16 @@ __all__ = ["Evaluation", "Interpreter", "Rows", "evaluate"]
 def evaluate(
     graph: Graph, columns: Mapping[str, ArrayLike], parameters: ParameterSet, starts: Sequence[int] = (0,)
 ) -> dict[str, Float]:
-    """Every named node of the graph over the samples; states start anew at `starts`.
+    """Evaluate every named node of a graph over the samples.
 
-    `columns` holds the inputs, of equal length, and `dt` and `t` where the graph uses them.
+    Args:
+        graph: graph with lookups.
+        parameters: the parameters it looks up.
+        columns: inputs by name, shape (samples,) each; `dt` and `t` in s if the graph uses them.
+        starts: samples at which the states start anew.
+
+    Returns:
+        The values of each named node, shape (samples,).
     """
     arrays = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     lowered = lower_lookups(graph, parameters)
@@ -50,7 +57,7 @@ class Rows:
 
 
 class Interpreter:
-    """Evaluates lowered graphs and linearizations; `widths[axis]` smooths the smoothed lookups of that axis."""
+    """Evaluator of lowered graphs and linearizations; `widths[axis]` is the smoothing of the lookups of an axis."""
 
     def __init__(self, lowered: LoweredGraph, parameters: ParameterSet, widths: Sequence[float] = ()) -> None:
         self.axes = lowered.axes
@@ -66,7 +73,7 @@ class Interpreter:
         starts: Sequence[int] = (0,),
         firsts: Sequence[int] | None = None,
     ) -> Evaluation:
-        """The values of all nodes. `firsts` are the nodes of the states' first values, where they are known."""
+        """Compute the values of all nodes. `firsts` are the nodes of the states' first values, if known."""
         samples = next((c.size for c in columns.values()), 1)
         if not states:
             return [np.broadcast_to(v, samples) for v in self._step(nodes, columns, ())]
@@ -86,7 +93,7 @@ class Interpreter:
     def _start(
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], firsts: Sequence[int] | None
     ) -> list[list[float]]:
-        """The memories of states before the first sample; a state may start from others."""
+        """Return the contents of the states before the first sample; a state may start from others."""
         if firsts is not None:
             values = self._step(nodes, here, [np.nan] * len(states))
             current = [float(values[at][0]) for at in firsts]
@@ -98,7 +105,7 @@ class Interpreter:
     def _first(
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], order: Sequence[int]
     ) -> list[float]:
-        """First values, each of the nodes they need computed once, in this order."""
+        """Compute the first values; each node they need is computed once, in this order."""
         values: dict[int, Float] = {}
         for at in order:
             node = nodes[at]
@@ -109,7 +116,7 @@ class Interpreter:
         return [float(values[state.init][0]) for state in states]
 
     def _settled(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[float]:
-        """First values where one depends on itself: sweeps from not-a-number until none changes."""
+        """Compute first values that depend on each other: sweep from NaN until nothing changes."""
         current = [np.nan] * len(states)
         for _ in states:
             values = self._step(nodes, here, current)
@@ -178,7 +185,10 @@ class Interpreter:
         columns: Mapping[str, Float],
         starts: Sequence[int] = (0,),
     ) -> Rows:
-        """Outputs and their derivatives with respect to all values, by forward sensitivities.
+        """Compute outputs and their derivatives with respect to all values, by forward sensitivities.
+
+        S[k+1] = A[k] S[k] + B[k],  J[k] = C[k] S[k] + D[k], with the derivatives A, B of the next states and C, D of
+        the outputs with respect to states and values.
 
         `offsets` gives the first column of each free parameter and axis; its values follow in C order.
         """
@@ -193,9 +203,9 @@ class Interpreter:
                 first = [self._row(slopes, {}, weights, k, width) for slopes in _slopes(line.start_slopes, run, k)]
                 memory = [[f] * line.states[i].latency for f, i in zip(first, line.carried, strict=True)]
             now = dict(zip(line.seeds, (ring[0] for ring in memory), strict=True))
-            found = [self._row(slopes, now, weights, k, width) for slopes in _slopes(line.slopes, run, k)]
-            jacobian[k] = found[: len(line.outputs)]
-            for ring, row in zip(memory, found[len(line.outputs) :], strict=True):
+            sensitivity_rows = [self._row(slopes, now, weights, k, width) for slopes in _slopes(line.slopes, run, k)]
+            jacobian[k] = sensitivity_rows[: len(line.outputs)]
+            for ring, row in zip(memory, sensitivity_rows[len(line.outputs) :], strict=True):
                 ring.append(row)
                 del ring[0]
         return Rows(np.stack([run[at] for at in line.outputs], axis=1), jacobian)
@@ -203,7 +213,7 @@ class Interpreter:
     def _atom(
         self, at: int, nodes: Sequence[Node], run: Evaluation, offsets: Mapping[str | AxisKey, int], width: int
     ) -> Float:
-        """Weights of one lookup or position over all columns, (samples, columns)."""
+        """Compute the weights of one lookup or position over all columns, shape (samples, columns)."""
         node = nodes[at]
         if node.op == "position":
             first = offsets[node.payload.key]
@@ -230,7 +240,7 @@ class Interpreter:
 
 
 def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | None:
-    """The nodes that first values need, each behind those it reads; None where a first value depends on itself."""
+    """Return the nodes that first values need, each after those it reads; None if a first value depends on itself."""
     order: list[int] = []
     done: set[int] = set()
     entered: set[int] = set()  # and not left yet
@@ -253,12 +263,12 @@ def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | 
 
 
 def _points(coordinates: Sequence[Float]) -> Float:
-    """Coordinates side by side, Float[samples, inputs]."""
+    """Stack the coordinates, Float[samples, inputs]."""
     return np.stack(np.broadcast_arrays(*coordinates), axis=-1)
 
 
 def _slopes(slopes: Slopes, run: Evaluation, k: int) -> list[Mapping[int, float]]:
-    """The slopes of each row at sample k, by atom or state."""
+    """Return the derivatives of each row at sample k, by atom or state."""
     if isinstance(slopes, Written):
         return [{leaf: float(run[at][k]) for leaf, at in row.items()} for row in slopes.rows]
     return [slopes.of_row(row, lambda node: float(run[node][k])) for row in range(len(slopes.roots))]

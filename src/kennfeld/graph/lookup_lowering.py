@@ -1,6 +1,6 @@
-"""Lookups made explicit for a given set of parameters: search the axes once, then interpolate.
+"""Lowering of lookups for a given set of parameters: search each axis once, then interpolate.
 
-Axes with equal breakpoints become one, so that tables over the same axes share their searches.
+Axes with equal breakpoints are merged, so tables over the same axes share their searches.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,7 +13,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.free_axes import AxisKey, free_axes, key_of
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
-from kennfeld.graph.traversal import dependent, rewrite
+from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
 from kennfeld.rbf import RBF
@@ -24,7 +24,7 @@ Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
 
 class AxisRef(NamedTuple):
-    """An axis of the lowered graph, and what lies beyond its ends; `key` names it where its breakpoints may move."""
+    """An axis of the lowered graph and its extrapolation; `key` identifies it if its breakpoints are free."""
 
     number: int
     extrapolation: Extrapolation
@@ -32,7 +32,7 @@ class AxisRef(NamedTuple):
 
 
 class TableRef(NamedTuple):
-    """A table, its axes, and which of them are smoothed."""
+    """A table, its axes, and a flag for each axis that is smoothed."""
 
     name: str
     axes: tuple[AxisRef, ...]
@@ -40,7 +40,7 @@ class TableRef(NamedTuple):
 
 
 class ExpansionRef(NamedTuple):
-    """A parameter of kind rbf, and how many inputs and centres it has."""
+    """A parameter of kind rbf, with its numbers of inputs and centres."""
 
     name: str
     inputs: int
@@ -49,9 +49,9 @@ class ExpansionRef(NamedTuple):
 
 @dataclass(frozen=True)
 class LoweredGraph:
-    """A graph whose lookups are `position` and `interpolate`, and the breakpoints of the axes it searches.
+    """A graph whose lookups are `position` and `interpolate` nodes, and the breakpoints of its axes.
 
-    Breakpoints that may move are values like those of the tables; here stands where they start.
+    Breakpoints that are free are values like those of the tables; `axes` holds their start.
     """
 
     graph: Graph
@@ -60,11 +60,13 @@ class LoweredGraph:
 
 
 def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> LoweredGraph:
-    """The graph with its lookups resolved on the axes of `parameters`.
+    """Lower the lookups of a graph onto the axes of `parameters`.
 
-    Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are marked as
-    smoothed: their lookups take the coordinate itself. Free axes are not smoothed. Raises `ArgumentError` where a table
-    has another number of axes than the graph gives it coordinates.
+    Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are smoothed: their
+    lookups take the coordinate itself. Free axes are not smoothed.
+
+    Raises:
+        ArgumentError: a parameter is missing, or a table has another number of axes than coordinates in the graph.
     """
     _check(graph, parameters)
     axes: dict[bytes | AxisKey, int] = {}
@@ -80,7 +82,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
             kept.append(points)
         return AxisRef(number, parameter.extrapolation, key)
 
-    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
+    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
 
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, old, payload = graph.nodes[at]
@@ -105,15 +107,15 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
 def _check(graph: Graph, parameters: ParameterSet) -> None:
     for name, count in dict.fromkeys((n.payload, len(n.args)) for n in graph.nodes if n.op == "lookup"):
         if name not in parameters:
-            raise ArgumentError(f"the function looks up {name}, which is no parameter of the set")
-        given = parameters[name].coordinates
-        if given != count:
+            raise ArgumentError(f"the model looks up {name}, which is not in the parameter set")
+        expected = parameters[name].coordinates
+        if expected != count:
             has = "inputs" if isinstance(parameters[name], RBF) else "axes"
-            raise ArgumentError(f"the function gives {name} {count} coordinates, but it has {given} {has}")
+            raise ArgumentError(f"the model looks up {name} with {count} coordinates, but it has {expected} {has}")
 
 
 def is_atom(node: Node, free: Free) -> bool:
-    """Whether free values enter a step at this node: values of a table, or breakpoints of an axis.
+    """Return True if free values enter a step at this node: values of a table, or breakpoints of an axis.
 
     >>> is_atom(Node("position", (0,), AxisRef(0, "clip", AxisKey("AxisSpeed"))), [AxisKey("AxisSpeed")])
     True

@@ -44,7 +44,7 @@ class Node(NamedTuple):
 
 
 class State(NamedTuple):
-    """A memory: starts at node `init` of the first sample, then holds what node `next` was `latency` steps ago."""
+    """A state: starts with node `init` at the first sample, then holds the value of node `next` `latency` steps ago."""
 
     init: int
     next: int
@@ -53,11 +53,11 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Graph:
-    """One time step of a model.
+    """The graph of one time step of a model.
 
-    `names` are the nodes a user can see, in their order; `units` belong to names and inputs.
-    `outputs` are the names declared as outputs; without a declaration, the names that no other node uses.
-    Node numbers are canonical: graphs that were built alike are equal.
+    `names` are the nodes visible to the user, in their order; `units` belong to names and inputs. `outputs` are the
+    names declared as outputs; without a declaration, the names that no other node uses. Node numbers are canonical:
+    graphs built from equal definitions are equal.
     """
 
     nodes: tuple[Node, ...]
@@ -68,12 +68,12 @@ class Graph:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Channels the graph reads, in the order of their first use."""
+        """The input channels, in the order of their first use."""
         return tuple(dict.fromkeys(n.payload for n in self.nodes if n.op == "input" and n.payload not in CLOCK))
 
     @property
     def parameters(self) -> Mapping[str, int]:
-        """Parameters the graph looks up, each with its number of axes."""
+        """The parameters that the graph looks up, with their numbers of axes."""
         return {n.payload: len(n.args) for n in self.nodes if n.op == "lookup"}
 
 
@@ -84,7 +84,7 @@ def extract(
     units: Mapping[str, str],
     outputs: Sequence[str],
 ) -> Graph:
-    """The part of a graph that the names need, numbered depth first in the order of the names."""
+    """Return the part of a graph that the names need, numbered depth first in the order of the names."""
     order = _Order(nodes)
     for root in names.values():
         order.visit(root)
@@ -104,7 +104,7 @@ def extract(
 
 
 class _Order:
-    """Nodes in the order in which a walk first completes them, and the states it meets."""
+    """Nodes in the order in which a walk first completes them, and the states on the way."""
 
     def __init__(self, nodes: Sequence[Node]) -> None:
         self.nodes = nodes
@@ -114,7 +114,7 @@ class _Order:
         self._places: dict[int, int] = {}  # of states in the list
 
     def visit(self, root: int) -> None:
-        """Number a node and all that it is computed from within the step."""
+        """Number a node and all its ancestors within the step."""
         stack = [root]
         while stack:
             at = stack[-1]
@@ -138,7 +138,7 @@ class _Order:
 
 
 def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, int]) -> tuple[str, ...]:
-    """Names that no other name uses; feedback through memory onto itself does not count."""
+    """Return the names that no other name uses; feedback through a state onto itself does not count."""
     named = set(names.values())
     needs = {at: _nearest_named(nodes, states, at, named) for at in named}
     users: dict[int, set[int]] = {at: set() for at in named}
@@ -150,8 +150,8 @@ def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, i
 
 
 def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, named: Collection[int]) -> set[int]:
-    """The named nodes that a node is computed from, without those behind them."""
-    found: set[int] = set()
+    """Return the named nodes on which a node depends, without those behind them."""
+    result: set[int] = set()
     seen: set[int] = set()
     stack = [root]
     while stack:
@@ -159,15 +159,15 @@ def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, na
         behind = (states[payload].init, states[payload].next) if op == "state" else args
         for at in behind:
             if at in named:
-                found.add(at)
+                result.add(at)
             elif at not in seen:
                 seen.add(at)
                 stack.append(at)
-    return found
+    return result
 
 
 def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict[int, int]:
-    """For each name one that stands for all that need each other (Kosaraju's strongly connected components)."""
+    """Return for each name a representative of its strongly connected component (Kosaraju's algorithm)."""
     loop: dict[int, int] = {}
     for root in reversed(_by_need(needs)):
         stack = [root]
@@ -180,7 +180,7 @@ def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict
 
 
 def _by_need(needs: Mapping[int, set[int]]) -> list[int]:
-    """The names in the order in which a depth-first walk along `needs` leaves them."""
+    """Return the names in the postorder of a depth-first walk along `needs`."""
     left: list[int] = []
     met: set[int] = set()
     for root in needs:

@@ -1,7 +1,7 @@
-"""The elementwise operations: how each is computed, and its partial derivatives as graph expressions.
+"""Elementwise operations: evaluation, and partial derivatives as graph expressions.
 
-Truth is 1.0 and 0.0; every value but zero is true. Ties of `min` and `max` take the first argument,
-the slope of `abs` at 0 is 0, steps (`floor`, comparisons, ...) have slope 0.
+Truth is 1.0 and 0.0; every value but zero is true. Ties of `min` and `max` take the first argument, the slope of `abs`
+at 0 is 0, and step functions (`floor`, comparisons, ...) have slope 0.
 """
 
 from collections.abc import Callable
@@ -14,13 +14,13 @@ __all__ = ["OPERATIONS", "Operation", "Writer"]
 
 
 class Writer(Protocol):
-    """What a derivative rule needs of the graph under construction."""
+    """The part of a graph builder that derivative rules need."""
 
     def call(self, op: str, *args: int) -> int:
-        """An elementwise operation."""
+        """Return the node of an elementwise operation."""
 
     def const(self, value: float) -> int:
-        """A constant."""
+        """Return the node of a constant."""
 
 
 Partial = Callable[[Writer, tuple[int, ...], int], int]
@@ -30,9 +30,9 @@ Partial = Callable[[Writer, tuple[int, ...], int], int]
 class Operation:
     """An elementwise operation.
 
-    `evaluate` works on floats and arrays alike. `partials[i](writer, args, y)` writes dy/d(args[i]);
-    None stands for zero. `branches` is set for operations that pass one argument on: `branches(writer, args)`
-    writes for each argument the condition under which it is the result.
+    `evaluate` works on floats and arrays. `partials[i](writer, args, y)` writes dy/d(args[i]); None stands for zero.
+    `branches` is set for operations that return one of their arguments: `branches(writer, args)` writes for each
+    argument the condition under which it is the result.
     """
 
     arity: int
@@ -50,13 +50,13 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _round(x: Any) -> Any:
-    """The nearest whole number; halves go away from zero."""
+    """Round to the nearest integer; halves away from zero."""
     whole = np.trunc(x)
     return np.where(np.abs(x - whole) >= 0.5, whole + np.copysign(1.0, x), whole)
 
 
 def _mod(a: Any, b: Any) -> Any:
-    """The remainder with the sign of the divisor; the number itself where that is zero."""
+    """Compute the remainder with the sign of the divisor; the dividend if the divisor is zero."""
     return np.where(b == 0, a, a - np.floor(a / b) * b)
 
 

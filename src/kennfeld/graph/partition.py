@@ -1,4 +1,4 @@
-"""What depends on the data alone, cut off from the rest so that it is computed once, not once an iteration."""
+"""Separation of the part of a graph that depends on data alone, so that it is computed once, not in each iteration."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.operations import OPERATIONS
-from kennfeld.graph.traversal import dependent, rewrite
+from kennfeld.graph.traversal import dependents, rewrite
 
 __all__ = ["GraphPartition", "partition_graph"]
 
@@ -27,10 +27,10 @@ _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
 
 @dataclass(frozen=True)
 class GraphPartition:
-    """The part of a graph that depends on free parameters, and the columns it now reads.
+    """The part of a graph that depends on free parameters, and the precomputed columns it reads.
 
-    `columns` maps the name of each new input to the node of the old graph that it holds; `prepared` is the part of the
-    old graph that computes them.
+    `columns` maps the name of each new input to the node of the original graph whose values it holds; `prepared` is the
+    part of the original graph that computes them.
     """
 
     graph: Graph
@@ -39,10 +39,10 @@ class GraphPartition:
 
 
 def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> GraphPartition:
-    """Cut a lowered graph, reduced to `outputs`, where values that no free parameter touches enter the rest.
+    """Cut a lowered graph, reduced to `outputs`, at the values that do not depend on free parameters.
 
-    Searches in an axis belong to the rest: the cell of the sample before is mostly that of the next, so that a column
-    of each would cost more memory than it saves time.
+    Axis searches stay in the reduced graph: consecutive samples mostly lie in the same cell, so a precomputed column
+    would cost more memory traffic than it saves.
 
     >>> b = GraphBuilder()
     >>> slow = b.call("exp", b.input("x"))
@@ -50,7 +50,7 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
     >>> sorted(partition_graph(b.finish({"y": y}), ["y"], ["K"]).columns)
     ['#0']
     """
-    live = dependent(graph, lambda node: is_atom(node, free))
+    live = dependents(graph, lambda node: is_atom(node, free))
     kept = live | {at for at, node in enumerate(graph.nodes) if node.op == "position"}
     used = _entering(graph, [graph.names[name] for name in outputs], kept)
     costs = _costs(graph)
@@ -71,7 +71,7 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
 
 
 def _entering(graph: Graph, roots: Collection[int], kept: Collection[int]) -> set[int]:
-    """The nodes that the kept part of the roots reads, the roots themselves included."""
+    """Return the nodes that the kept part of the graph reads, including the roots."""
     seen = set(roots)
     stack = list(seen)
     while stack:
@@ -86,7 +86,7 @@ def _entering(graph: Graph, roots: Collection[int], kept: Collection[int]) -> se
 
 
 def _costs(graph: Graph) -> list[int]:
-    """Roughly the operations that each node costs from the inputs on; shared ones count each time."""
+    """Estimate the operations needed to compute each node from the inputs; shared nodes count each time."""
     costs: list[int] = []
     for op, args, _ in graph.nodes:
         own = 1 if op in _CHEAP else _COST.get(op, 10)

@@ -1,31 +1,24 @@
-"""How each node passes an adjoint on to its arguments: the local derivatives, written as nodes of the same graph.
-
-Lookups made explicit for a given set of parameters: search the axes once, then interpolate.
-
-Axes with equal breakpoints become one, so that tables over the same axes share their searches.
-
-A problem computed over its data: each criterion on each dataset, model beside measurement.
-"""
+"""Generic graph passes: ancestors, dependents, and rewriting node by node."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node, State, extract
 
-__all__ = ["ancestors", "dependent", "extended", "rewrite"]
+__all__ = ["ancestors", "dependents", "rewrite", "with_names"]
 
 
 def ancestors(
-    b: GraphBuilder, roots: Sequence[int], active: Collection[int] | None = None, without: Collection[int] = ()
+    nodes: Sequence[Node], roots: Iterable[int], active: Collection[int] | None = None, without: Collection[int] = ()
 ) -> list[int]:
-    """The nodes that the roots are computed from within a step, each after its arguments.
+    """Return the nodes from which the roots are computed within a step, roots included, in topological order.
 
-    The walk keeps to nodes of `active` where that is given, and ends before those of `without`.
+    If `active` is given, the walk visits only its nodes; it does not enter nodes of `without`.
     """
     seen = set(roots)
     stack = list(seen)
     while stack:
-        for a in b.nodes[stack.pop()].args:
+        for a in nodes[stack.pop()].args:
             if a not in seen and a not in without and (active is None or a in active):
                 seen.add(a)
                 stack.append(a)
@@ -33,7 +26,7 @@ def ancestors(
 
 
 def rewrite(graph: Graph, resolve: Callable[[GraphBuilder, int, tuple[int, ...]], int]) -> Graph:
-    """The graph with each node replaced by `resolve(builder, node, new arguments)`."""
+    """Return the graph with each node replaced by `resolve(builder, node, new arguments)`."""
     b = GraphBuilder()
     b.states.extend(graph.states)
     number: list[int] = []
@@ -44,8 +37,8 @@ def rewrite(graph: Graph, resolve: Callable[[GraphBuilder, int, tuple[int, ...]]
     return extract(b.nodes, states, names, graph.units, graph.outputs)
 
 
-def dependent(graph: Graph, source: Callable[[Node], bool], *, through_states: bool = True) -> set[int]:
-    """Nodes whose value depends on a node for which `source` holds, through memory as well if asked for."""
+def dependents(graph: Graph, source: Callable[[Node], bool], *, through_states: bool = True) -> set[int]:
+    """Return the nodes that depend on a node for which `source` is true, through states as well by default."""
     live = _forward(graph.nodes, source, ())
     while through_states:
         states = {i for i, s in enumerate(graph.states) if s.init in live or s.next in live}
@@ -64,8 +57,8 @@ def _forward(nodes: Iterable[Node], source: Callable[[Node], bool], states: Coll
     return live
 
 
-def extended(graph: Graph, extra: Mapping[int, str]) -> Graph:
-    """The graph with more of its nodes named."""
+def with_names(graph: Graph, extra: Mapping[int, str]) -> Graph:
+    """Return the graph with additional nodes named."""
     if not extra:
         return graph
     names = {**graph.names, **{name: at for at, name in extra.items()}}

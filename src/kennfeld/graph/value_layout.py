@@ -1,4 +1,4 @@
-"""A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
+"""Layout of all parameter values and free breakpoints in one vector p, as the native code reads it."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ __all__ = ["ValueLayout", "order_values"]
 
 @dataclass(frozen=True)
 class ValueLayout:
-    """All values of the looked-up parameters in one array: those of free parameters first, as columns of J.
+    """Position of each value in the vector p: values of free parameters first, in the order of the columns of J.
 
-    Parameters that can reach a state come before the others; `reach` counts their values. Breakpoints of axes marked as
-    free stand among them, at `moving`; `places` says in which table and direction each such axis is found.
+    Parameters that can influence a state come before the others; `reach` counts their values. `moving` holds the
+    offsets of free axes; `places` gives a table and the dimension in which each such axis occurs.
     """
 
     offsets: dict[str, int]
@@ -31,7 +31,7 @@ class ValueLayout:
     places: Mapping[AxisKey, tuple[str, int]] = field(default_factory=dict)
 
     def pack(self, parameters: ParameterSet) -> Float:
-        """The array that holds these parameters."""
+        """Return the vector p of these parameters, shape (total,)."""
         flat = np.empty(self.total)
         for name, at in self.offsets.items():
             table = parameters[name]
@@ -46,7 +46,7 @@ class ValueLayout:
         return parameters[table].axes[which].breakpoints
 
     def unpack(self, flat: Float, parameters: ParameterSet) -> ParameterSet:
-        """The set with the free values and breakpoints replaced."""
+        """Return the parameters with free values and free breakpoints replaced by those of the vector p."""
         changed = [
             parameters[name].with_values(flat[at : at + parameters[name].size])
             for name, at in self.offsets.items()
@@ -56,13 +56,13 @@ class ValueLayout:
         return with_breakpoints(parameters.with_parameters(*changed), moved)
 
     def breakpoints(self, flat: Float, parameters: ParameterSet) -> dict[AxisKey, Float]:
-        """The free breakpoints of each axis."""
+        """Return the free breakpoints of each axis."""
         free = {key: at for key, at in self.moving.items() if at < self.free}
         return {key: flat[at : at + self._points(key, parameters).size] for key, at in free.items()}
 
 
 def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> ValueLayout:
-    """Offsets of the parameters, and of the axes marked as free, in the array of values."""
+    """Assign offsets in the vector p to parameters and free axes."""
     states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
     reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
     searched = (n.payload.key for n in line.nodes if n.op in ("position", "density"))
@@ -88,6 +88,6 @@ def order_values(line: Linearization, parameters: ParameterSet, used: Collection
 
 
 def _owner(atom: Node) -> str | AxisKey:
-    """The parameter or axis whose values enter at an atom."""
+    """Return the parameter or axis whose values enter at an atom."""
     owner: str | AxisKey = atom.payload.key if atom.op == "position" else atom.payload.name
     return owner

@@ -1,4 +1,1 @@
-"""The MATLAB language and its files, as far as models and calibrations need them.
-
-`parser` turns text into the tree of `syntax`, `printing` turns the tree into text again.
-"""
+"""The MATLAB language and its data files, as far as models and calibrations need them."""

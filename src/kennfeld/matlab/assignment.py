@@ -1,4 +1,4 @@
-"""Assignments to variables and to parts of them: fields, indices and cells, with growth."""
+"""Assignments to variables and their parts: fields, indices and cells, with growth."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.evaluator import NumericEvaluator, access_chain
-from kennfeld.matlab.indexing import Index, assign_elements, index_array, without
+from kennfeld.matlab.evaluator import NumericEvaluator
+from kennfeld.matlab.indexing import Index, assign_elements, delete_elements, index_array
 from kennfeld.matlab.operators import cast_to_class, result_class
-from kennfeld.matlab.simulink_objects import defaults
+from kennfeld.matlab.simulink_objects import default_properties
+from kennfeld.matlab.traversal import access_chain
 from kennfeld.matlab.values import (
     EMPTY,
     Array,
@@ -22,16 +23,17 @@ from kennfeld.matlab.values import (
     elements_of,
     numbers,
     object_array,
+    with_class_of,
 )
 
 __all__ = ["assign"]
 
-_COPY = 3  # elements that the copy of a field or a cell stands for
+_COPY = 3  # elements charged for the copy of a field or a cell
 _NO_CELLS = MatlabCell(np.empty((0, 0), dtype=object))
 
 
 def assign(evaluator: NumericEvaluator, target: m.Expression, value: Value) -> str:
-    """Give a variable, or a part of it, a value; returns the name of the variable."""
+    """Assign a value to a variable or a part of it; return the name of the variable."""
     base, steps = access_chain(target)
     assert isinstance(base, m.Name)
     name = base.name
@@ -43,34 +45,34 @@ def assign(evaluator: NumericEvaluator, target: m.Expression, value: Value) -> s
         raise MatlabValueError(f"{name} is undefined: {evaluator.undefined[name]}")
     known = evaluator.variables.get(name)
     owned = known is not None and evaluator.owned.get(name) == id(known)
-    made = _changed(evaluator, known, steps, value, owned)
-    evaluator.variables[name] = made
-    if isinstance(made, np.ndarray) and len(steps) == 1:
-        evaluator.owned[name] = id(made)
+    result = _assign_part(evaluator, known, steps, value, owned)
+    evaluator.variables[name] = result
+    if isinstance(result, np.ndarray) and len(steps) == 1:
+        evaluator.owned[name] = id(result)
     return name
 
 
-def _changed(
+def _assign_part(
     evaluator: NumericEvaluator, known: Value | None, steps: Sequence[m.Expression], value: Value, owned: bool
 ) -> Value:
-    """A value after an assignment to the part that the steps lead to."""
+    """Return a value with `value` assigned to the part that the accesses `steps` select."""
     if not steps:
         return value
     step, rest = steps[0], steps[1:]
     if isinstance(step, m.Field | m.DynamicField):
-        return _with_field(evaluator, known, evaluator.field_name(step), rest, value)
+        return _assign_field(evaluator, known, evaluator.field_name(step), rest, value)
     holder = known if known is not None else _empty_for(step, rest, value)
     assert isinstance(step, m.Call | m.CellIndex)
     indices = evaluator.indices(step.arguments, holder)
     if isinstance(step, m.CellIndex):
-        return _with_cell(evaluator, holder, indices, rest, value)
+        return _assign_cell(evaluator, holder, indices, rest, value)
     if rest:
-        return _with_element(evaluator, holder, indices, rest, value)
-    return _with_part(evaluator, holder, indices, value, owned)
+        return _assign_in_element(evaluator, holder, indices, rest, value)
+    return _assign_elements(evaluator, holder, indices, value, owned)
 
 
 def _empty_for(step: m.Expression, rest: Sequence[m.Expression], value: Value) -> Value:
-    """What a part is assigned to where there is nothing yet."""
+    """Return the empty value that an assignment to a part of a new variable begins with."""
     if isinstance(step, m.CellIndex):
         return _NO_CELLS
     if rest and isinstance(rest[0], m.CellIndex):
@@ -84,7 +86,7 @@ def _empty_for(step: m.Expression, rest: Sequence[m.Expression], value: Value) -
     return np.zeros((0, 0), dtype=value.dtype) if isinstance(value, np.ndarray) else EMPTY
 
 
-def _with_field(
+def _assign_field(
     evaluator: NumericEvaluator, known: Value | None, name: str, rest: Sequence[m.Expression], value: Value
 ) -> Value:
     if known is None or (isinstance(known, np.ndarray) and not known.size):
@@ -92,37 +94,37 @@ def _with_field(
     if not isinstance(known, MatlabStruct):
         raise MatlabValueError(f"a {class_name(known)} has no field {name}")
     if known.elements.size != 1:
-        raise MatlabValueError(f"{known.elements.size} structs stand where one is needed")
-    evaluator.budget.make(_COPY * len(known.names))
-    inner = _changed(evaluator, known.fields.get(name), rest, value, owned=False)
+        raise MatlabValueError(f"expected one struct, got {known.elements.size}")
+    evaluator.budget.allocate(_COPY * len(known.names))
+    inner = _assign_part(evaluator, known.fields.get(name), rest, value, owned=False)
     return MatlabStruct.of({**known.fields, name: inner}, known.kind)
 
 
-def _with_cell(
+def _assign_cell(
     evaluator: NumericEvaluator, holder: Value, indices: Sequence[Index], rest: Sequence[m.Expression], value: Value
 ) -> Value:
     if isinstance(holder, np.ndarray) and not holder.size:
         holder = _NO_CELLS
     if not isinstance(holder, MatlabCell):
-        raise MatlabValueError(f"a {class_name(holder)} has no cells")
+        raise MatlabValueError(f"a {class_name(holder)} cannot be indexed with braces")
     if rest:
-        value = _changed(evaluator, _element(evaluator, holder, indices), rest, value, owned=False)
-    evaluator.budget.make(_COPY * holder.values.size)
+        value = _assign_part(evaluator, _element(evaluator, holder, indices), rest, value, owned=False)
+    evaluator.budget.allocate(_COPY * holder.values.size)
     return MatlabCell(_put(evaluator, holder.values, indices, object_array([value], (1, 1)), EMPTY))
 
 
 def _element(evaluator: NumericEvaluator, holder: MatlabCell | MatlabStruct, indices: Sequence[Index]) -> Any:
-    """The one element at an index; None beyond the end."""
+    """Return the element at an index; None beyond the end."""
     data = elements_of(holder)
     try:
-        found = index_array(data, indices, evaluator.budget)
+        elements = index_array(data, indices, evaluator.budget)
     except MatlabValueError:
         if not _are_places(indices):
             raise
         return None
-    if found.size != 1:
-        raise MatlabValueError(f"{found.size} elements stand where one is needed")
-    return found.flat[0]
+    if elements.size != 1:
+        raise MatlabValueError(f"expected one element, got {elements.size}")
+    return elements.flat[0]
 
 
 def _are_places(indices: Sequence[Index]) -> bool:
@@ -131,64 +133,64 @@ def _are_places(indices: Sequence[Index]) -> bool:
     )
 
 
-def _with_element(
+def _assign_in_element(
     evaluator: NumericEvaluator, holder: Value, indices: Sequence[Index], rest: Sequence[m.Expression], value: Value
 ) -> Value:
     """`a(2).b = value`, or `a(2){1} = value`."""
     if isinstance(holder, np.ndarray) and not holder.size:
         holder = MatlabStruct(object_array([], (0, 0)))
     if isinstance(holder, MatlabCell):
-        return _with_cell(evaluator, holder, indices, rest[1:], value)
+        return _assign_cell(evaluator, holder, indices, rest[1:], value)
     if not isinstance(holder, MatlabStruct):
         raise MatlabValueError(f"a {class_name(holder)} has no fields")
     fields = _element(evaluator, holder, indices)
-    element = MatlabStruct.of(defaults(holder.kind) if fields is None else fields, holder.kind)
-    changed = _changed(evaluator, element, rest, value, owned=False)
+    element = MatlabStruct.of(default_properties(holder.kind) if fields is None else fields, holder.kind)
+    changed = _assign_part(evaluator, element, rest, value, owned=False)
     assert isinstance(changed, MatlabStruct)
-    return _with_structs(evaluator, holder, indices, changed)
+    return _assign_structs(evaluator, holder, indices, changed)
 
 
-def _with_structs(
+def _assign_structs(
     evaluator: NumericEvaluator, holder: MatlabStruct, indices: Sequence[Index], value: MatlabStruct
 ) -> MatlabStruct:
-    """Structs put among others; all of them get all fields."""
+    """Assign structs to elements of a struct array; all elements get all fields."""
     names = tuple(dict.fromkeys((*holder.names, *value.names)))
-    evaluator.budget.make(len(names))
-    empty = dict.fromkeys(names, EMPTY) | {n: v for n, v in defaults(holder.kind).items() if n in names}
+    evaluator.budget.allocate(len(names))
+    empty = dict.fromkeys(names, EMPTY) | {n: v for n, v in default_properties(holder.kind).items() if n in names}
 
     def complete(data: Array) -> Array:
-        return object_array([{**empty, **one} for one in data.ravel(order="F")], data.shape)
+        return object_array([{**empty, **fields} for fields in data.ravel(order="F")], data.shape)
 
     elements = holder.elements if set(names) == set(holder.names) else complete(holder.elements)
     put = _put(evaluator, elements, indices, complete(value.elements), empty)
     return MatlabStruct(put, names, holder.kind or value.kind)
 
 
-def _with_part(
+def _assign_elements(
     evaluator: NumericEvaluator, holder: Value, indices: Sequence[Index], value: Value, owned: bool
 ) -> Value:
     is_nothing = isinstance(value, np.ndarray) and value.shape == (0, 0) and value.dtype == np.float64
     if is_nothing and elements_of(holder).size:
-        return _like(holder, without(elements_of(holder), indices))
+        return with_class_of(holder, delete_elements(elements_of(holder), indices))
     if isinstance(holder, MatlabStruct) and isinstance(value, MatlabStruct):
-        return _with_structs(evaluator, holder, indices, value)
+        return _assign_structs(evaluator, holder, indices, value)
     if isinstance(holder, np.ndarray) and not holder.size and isinstance(value, MatlabCell | MatlabStruct):
         holder = _empty_for(m.Call(m.Name(""), ()), (), value)
-        return _with_part(evaluator, holder, indices, value, owned)
+        return _assign_elements(evaluator, holder, indices, value, owned)
     if isinstance(holder, MatlabCell):
         values = value.values if isinstance(value, MatlabCell) else object_array([value], (1, 1))
         return MatlabCell(_put(evaluator, holder.values, indices, values, EMPTY))
     if not isinstance(holder, np.ndarray):
-        raise MatlabValueError(f"a {class_name(value)} cannot be put into a {class_name(holder)}")
-    return _with_numbers(evaluator, holder, indices, array_value(value), owned)
+        raise MatlabValueError(f"a {class_name(value)} cannot be assigned to an element of a {class_name(holder)}")
+    return _assign_numbers(evaluator, holder, indices, array_value(value), owned)
 
 
-def _with_numbers(
+def _assign_numbers(
     evaluator: NumericEvaluator, holder: Array, indices: Sequence[Index], values: Array, owned: bool
 ) -> Array:
     if holder.dtype.kind == "O" or values.dtype.kind == "O":
         if holder.size and holder.dtype.kind != "O":
-            raise MatlabValueError("a string cannot be put into an array of numbers")
+            raise MatlabValueError("a string cannot be assigned to an element of a numeric array")
         strings = values if values.dtype.kind == "O" else object_array(["".join(values.ravel().tolist())], (1, 1))
         return _put(evaluator, holder.astype(object), indices, strings, "")
     if holder.dtype.kind == values.dtype.kind == "U":
@@ -209,9 +211,3 @@ def _put(
     if not indices:
         raise MatlabValueError("an index is missing")
     return assign_elements(data, indices, values, fill, evaluator.budget, owned)
-
-
-def _like(holder: Value, data: Array) -> Value:
-    if isinstance(holder, MatlabCell):
-        return MatlabCell(data)
-    return MatlabStruct(data, holder.names, holder.kind) if isinstance(holder, MatlabStruct) else data

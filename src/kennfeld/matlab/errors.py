@@ -1,54 +1,51 @@
-"""What is raised where MATLAB text cannot be read or has no value.
-
-How much a script may do before it is stopped: nothing that is read may take the machine with it.
-"""
+"""Errors of MATLAB text, and the limits of what a script may consume."""
 
 from dataclasses import dataclass
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab.syntax import SourcePosition
 
-__all__ = ["Budget", "LimitError", "MatlabError", "located"]
+__all__ = ["Budget", "LimitError", "MatlabError", "format_location"]
 
 
 class MatlabError(InputError):
-    """Text that is no MATLAB, or an expression without a value; its findings name line and column."""
+    """Invalid MATLAB text, or an expression without a value; its findings name line and column."""
 
     @classmethod
     def at(cls, name: str, place: SourcePosition, message: str, remedy: str = "", excerpt: str = "") -> "MatlabError":
-        """The error with one finding at a place of a text called `name`."""
-        return cls([Finding(located(name, place), message, remedy, excerpt)])
+        """Return the error with one finding at a position of the text called `name`."""
+        return cls([Finding(format_location(name, place), message, remedy, excerpt)])
 
 
-def located(name: str, place: SourcePosition) -> str:
-    """How a place is told; an expression of one line without a name needs no line.
+def format_location(name: str, place: SourcePosition) -> str:
+    """Format a position of a text; the name may be empty.
 
-    >>> located("init.m", SourcePosition(3, 7))
+    >>> format_location("init.m", SourcePosition(3, 7))
     'init.m line 3 column 7'
     """
     return f"{name} line {place.line} column {place.column}".strip()
 
 
 class LimitError(Exception):
-    """A script does more than any parameter script has to."""
+    """A script exceeds its budget."""
 
 
 @dataclass
 class Budget:
-    """What is left: `steps` of the evaluator, `elements` of the arrays it makes, `calls` of functions within others."""
+    """The remaining budget: `steps` of the evaluator, array `elements`, and `calls` of functions within functions."""
 
     steps: int = 1_000_000
     elements: int = 50_000_000
     calls: int = 15
 
     def step(self, cost: int = 1) -> None:
-        """One more expression or statement; `cost` is more than 1 for what takes longer than most."""
+        """Count an expression or statement; `cost` exceeds 1 for operations that take longer than most."""
         self.steps -= cost
         if self.steps < 0:
             raise LimitError("the script takes too many steps")
 
-    def make(self, count: float) -> None:
-        """Room for so many elements."""
+    def allocate(self, count: float) -> None:
+        """Reserve memory for `count` array elements."""
         if not count <= self.elements:
-            raise LimitError("the script asks for too much memory")
+            raise LimitError("the script requires too much memory")
         self.elements -= int(count)

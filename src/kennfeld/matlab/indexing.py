@@ -1,4 +1,4 @@
-"""Parts of arrays by their indices: read, assigned with growth, removed. Indices count from 1, columns come first."""
+"""Indexing of arrays: reading, assignment with growth, deletion. Indices count from 1, in column-major order."""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, numbers
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, format_shape, numbers, trim_dimensions
 
-__all__ = ["ALL", "Index", "assign_elements", "index_array", "without"]
+__all__ = ["ALL", "Index", "assign_elements", "delete_elements", "index_array"]
 
 
 class _All:
@@ -22,93 +22,85 @@ Index = Value | _All
 
 
 def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array:
-    """`array(indices)`, always a copy."""
+    """Return `array(indices)`, always a copy."""
     if not indices:
         return array
     if len(indices) == 1:
-        return _linear(array, indices[0], budget)
-    shape = _folded(array.shape, len(indices))
+        return _index_linear(array, indices[0], budget)
+    shape = _fold(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
-    budget.make(math.prod(map(len, chosen)))
+    budget.allocate(math.prod(map(len, chosen)))
     for at, (positions, size) in enumerate(zip(chosen, shape, strict=True)):
-        _within(positions, size, f"index {at + 1}")
-    return _trimmed(array.reshape(shape, order="F")[np.ix_(*chosen)])
+        _check_range(positions, size, f"index {at + 1}")
+    return trim_dimensions(array.reshape(shape, order="F")[np.ix_(*chosen)])
 
 
-def _linear(array: Array, index: Index, budget: Budget) -> Array:
+def _index_linear(array: Array, index: Index, budget: Budget) -> Array:
     positions = _positions(index, array.size)
-    budget.make(positions.size)
-    _within(positions, array.size, "the index")
+    budget.allocate(positions.size)
+    _check_range(positions, array.size, "the index")
     values = array.ravel(order="F")[positions]
     return values.reshape(_shape_of(array, index, positions.size), order="F")
 
 
 def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
-    """The size of what one index reads: that of the index, unless both are vectors."""
+    """Return the shape of a linear index result: that of the index, unless both are vectors."""
     if isinstance(index, _All):
         return (count, 1)
-    given = array_value(index)
-    is_mask = given.dtype == np.bool_
-    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and _is_vector(given):
+    indices = array_value(index)
+    is_mask = indices.dtype == np.bool_
+    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and _is_vector(indices):
         return (1, count)
-    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and _is_vector(given):
+    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and _is_vector(indices):
         return (count, 1)
     if is_mask:
-        return (1, count) if given.ndim == 2 and given.shape[0] == 1 else (count, 1)
-    return given.shape
+        return (1, count) if indices.ndim == 2 and indices.shape[0] == 1 else (count, 1)
+    return indices.shape
 
 
 def _is_vector(array: Array) -> bool:
     return array.ndim == 2 and 1 in array.shape
 
 
-def _folded(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
-    """A size as so many dimensions; the last index runs over all that are left."""
+def _fold(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
+    """Return a shape as `count` dimensions; the last one combines the remaining ones."""
     if count >= len(shape):
         return shape + (1,) * (count - len(shape))
     return (*shape[: count - 1], math.prod(shape[count - 1 :]))
 
 
-def _trimmed(array: Array) -> Array:
-    """Without trailing dimensions of one element."""
-    shape = array.shape
-    while len(shape) > 2 and shape[-1] == 1:
-        shape = shape[:-1]
-    return array.reshape(shape, order="F")
-
-
 def _positions(index: Index, size: int) -> Int:
-    """The positions, from 0, that an index names."""
+    """Return the positions, from 0, that an index selects."""
     if isinstance(index, _All):
         return np.arange(size)
-    given = array_value(index)
-    if given.dtype.kind == "U" and given.size == 1 and given.flat[0] == ":":
+    indices = array_value(index)
+    if indices.dtype.kind == "U" and indices.size == 1 and indices.flat[0] == ":":
         return np.arange(size)
-    if given.dtype == np.bool_:
-        return np.flatnonzero(given.ravel(order="F"))
-    values = numbers(given).ravel(order="F")
+    if indices.dtype == np.bool_:
+        return np.flatnonzero(indices.ravel(order="F"))
+    values = numbers(indices).ravel(order="F")
     wrong = values[~((values >= 1) & (values == np.floor(values)) & (values < 2**53))]
     if wrong.size:
-        raise MatlabValueError(f"{wrong[0]:g} is no index; indices are whole numbers from 1")
+        raise MatlabValueError(f"indices must be integers >= 1, got {wrong[0]:g}")
     return values.astype(np.int64) - 1
 
 
-def _within(positions: Int, size: int, message: str) -> None:
+def _check_range(positions: Int, size: int, message: str) -> None:
     if positions.size and positions.max() >= size:
-        raise MatlabValueError(f"{message} is {positions.max() + 1}, of {size}")
+        raise MatlabValueError(f"{message} is {positions.max() + 1}, but the size is {size}")
 
 
 def assign_elements(
     array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool
 ) -> Array:
-    """The array after `array(indices) = values`, grown with `fill` where it has to be.
+    """Return the array after `array(indices) = values`, grown with `fill` if required.
 
     Only an array that is `owned` may be changed in place.
     """
     if len(indices) == 1:
-        return _replaced_linear(array, indices[0], values, fill, budget, owned)
-    shape = array.shape if array.ndim <= len(indices) else _folded(array.shape, len(indices))
-    shape = _folded(shape, len(indices))
+        return _assign_linear(array, indices[0], values, fill, budget, owned)
+    shape = array.shape if array.ndim <= len(indices) else _fold(array.shape, len(indices))
+    shape = _fold(shape, len(indices))
     sizes = _sizes_for_all(indices, shape, values)
     chosen = [_positions(index, size) for index, size in zip(indices, sizes, strict=True)]
     needed = tuple(
@@ -117,59 +109,59 @@ def assign_elements(
     )
     if needed != shape and len(indices) < array.ndim:
         raise MatlabValueError("an array of more dimensions than indices cannot grow")
-    grown = _grown(array.reshape(shape, order="F"), needed, fill, budget, owned)
+    grown = _grow(array.reshape(shape, order="F"), needed, fill, budget, owned)
     count = tuple(map(len, chosen))
     target = grown.reshape(needed, order="F")
-    target[np.ix_(*chosen)] = values.reshape(-1)[:1] if values.size == 1 else _arranged(values, count)
-    return _trimmed(target.reshape(array.shape, order="F") if needed == shape else target)
+    target[np.ix_(*chosen)] = values.reshape(-1)[:1] if values.size == 1 else _arrange(values, count)
+    return trim_dimensions(target.reshape(array.shape, order="F") if needed == shape else target)
 
 
 def _sizes_for_all(indices: Sequence[Index], shape: tuple[int, ...], values: Array) -> list[int]:
-    """The length of each dimension; a colon along one that is still empty takes it from the values."""
+    """Return the length of each dimension; a colon along an empty one takes it from the values."""
     waiting = [size for size in values.shape if size != 1] if values.size != 1 else []
-    found = []
+    sizes = []
     for index, size in zip(indices, shape, strict=True):
         if isinstance(index, _All):
-            found.append(size if size else (waiting.pop(0) if waiting else 1))
+            sizes.append(size if size else (waiting.pop(0) if waiting else 1))
         else:
             count = _positions(index, size).size
             if waiting and waiting[0] == count:
                 waiting.pop(0)
-            found.append(size)
-    return found
+            sizes.append(size)
+    return sizes
 
 
-def _arranged(values: Array, count: tuple[int, ...]) -> Array:
-    """Values in the size in which they are assigned; dimensions of one element do not count."""
+def _arrange(values: Array, count: tuple[int, ...]) -> Array:
+    """Reshape values for an assignment; dimensions of length 1 do not count."""
     if [size for size in values.shape if size != 1] != [size for size in count if size != 1]:
-        sizes = (" x ".join(map(str, shape)) for shape in (values.shape, count))
-        raise MatlabValueError("values of size {} do not fit in a part of size {}".format(*sizes))
+        sizes = map(format_shape, (values.shape, count))
+        raise MatlabValueError("values of size {} cannot be assigned to a part of size {}".format(*sizes))
     return values.reshape(count, order="F")
 
 
-def _grown(array: Array, shape: tuple[int, ...], fill: Any, budget: Budget, owned: bool) -> Array:
+def _grow(array: Array, shape: tuple[int, ...], fill: Any, budget: Budget, owned: bool) -> Array:
     if shape == array.shape and owned:
         return array
-    budget.make(math.prod(shape) - array.size + array.size / (20 if owned else 1))
-    made = np.empty(shape, dtype=array.dtype, order="F")
+    budget.allocate(math.prod(shape) - array.size + array.size / (20 if owned else 1))
+    grown = np.empty(shape, dtype=array.dtype, order="F")
     if shape != array.shape:
-        made[...] = _boxed(fill, array)
-    made[tuple(slice(size) for size in array.shape)] = array
-    return made
+        grown[...] = _box(fill, array)
+    grown[tuple(slice(size) for size in array.shape)] = array
+    return grown
 
 
-def _boxed(fill: Any, array: Array) -> Array:
-    """A fill as an array of one element, whatever it is."""
+def _box(fill: Any, array: Array) -> Array:
+    """Return a fill value as an array of one element."""
     box = np.empty(1, dtype=array.dtype)
     box[0] = fill
     return box
 
 
-def _replaced_linear(array: Array, index: Index, values: Array, fill: Any, budget: Budget, owned: bool) -> Array:
+def _assign_linear(array: Array, index: Index, values: Array, fill: Any, budget: Budget, owned: bool) -> Array:
     positions = _positions(index, array.size)
     last = int(positions.max()) + 1 if positions.size else 0
     if values.size not in (1, positions.size):
-        raise MatlabValueError(f"{values.size} values do not fit in {positions.size} places")
+        raise MatlabValueError(f"{values.size} values cannot be assigned to {positions.size} elements")
     shape = array.shape
     if last > array.size:
         if not array.size:
@@ -180,27 +172,27 @@ def _replaced_linear(array: Array, index: Index, values: Array, fill: Any, budge
             raise MatlabValueError("a matrix cannot grow by a single index")
     if not array.size and shape != array.shape:
         array = array.reshape(1, 0)
-    grown = _grown(array, shape, fill, budget, owned)
-    taken = values.reshape(-1)[:1] if values.size == 1 else values.ravel(order="F")
-    grown[np.unravel_index(positions, shape, order="F")] = taken
+    grown = _grow(array, shape, fill, budget, owned)
+    elements = values.reshape(-1)[:1] if values.size == 1 else values.ravel(order="F")
+    grown[np.unravel_index(positions, shape, order="F")] = elements
     return grown
 
 
-def without(array: Array, indices: Sequence[Index]) -> Array:
-    """The array after `array(indices) = []`."""
+def delete_elements(array: Array, indices: Sequence[Index]) -> Array:
+    """Return the array after `array(indices) = []`."""
     if len(indices) == 1:
         positions = _positions(indices[0], array.size)
-        _within(positions, array.size, "the index")
+        _check_range(positions, array.size, "the index")
         if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1:
             return np.delete(array, positions, axis=0)
         if isinstance(indices[0], _All):
             return array[:0, :0]
         return np.delete(array.ravel(order="F"), positions).reshape(1, -1)
-    shape = _folded(array.shape, len(indices))
+    shape = _fold(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     partial = [at for at, positions in enumerate(chosen) if len(set(positions.tolist())) < shape[at]]
     if len(partial) > 1:
         raise MatlabValueError("only whole rows or columns can be removed")
     at = partial[0] if partial else next(k for k, index in enumerate(indices) if not isinstance(index, _All))
-    _within(chosen[at], shape[at], f"index {at + 1}")
+    _check_range(chosen[at], shape[at], f"index {at + 1}")
     return np.delete(array.reshape(shape, order="F"), chosen[at], axis=at)

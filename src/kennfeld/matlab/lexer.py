@@ -1,7 +1,7 @@
-"""The words of MATLAB text, by its rules for quotes, comments, continued lines, brackets and commands.
+"""The lexer of MATLAB text, with its rules for quotes, comments, continued lines, brackets and command syntax.
 
-A line break within round brackets ends the statement, as in MATLAB; within others it ends a row. `#` begins a comment
-as in Octave, since it has no meaning in MATLAB.
+A line break in round brackets ends the statement, as in MATLAB; in other brackets it ends a row. `#` begins a comment,
+as in Octave; it is not used otherwise.
 """
 
 import re
@@ -36,19 +36,19 @@ _ASSIGNS = re.compile(r"[A-Za-z0-9_]+[ \t]*=(?!=)")
 _BLOCK_BEGIN = re.compile(r"[ \t]*[%#]\{[ \t]*")
 _BLOCK_END = re.compile(r"[ \t]*[%#]\}[ \t]*")
 _CLOSED_BY = {"(": ")", "[": "]", "{": "}"}
-_PARAMETERS = ("parameters",)  # no operand ends where those of a function do
+_PARAMETERS = ("parameters",)  # marks the bracket behind the parameters of an anonymous function
 _ENDS_OPERAND = frozenset({")", "]", "}", "'", ".'"})
 
 
 class TokenKind:
-    """What a token is."""
+    """The kinds of tokens."""
 
     NUMBER, NAME, KEYWORD, OPERATOR, TEXT, STRING = "number", "name", "keyword", "operator", "text", "string"
     ROW, STOP, COMMAND, COMMENT, BAD, OVER = "row", "stop", "command", "comment", "bad", "over"
 
 
 class MatlabToken(NamedTuple):
-    """One word; `blank` tells whether a blank stands before it, which parts elements within brackets."""
+    """A token; `blank` is True if a blank precedes it, which separates elements in brackets."""
 
     kind: str
     text: str
@@ -59,19 +59,19 @@ class MatlabToken(NamedTuple):
 
 
 class Lines:
-    """Finds line and column of a place in a text."""
+    """Converts offsets in a text to lines and columns."""
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.begins = [0, *(found.end() for found in re.finditer("\n", text))]
+        self.begins = [0, *(match.end() for match in re.finditer("\n", text))]
 
     def place(self, at: int) -> SourcePosition:
-        """Line and column, from 1."""
+        """Return line and column, from 1."""
         line = bisect_right(self.begins, at)
         return SourcePosition(line, at - self.begins[line - 1] + 1)
 
     def line(self, at: int) -> str:
-        """The line around a place."""
+        """Return the line around an offset."""
         begin = self.begins[bisect_right(self.begins, at) - 1]
         return self.text[begin:].partition("\n")[0] if len(self.text) < 1000 else self._cut(begin)
 
@@ -81,24 +81,24 @@ class Lines:
 
 
 def tokenize(text: str, commands: bool = True) -> list[MatlabToken]:
-    """The words of a text, ended by one of kind OVER; what is none has kind BAD and says why.
+    """Return the tokens of a text, ending with OVER; an invalid one has kind BAD and the reason as its text.
 
-    Where there are statements, `commands` of the form `name word word` are one token each.
+    If `commands`, a statement of the form `name word word` is one token.
     """
     return list(_Lexer(_without_block_comments(text), commands).run())
 
 
 def _without_block_comments(text: str) -> str:
-    """The text with the lines of `%{ ... %}` blank, so that places stay."""
+    """Blank out the lines of `%{ ... %}`, which keeps all positions."""
     if "%{" not in text and "#{" not in text:
         return text
-    depth, made = 0, []
+    depth, lines = 0, []
     for line in text.split("\n"):
         begins, ends = _BLOCK_BEGIN.fullmatch(line), _BLOCK_END.fullmatch(line)
         depth += bool(begins)
-        made.append(" " * len(line) if depth else line)
+        lines.append(" " * len(line) if depth else line)
         depth -= bool(ends and depth)
-    return "\n".join(made)
+    return "\n".join(lines)
 
 
 class _Lexer:
@@ -106,8 +106,8 @@ class _Lexer:
         self.text = text
         self.commands = commands
         self.at = 0
-        self.open: list[tuple[str, int, bool]] = []  # with whether it is that of a function's parameters
-        self.last: MatlabToken | None = None  # of this statement
+        self.open: list[tuple[str, int, bool]] = []  # bracket, offset, True for the parameters of a function
+        self.last: MatlabToken | None = None  # the last token of the statement
 
     def run(self) -> Iterator[MatlabToken]:
         blank = False
@@ -127,7 +127,7 @@ class _Lexer:
         yield MatlabToken(TokenKind.OVER, "", self.at, self.at)
 
     def _skip(self) -> str | None:
-        """Pass blanks, a comment or a continued line; None where there are none, the comment where it is one."""
+        """Skip blanks, a comment or a continued line; return None if there are none, or the comment."""
         text, start = self.text, self.at
         if start >= len(text):
             return None
@@ -153,54 +153,50 @@ class _Lexer:
         if character == "\n" or (character in ";," and not self.open):
             yield from self._stop(character)
         elif character == ";" and self.open[-1][0] != "(":
-            yield self._made(TokenKind.ROW, self.at + 1, blank)
+            yield self._take(TokenKind.ROW, self.at + 1, blank)
         elif self.commands and not self.open and self.last is None and (command := self._command()):
             yield command
         elif character == "'" and not self._is_transpose(blank):
-            found = _QUOTED.match(self.text, self.at)
-            yield (
-                self._made(TokenKind.TEXT, found.end(), blank)
-                if found
-                else self._bad("' opens a text that is not closed")
-            )
+            match = _QUOTED.match(self.text, self.at)
+            yield (self._take(TokenKind.TEXT, match.end(), blank) if match else self._reject("unterminated text"))
         else:
             yield self._word(blank)
 
     def _stop(self, character: str) -> Iterator[MatlabToken]:
         if self.open and self.open[-1][0] != "(":
-            yield self._made(TokenKind.ROW, self.at + 1, True)
+            yield self._take(TokenKind.ROW, self.at + 1, True)
             return
         if self.open:
             bracket, at, _ = self.open[-1]
             yield MatlabToken(TokenKind.BAD, f"{bracket} is not closed on its line", at, at + 1)
             self.open.clear()
-        yield self._made(TokenKind.STOP, self.at + 1, False)
+        yield self._take(TokenKind.STOP, self.at + 1, False)
 
-    def _made(self, kind: str, end: int, blank: bool) -> MatlabToken:
+    def _take(self, kind: str, end: int, blank: bool) -> MatlabToken:
         begin, self.at = self.at, end
         return MatlabToken(kind, self.text[begin:end], begin, end, blank)
 
-    def _bad(self, message: str) -> MatlabToken:
+    def _reject(self, message: str) -> MatlabToken:
         begin, self.at = self.at, self._line_end()
         return MatlabToken(TokenKind.BAD, message, begin, self.at)
 
     def _command(self) -> MatlabToken | None:
-        """`name word word` up to the end of the statement."""
+        """Return a statement in command syntax, `name word word`; None if it is not one."""
         begin = self.at
         if self.text[begin] == "!":
             self.at = self._line_end()
             return MatlabToken(TokenKind.COMMAND, "!", begin, self.at, False, (self.text[begin + 1 : self.at].strip(),))
-        found = _COMMAND.match(self.text, begin)
-        if not found or found[1] in KEYWORDS or _ASSIGNS.match(self.text, found.end()):
+        match = _COMMAND.match(self.text, begin)
+        if not match or match[1] in KEYWORDS or _ASSIGNS.match(self.text, match.end()):
             return None
-        at, words = found.end(), []
+        at, words = match.end(), []
         while word := _ARGUMENT.match(self.text, at):
             words.append(word[0])
             at = word.end()
             while at < len(self.text) and self.text[at] in " \t\r\f\v":
                 at += 1
         self.at = at
-        return MatlabToken(TokenKind.COMMAND, found[1], begin, at, False, tuple(words))
+        return MatlabToken(TokenKind.COMMAND, match[1], begin, at, False, tuple(words))
 
     def _is_transpose(self, blank: bool) -> bool:
         last = self.last
@@ -217,7 +213,7 @@ class _Lexer:
     def _word(self, blank: bool) -> MatlabToken:
         match = _WORD.match(self.text, self.at)
         if match is None:
-            return self._unknown()
+            return self._reject_unknown()
         kind, text = str(match.lastgroup), match[0]
         if kind == TokenKind.NAME and text in KEYWORDS and not (self.last and self.last.text == "." and not blank):
             kind = TokenKind.KEYWORD
@@ -226,13 +222,13 @@ class _Lexer:
             self.open.append((text, self.at, self.last is not None and self.last.text == "@"))
         elif kind == TokenKind.OPERATOR and text in ")]}":
             if not self.open or _CLOSED_BY[self.open[-1][0]] != text:
-                return self._bad(f"{text} closes no bracket")
+                return self._reject(f"unmatched {text}")
             words = _PARAMETERS if self.open.pop()[2] else ()
-        return self._made(kind, match.end(), blank)._replace(words=words)
+        return self._take(kind, match.end(), blank)._replace(words=words)
 
-    def _unknown(self) -> MatlabToken:
+    def _reject_unknown(self) -> MatlabToken:
         character = self.text[self.at]
-        message = '" opens a text that is not closed' if character == '"' else f"{character!r} is no part of MATLAB"
+        message = "unterminated text" if character == '"' else f"unexpected character {character!r}"
         if character.isdigit() or character == ".":
-            message = f"{self.text[self.at : self.at + 20].split()[0]!r} is no number"
-        return self._bad(message)
+            message = f"invalid number {self.text[self.at : self.at + 20].split()[0]!r}"
+        return self._reject(message)

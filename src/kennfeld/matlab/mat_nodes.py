@@ -1,7 +1,4 @@
-"""Sparse matrices of MATLAB files, written out.
-
-What a MATLAB file holds, in the same form for all versions: arrays, texts, structs, and what cannot be read.
-"""
+"""The content of MATLAB data files in one form for all versions: arrays, texts, structs and unreadable values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "MOST_BYTES",
-    "MOST_DENSE",
-    "MOST_NODES",
-    "PACKING",
+    "MAX_BYTES",
+    "MAX_COMPRESSION",
+    "MAX_DENSE",
+    "MAX_NODES",
+    "ArrayLimitError",
     "MatCells",
     "MatFileContent",
     "MatFileError",
@@ -24,32 +22,32 @@ __all__ = [
     "MatText",
     "MatUnreadable",
     "Node",
-    "TooManyError",
-    "dense",
-    "text_in_rows",
-    "text_of",
+    "node_text",
+    "split_text_rows",
+    "to_dense",
 ]
 
-MOST_BYTES = 4_000_000_000  # of all arrays
-MOST_NODES = 100_000
-PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
+MAX_BYTES = 4_000_000_000  # of all arrays
+MAX_NODES = 100_000
+MAX_COMPRESSION = 1100  # maximum ratio of deflate
 
-MOST_DENSE = 4_000_000  # values of all sparse matrices of a file, their zeros included
+MAX_DENSE = 4_000_000  # values of all sparse matrices of a file, including zeros
 
 
 class MatFileError(Exception):
-    """What no MATLAB writes; the text says what it is."""
+    """A file is damaged or was not written by MATLAB; the text describes the damage."""
 
 
-class TooManyError(MatFileError):
-    """More arrays than a file may hold, which ends the reading of it."""
+class ArrayLimitError(MatFileError):
+    """A file holds more arrays than allowed, which ends reading."""
 
 
 @dataclass(frozen=True, eq=False)
 class MatNumbers:
-    """An array of real numbers, in MATLAB's shape; `whole` says that it is logical or of integers by its class.
+    """A real array in the shape of MATLAB.
 
-    They may be stored in a smaller type than that of their class, which is `kind` where the file says it.
+    The numbers may be stored in a smaller type than that of their class `kind` (empty if the file does not say it);
+    `whole` is True for logical and integer classes.
     """
 
     values: NDArray[Any]
@@ -59,7 +57,7 @@ class MatNumbers:
 
 @dataclass(frozen=True)
 class MatText:
-    """An array of characters; where it has several rows, `rows` are they, and stand one below the other in `text`."""
+    """A character array; several `rows` are joined by line breaks in `text`."""
 
     text: str
     rows: tuple[str, ...] = ()
@@ -75,7 +73,7 @@ class MatStruct:
 
 @dataclass(frozen=True)
 class MatStructArray:
-    """An array of structs, column by column; of unknown shape it is a row."""
+    """An array of structs in column-major order; without a shape it is a row."""
 
     elements: Sequence[MatStruct]
     shape: tuple[int, ...] = ()
@@ -83,7 +81,7 @@ class MatStructArray:
 
 @dataclass(frozen=True)
 class MatCells:
-    """A cell array, column by column; of unknown shape it is a row."""
+    """A cell array in column-major order; without a shape it is a row."""
 
     cells: Sequence["Node"]
     shape: tuple[int, ...] = ()
@@ -91,10 +89,9 @@ class MatCells:
 
 @dataclass(frozen=True)
 class MatUnreadable:
-    """What only MATLAB can read, by the word for it: `table`, `timeseries`, `sparse matrix`.
+    """A value that only MATLAB can read, such as a `table`, `timeseries` or `sparse matrix`.
 
-    Of an object, `reference` tells where its properties are. `why` says what is wrong with a value that is damaged, or
-    with the object that it is.
+    For an object, `reference` locates its properties. `why` describes the damage of the value or of its object.
     """
 
     kind: str
@@ -107,10 +104,10 @@ Node: TypeAlias = MatNumbers | MatText | MatStruct | MatStructArray | MatCells |
 
 @dataclass
 class MatFileContent:
-    """The variables of a file, and the arrays without a name behind them, where objects keep their properties.
+    """The variables of a file, and the unnamed arrays behind them, which store the properties of objects.
 
-    What is damaged stands among them as `Unreadable`. `damage` is the first that was found, `lost` the first by which
-    variables may be missing.
+    Damaged values are `MatUnreadable`. `damage` is the first damage found, `lost` the first by which variables may be
+    missing.
     """
 
     variables: dict[str, Node] = field(default_factory=dict)
@@ -119,32 +116,32 @@ class MatFileContent:
     lost: str = ""
 
     def whole(self) -> "MatFileContent":
-        """The same; `DamageError` where anything of it is damaged."""
+        """Return the content; raises `MatFileError` if any of it is damaged."""
         if self.damage or self.lost:
             raise MatFileError(self.damage or self.lost)
         return self
 
     def lose(self, message: str) -> None:
-        """Note that something of the file is lost."""
+        """Record that a part of the file is lost."""
         self.lost, self.damage = self.lost or message, self.damage or message
 
 
-def text_in_rows(letters: str, rows: int) -> MatText:
-    """An array of characters, given column by column.
+def split_text_rows(letters: str, rows: int) -> MatText:
+    """Return the character array of letters in column-major order.
 
-    >>> text_in_rows("ab cd ", 2).rows
+    >>> split_text_rows("ab cd ", 2).rows
     ('a d', 'bc')
     """
     if not 1 < rows <= len(letters):
         return MatText(letters)
-    found = tuple(letters[row::rows].rstrip() for row in range(rows))
-    return MatText("\n".join(found), found)
+    lines = tuple(letters[row::rows].rstrip() for row in range(rows))
+    return MatText("\n".join(lines), lines)
 
 
-def text_of(node: Node | None) -> str:
-    """The text of a node, of a cell array its first one; empty where there is none.
+def node_text(node: Node | None) -> str:
+    """Return the text of a node, or of the first element of a cell array; empty if there is none.
 
-    >>> text_of(MatCells([MatText(" Speed "), MatText("rpm")])), text_of(None)
+    >>> node_text(MatCells([MatText(" Speed "), MatText("rpm")])), node_text(None)
     ('Speed', '')
     """
     if isinstance(node, MatCells) and node.cells:
@@ -152,24 +149,35 @@ def text_of(node: Node | None) -> str:
     return " ".join(node.text.split()) if isinstance(node, MatText) else ""
 
 
-def dense(
+def to_dense(
     shape: tuple[int, ...], rows: NDArray[Any], starts: NDArray[Any], values: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """The matrix of which `starts` says for each column, and for the end, where its `rows` and `values` begin.
+    """Convert a sparse matrix in compressed column format.
 
-    `DamageError` where they do not fit. There may be more rows and values than are in use.
+    Args:
+        shape: Number of rows and columns.
+        rows: Row indices, from 0; may be longer than used.
+        starts: Offset of each column in `rows` and `values`, and the end, Int[columns + 1].
+        values: Values; may be longer than used.
 
-    >>> dense((2, 2), np.array([0, 1]), np.array([0, 0, 2]), np.array([3.0, 4.0])).tolist()
-    [[0.0, 3.0], [0.0, 4.0]]
+    Returns:
+        The dense matrix, Float[rows, columns].
+
+    Raises:
+        MatFileError: Indices and offsets are inconsistent.
+
+    Example:
+        >>> to_dense((2, 2), np.array([0, 1]), np.array([0, 0, 2]), np.array([3.0, 4.0])).tolist()
+        [[0.0, 3.0], [0.0, 4.0]]
     """
-    if len(shape) != 2 or any(given.dtype.kind not in "ui" for given in (rows, starts)):
-        raise MatFileError("a sparse matrix is of an unknown form")
+    if len(shape) != 2 or any(indices.dtype.kind not in "ui" for indices in (rows, starts)):
+        raise MatFileError("a sparse matrix has an unknown format")
     rows, starts = rows.astype(np.int64), starts.astype(np.int64)
     if starts.size != shape[1] + 1 or starts[0] != 0 or np.any(np.diff(starts) < 0):
-        raise MatFileError("the columns of a sparse matrix make no sense")
+        raise MatFileError("the columns of a sparse matrix are inconsistent")
     used = int(starts[-1])
     if used > min(rows.size, values.size) or np.any((rows[:used] < 0) | (rows[:used] >= shape[0])):
-        raise MatFileError("the rows of a sparse matrix make no sense")
+        raise MatFileError("the rows of a sparse matrix are inconsistent")
     full = np.zeros(shape)
     full[rows[:used], np.repeat(np.arange(shape[1]), np.diff(starts))] = values[:used]
     return full

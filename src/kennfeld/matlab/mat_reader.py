@@ -1,4 +1,4 @@
-"""The variables of data files, of versions 4 to 7.3, and of model workspaces as values of the language."""
+"""Reading of MATLAB data files of versions 4 to 7.3 and of model workspaces."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.matlab import mat_nodes, mat_v4, mat_v5, mat_v73
-from kennfeld.matlab.mcos import opened, workspace
+from kennfeld.matlab.mcos import read_workspace, resolve_objects
 from kennfeld.matlab.operators import cast_to_class
 from kennfeld.matlab.values import (
     INTEGERS,
@@ -21,89 +21,125 @@ from kennfeld.matlab.values import (
     object_array,
 )
 
-__all__ = ["load_nodes", "load_variables", "nodes_of", "value_of", "workspace_of"]
+__all__ = ["load_nodes", "load_variables", "load_workspace", "read_nodes", "to_value"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
-_ORDERS = (b"IM", b"MI")  # how the header of version 5 ends
-_DEEPEST = 40
-_MOST_BYTES = 1_000_000_000  # of the arrays that a script loads
+_ORDERS = (b"IM", b"MI")  # the end of the header of version 5
+_MAX_DEPTH = 40
+_MAX_BYTES = 1_000_000_000  # of the arrays that a script loads
 
 
 def load_variables(content: bytes, name: str) -> dict[str, Value]:
-    """The variables of a data file, parameter objects included; `InputError` where it is damaged.
+    """Read the variables of a data file, including parameter objects.
 
-    >>> load_variables(b"MATLAB 5.0 MAT-file".ljust(128), "none.mat")
-    {}
+    Args:
+        content: The bytes of the file.
+        name: The file name in error messages.
+
+    Returns:
+        The variables by name.
+
+    Raises:
+        InputError: The file is damaged.
+
+    Example:
+        >>> load_variables(b"MATLAB 5.0 MAT-file".ljust(128), "none.mat")
+        {}
     """
     try:
-        nodes = nodes_of(content, _MOST_BYTES)
+        nodes = read_nodes(content, _MAX_BYTES)
     except mat_nodes.MatFileError as error:
-        raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it anew.") from None
-    return {key: value_of(node) for key, node in nodes.items()}
+        raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it again.") from None
+    return {key: to_value(node) for key, node in nodes.items()}
 
 
-def workspace_of(content: bytes, name: str) -> dict[str, Value]:
-    """The variables of a model workspace (`modelWorkspace.mxarray`); `InputError` where it is damaged."""
-    try:
-        nodes = workspace(content).whole().variables
-    except mat_nodes.MatFileError as error:
-        raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model anew.") from None
-    return {key: value_of(node) for key, node in nodes.items()}
+def load_workspace(content: bytes, name: str) -> dict[str, Value]:
+    """Read the variables of a model workspace (`modelWorkspace.mxarray`).
 
+    Args:
+        content: The bytes of the workspace.
+        name: Its name in error messages.
 
-def nodes_of(content: bytes, most_bytes: int = mat_nodes.MOST_BYTES) -> Mapping[str, mat_nodes.Node]:
-    """The variables of a data file as a tree, with the properties of objects.
+    Returns:
+        The variables by name.
 
-    `DamageError` where it is damaged, or takes more than `most_bytes` when it is unpacked.
+    Raises:
+        InputError: The workspace is damaged.
     """
-    return load_nodes(content, most_bytes).whole().variables
+    try:
+        nodes = read_workspace(content).whole().variables
+    except mat_nodes.MatFileError as error:
+        raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model again.") from None
+    return {key: to_value(node) for key, node in nodes.items()}
+
+
+def read_nodes(content: bytes, max_bytes: int = mat_nodes.MAX_BYTES) -> Mapping[str, mat_nodes.Node]:
+    """Read the variables of a data file as nodes, including the properties of objects.
+
+    Args:
+        content: The bytes of the file.
+        max_bytes: Limit of the uncompressed size, in bytes.
+
+    Returns:
+        The variables by name.
+
+    Raises:
+        MatFileError: The file is damaged or exceeds `max_bytes`.
+    """
+    return load_nodes(content, max_bytes).whole().variables
 
 
 def load_nodes(
-    content: bytes, most_bytes: int = mat_nodes.MOST_BYTES, most_nodes: int = mat_nodes.MOST_NODES
+    content: bytes, max_bytes: int = mat_nodes.MAX_BYTES, max_nodes: int = mat_nodes.MAX_NODES
 ) -> mat_nodes.MatFileContent:
-    """The variables of a data file as a tree, with the properties of objects, the damaged ones among them.
+    """Read the variables of a data file as nodes, as far as it is not damaged.
 
-    It ends where they take more than `most_bytes` when they are unpacked, or are more than `most_nodes` arrays.
+    Args:
+        content: The bytes of the file.
+        max_bytes: Limit of the uncompressed size, in bytes.
+        max_nodes: Limit of the number of arrays.
+
+    Returns:
+        The variables, damaged ones included; reading ends at the limits.
     """
     if not content:
         return mat_nodes.MatFileContent(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return opened(mat_v73.load_all(BytesIO(content), most_bytes, most_nodes), most_bytes)
+        return resolve_objects(mat_v73.load_all(BytesIO(content), max_bytes, max_nodes), max_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return mat_v4.load_all(memoryview(content))
-    return opened(mat_v5.load_all(memoryview(content), most_bytes, most_nodes), most_bytes)
+    return resolve_objects(mat_v5.load_all(memoryview(content), max_bytes, max_nodes), max_bytes)
 
 
-def value_of(node: mat_nodes.Node, depth: int = 0) -> Value:
-    """A node as a value; what cannot be read stays opaque."""
-    if depth > _DEEPEST:
-        return OpaqueValue("value too deep within others")
+def to_value(node: mat_nodes.Node, depth: int = 0) -> Value:
+    """Convert a node to a value; an unreadable one becomes opaque."""
+    if depth > _MAX_DEPTH:
+        return OpaqueValue("value nested too deeply")
     match node:
         case mat_nodes.MatNumbers():
             return _array(node)
         case mat_nodes.MatText():
             return _characters(node)
         case mat_nodes.MatStruct():
-            return MatlabStruct.of({name: value_of(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+            return MatlabStruct.of({name: to_value(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
         case mat_nodes.MatStructArray():
             return _structs(node, depth)
         case mat_nodes.MatCells():
-            values = [value_of(cell, depth + 1) for cell in node.cells]
+            values = [to_value(cell, depth + 1) for cell in node.cells]
             return MatlabCell(object_array(values, _shape(node.shape, len(values))))
         case _:
             return OpaqueValue(node.kind)
 
 
 def _array(node: mat_nodes.MatNumbers) -> Array:
-    """Numbers in their class, which may be larger than the type in which they are stored."""
+    """Return numbers in their class, which may be larger than the stored type."""
     values = node.values if node.values.ndim > 1 else node.values.reshape(-1, 1)
     if node.kind == "logical" or values.dtype == np.bool_:
         return np.asarray(values != 0)
     if node.kind in INTEGERS:
         return values.astype(node.kind)
-    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+    with np.errstate(invalid="ignore"):  # signaling NaN of single precision
         return cast_to_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
@@ -117,11 +153,12 @@ def _characters(node: mat_nodes.MatText) -> Array:
 def _structs(node: mat_nodes.MatStructArray, depth: int) -> Value:
     names = tuple(node.elements[0].fields) if node.elements else ()
     kind = node.elements[0].kind if node.elements else ""
-    same = [
-        {name: value_of(one.fields[name], depth + 1) for name in names if name in one.fields} for one in node.elements
+    missing = dict.fromkeys(names, OpaqueValue("nothing"))
+    complete = [
+        {**missing, **{name: to_value(part, depth + 1) for name, part in element.fields.items() if name in missing}}
+        for element in node.elements
     ]
-    whole = [{**dict.fromkeys(names, OpaqueValue("nothing")), **one} for one in same]
-    return MatlabStruct(object_array(whole, _shape(node.shape, len(whole))), names, kind)
+    return MatlabStruct(object_array(complete, _shape(node.shape, len(complete))), names, kind)
 
 
 def _shape(shape: tuple[int, ...], count: int) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
-"""Reads MATLAB files of version 4 into a tree.
+"""Reader of MATLAB files of version 4.
 
-Layout: MathWorks, "MAT-File Format": for each array type, rows, columns, imaginary part, length of the name, name,
-numbers by columns. The type is MOPT: byte order, 0, type of the numbers, and full, text or sparse.
+Layout: MathWorks, "MAT-File Format": for each array type, rows, columns, imaginary part, length of the name, name, and
+numbers in column-major order. The digits of the type, MOPT, are byte order, 0, number type, and full, text or sparse.
 """
 
 import struct
@@ -11,34 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.matlab.mat_nodes import (
-    MOST_DENSE,
+    MAX_DENSE,
     MatFileContent,
     MatFileError,
     MatNumbers,
     MatUnreadable,
     Node,
-    text_in_rows,
+    split_text_rows,
 )
 
-__all__ = []
+__all__ = ["load", "load_all"]
 
 _STORED = ("f8", "f4", "i4", "i2", "u2", "u1")
 _FULL, _TEXT, _SPARSE, _COMPLEX = 0, 1, 2, 10
 
 
 def load(content: memoryview) -> dict[str, Node]:
-    """The variables of a file with this content; `DamageError` where it is none that MATLAB writes."""
+    """Read the variables; raises `MatFileError` if the content is not a valid file."""
     return load_all(content).whole().variables
 
 
 def load_all(content: memoryview) -> MatFileContent:
-    """The variables of a file with this content, the damaged ones among them."""
-    found, at, left = MatFileContent(), 0, MOST_DENSE
+    """Read the variables, damaged ones included."""
+    found, at, remaining = MatFileContent(), 0, MAX_DENSE
     try:
         while any(content[at : at + 20]):
             name, values, form, at = _array(content, at)
-            with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
-                node, left = _node(values, form, left)
+            with np.errstate(invalid="ignore"):  # signaling NaN of single precision
+                node, remaining = _node(values, form, remaining)
             found.variables[name] = node
             found.damage = found.damage or (node.why if isinstance(node, MatUnreadable) else "")
     except MatFileError as error:
@@ -47,13 +47,13 @@ def load_all(content: memoryview) -> MatFileContent:
 
 
 def _array(content: memoryview, at: int) -> tuple[str, NDArray[Any], int, int]:
-    """The array that begins at a byte: its name, its numbers, what they are, and where it ends."""
+    """Return name, numbers, form and end of the array at an offset."""
     if at + 20 > len(content):
-        raise MatFileError(f"the {len(content) - at} bytes at its end belong to no array")
+        raise MatFileError(f"the last {len(content) - at} bytes belong to no array")
     order = "<" if struct.unpack_from("<i", content, at)[0] in range(1000) else ">"
     kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", content, at)
     if kind // 1000 != (order == ">") or kind % 1000 // 10 >= len(_STORED) or min(rows, columns, length) < 0:
-        raise MatFileError(f"at byte {at} stands no array")
+        raise MatFileError(f"no array found at byte {at}")
     stored = np.dtype(order + _STORED[kind % 1000 // 10])
     begin, size = at + 20 + length, rows * columns * stored.itemsize
     end = begin + size * (2 if imaginary else 1)
@@ -65,10 +65,10 @@ def _array(content: memoryview, at: int) -> tuple[str, NDArray[Any], int, int]:
 
 
 def _node(values: NDArray[Any], form: int, left: int) -> tuple[Node, int]:
-    """The node of an array, and how many values of sparse matrices may still follow."""
+    """Return the node of an array, and the remaining number of values for sparse matrices."""
     if form == _TEXT:
         codes = np.nan_to_num(values.astype(np.float64)).clip(0, 0x10FFFF).astype(int)
-        return text_in_rows("".join(map(chr, codes.ravel(order="F").tolist())), len(codes)), left
+        return split_text_rows("".join(map(chr, codes.ravel(order="F").tolist())), len(codes)), left
     if form == _FULL:
         return MatNumbers(values), left
     if form != _SPARSE or values.shape[1] == 4:
@@ -81,12 +81,12 @@ def _node(values: NDArray[Any], form: int, left: int) -> tuple[Node, int]:
 
 
 def _sparse(triples: NDArray[np.float64], left: int) -> Node:
-    """A sparse matrix: a line of row, column and number for each of its numbers, the last one with its size."""
+    """Convert a sparse matrix: one line of row, column and value each; the last line holds its size."""
     known = triples.size and triples.shape[1] == 3 and np.all(np.isfinite(triples[:, :2]))
     known = known and np.all(np.floor(triples[:, :2]) == triples[:, :2])
     places, shape = (triples[:-1, :2], triples[-1, :2]) if known else (triples, np.full(2, -1))
     if min(shape) < 0 or not np.all((places >= 1) & (places <= shape)):
-        raise MatFileError("the rows of a sparse matrix make no sense")
+        raise MatFileError("the rows of a sparse matrix are inconsistent")
     if not shape[0] * shape[1] <= left:
         return MatUnreadable("sparse matrix")
     full = np.zeros(shape.astype(np.int64))

@@ -1,8 +1,8 @@
-"""Reads MATLAB files of versions 5 to 7.2 into a tree.
+"""Reader of MATLAB files of versions 5 to 7.2.
 
-Layout: MathWorks, "MAT-File Format": after 128 bytes, elements of type, size and content, some of them compressed; an
-array holds the elements flags, dimensions, name and content, which for structs and cells are arrays again. scipy reads
-this too, but ends the process on files that are garbled, so it is read here, with every size checked.
+Layout: MathWorks, "MAT-File Format": after 128 bytes, elements of type, size and content, some of them compressed. An
+array consists of flags, dimensions, name and content, which for structs and cells are arrays again. scipy reads these
+files too, but crashes on corrupt ones; this reader checks every size.
 """
 
 import math
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.matlab.mat_nodes import (
-    MOST_BYTES,
-    MOST_DENSE,
-    MOST_NODES,
-    PACKING,
+    MAX_BYTES,
+    MAX_COMPRESSION,
+    MAX_DENSE,
+    MAX_NODES,
+    ArrayLimitError,
     MatCells,
     MatFileContent,
     MatFileError,
@@ -28,65 +29,64 @@ from kennfeld.matlab.mat_nodes import (
     MatText,
     MatUnreadable,
     Node,
-    TooManyError,
-    dense,
-    text_in_rows,
+    split_text_rows,
+    to_dense,
 )
 
-__all__ = ["elements_from"]
+__all__ = ["load", "load_all", "read_elements"]
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _ENCODED = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
-_FLOATING, _LAST_NUMERIC = (6, 7), 15  # the classes double and single; those up to 15 are of integers
+_FLOATING, _LAST_NUMERIC = (6, 7), 15  # double and single; 8 to 15 are integer classes
 _COMPLEX, _LOGICAL = 0x800, 0x200
 _CLASSES = {6: "double", 7: "single", 8: "int8", 9: "uint8", 10: "int16", 11: "uint16"}
-_CODES = (2, 3, 4, 5, 6)  # the types in which characters stand as numbers
-_DEEPEST = 50
-_MOST_DIMENSIONS = 32
-_MOST_CLAIMED = 2**48  # values of an array that may be empty
+_CODES = (2, 3, 4, 5, 6)  # types of characters stored as numbers
+_MAX_DEPTH = 50
+_MAX_DIMENSIONS = 32
+_MAX_CLAIMED = 2**48  # values of an array that may be empty
 _CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 
 
 def load(content: memoryview) -> dict[str, Node]:
-    """The variables of a file with this content; `DamageError` where it is none that MATLAB writes."""
+    """Read the variables; raises `MatFileError` if the content is not a valid file."""
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES) -> MatFileContent:
-    """All arrays of a file with this content, the damaged ones among them."""
+def load_all(content: memoryview, max_bytes: int = MAX_BYTES, max_nodes: int = MAX_NODES) -> MatFileContent:
+    """Read all arrays, damaged ones included."""
     order = "<" if bytes(content[126:128]) == b"IM" else ">"
-    return elements_from(content, 128, order, most_bytes, most_nodes)
+    return read_elements(content, 128, order, max_bytes, max_nodes)
 
 
-def elements_from(
-    content: memoryview, begin: int, order: str, most_bytes: int = MOST_BYTES, most_nodes: int = MOST_NODES
+def read_elements(
+    content: memoryview, begin: int, order: str, max_bytes: int = MAX_BYTES, max_nodes: int = MAX_NODES
 ) -> MatFileContent:
-    """The arrays that stand from a byte on, the damaged ones among them; `order` is < or >, as the file says."""
-    reader, found, left = _ArrayReader(order, most_nodes), MatFileContent(), most_bytes
+    """Read the arrays from an offset on, damaged ones included; `order` is "<" or ">", the byte order of the file."""
+    reader, loaded, remaining = _ArrayReader(order, max_nodes), MatFileContent(), max_bytes
     try:
-        for kind, at, raw in _framed(content, order, begin):
-            if (element := _unpacked(found, kind, raw, at, order, left)) is not None:
-                left -= len(element)
-                _take(found, *reader.array(element, 0))
+        for kind, at, raw in _iterate_elements(content, order, begin):
+            if (element := _unpack(loaded, kind, raw, at, order, remaining)) is not None:
+                remaining -= len(element)
+                _store(loaded, *reader.array(element, 0))
     except MatFileError as error:
-        found.lose(str(error))
-    found.damage = found.damage or reader.damage
-    return found
+        loaded.lose(str(error))
+    loaded.damage = loaded.damage or reader.damage
+    return loaded
 
 
-def _take(found: MatFileContent, name: str, node: Node) -> None:
+def _store(loaded: MatFileContent, name: str, node: Node) -> None:
     if name:
-        found.variables[name] = node
+        loaded.variables[name] = node
         return
-    found.further.append(node)
+    loaded.further.append(node)
     if isinstance(node, MatUnreadable) and node.why:
-        found.lose(node.why)
+        loaded.lose(node.why)
 
 
-def _framed(content: memoryview, order: str, at: int) -> Iterator[tuple[int, int, memoryview]]:
-    """Type, place and content of each element of the file, packed as it is."""
+def _iterate_elements(content: memoryview, order: str, at: int) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield type, offset and content of each element, still compressed."""
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
@@ -94,54 +94,56 @@ def _framed(content: memoryview, order: str, at: int) -> Iterator[tuple[int, int
         yield kind, at, content[at + 8 : at + 8 + length]
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
     if any(content[at:]):
-        raise MatFileError(f"the {len(content) - at} bytes at its end belong to no array")
+        raise MatFileError(f"the last {len(content) - at} bytes belong to no array")
 
 
-def _unpacked(found: MatFileContent, kind: int, raw: memoryview, at: int, order: str, left: int) -> memoryview | None:
-    """The content of an array; None for other elements, and for one that is garbled, which does not end the file."""
+def _unpack(
+    loaded: MatFileContent, kind: int, raw: memoryview, at: int, order: str, remaining: int
+) -> memoryview | None:
+    """Return the content of an array; None for other elements, and for a corrupt one, after which reading continues."""
     try:
-        kind, element = _inflated(raw, at, order, left) if kind == _COMPRESSED else (kind, raw)
+        kind, element = _inflate(raw, at, order, remaining) if kind == _COMPRESSED else (kind, raw)
     except MatFileError as error:
-        found.lose(str(error))
+        loaded.lose(str(error))
         return None
-    if len(element) > left:
-        raise MatFileError(f"its arrays are of more than {left} bytes")
+    if len(element) > remaining:
+        raise MatFileError(f"its arrays take more than {remaining} bytes")
     return element if kind == _MATRIX else None
 
 
-def _inflated(packed: memoryview, at: int, order: str, most_bytes: int) -> tuple[int, memoryview]:
+def _inflate(packed: memoryview, at: int, order: str, max_bytes: int) -> tuple[int, memoryview]:
     unpacker = zlib.decompressobj()
     try:
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
-        if claimed > min(PACKING * (len(packed) + 8), most_bytes):
-            raise MatFileError(f"the element at byte {at} claims {claimed} bytes of {len(packed)} packed ones")
-        found = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
-        unpacker.decompress(unpacker.unconsumed_tail, 8)  # which compares the checksum
+        if claimed > min(MAX_COMPRESSION * (len(packed) + 8), max_bytes):
+            raise MatFileError(f"the element at byte {at} claims {claimed} bytes in {len(packed)} compressed bytes")
+        unpacked = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
+        unpacker.decompress(unpacker.unconsumed_tail, 8)  # checks the checksum
     except (zlib.error, struct.error):
-        raise MatFileError(f"the packed element at byte {at} is garbled") from None
-    if len(found) < claimed:  # an end of the stream may be missing: MATLAB does not write it behind objects
-        raise MatFileError(f"the packed element at byte {at} is cut off")
-    return kind, memoryview(found)
+        raise MatFileError(f"the compressed element at byte {at} is corrupt") from None
+    if len(unpacked) < claimed:  # the end of the stream may be missing, as behind objects
+        raise MatFileError(f"the compressed element at byte {at} is truncated")
+    return kind, memoryview(unpacked)
 
 
 class _ArrayReader:
-    """Turns arrays into nodes and counts them; `damage` is the first that it found."""
+    """Converts arrays to nodes and counts them; `damage` is the first damage found."""
 
     def __init__(self, order: str, most: int) -> None:
         self.order = order
         self.most = most
         self.count = 0
-        self.dense = MOST_DENSE
+        self.dense = MAX_DENSE
         self.damage = ""
 
     def array(self, content: memoryview, depth: int) -> tuple[str, Node]:
-        """Name and node of an array with this content; damage does not reach beyond it."""
-        self._counted(1)
+        """Return name and node of an array; damage does not affect other arrays."""
+        self._count_arrays(1)
         name = ""
         try:
-            if depth > _DEEPEST:
-                raise MatFileError(f"arrays are nested more than {_DEEPEST} deep")
+            if depth > _MAX_DEPTH:
+                raise MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
             if not content:
                 return "", MatNumbers(np.empty((0, 0)))
             parts = self._elements(content)
@@ -151,16 +153,16 @@ class _ArrayReader:
             shape = self._shape(parts)
             name = _text(*self._next(parts, "name"))
             return name, self._content(flags & 0xFF, flags, shape, parts, depth)
-        except TooManyError:
+        except ArrayLimitError:
             raise
         except MatFileError as error:
             self.damage = self.damage or str(error)
             return name, MatUnreadable("damaged value", why=str(error))
 
-    def _counted(self, more: int) -> None:
+    def _count_arrays(self, more: int) -> None:
         self.count += more
         if self.count > self.most:
-            raise TooManyError(f"it holds more than {self.most} arrays")
+            raise ArrayLimitError(f"it contains more than {self.most} arrays")
 
     def _flags(self, parts: Iterator[tuple[int, memoryview]]) -> int:
         _, raw = self._next(parts, "flags")
@@ -169,18 +171,18 @@ class _ArrayReader:
     def _shape(self, parts: Iterator[tuple[int, memoryview]]) -> tuple[int, ...]:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
-        if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MOST_CLAIMED:
+        if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MAX_CLAIMED:
             raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
-        if not 2 <= len(shape) <= _MOST_DIMENSIONS:
+        if not 2 <= len(shape) <= _MAX_DIMENSIONS:
             raise MatFileError(f"an array claims {len(shape)} dimensions")
         return shape
 
     def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, Node]:
-        """An object: its name, unless it stands within others, the system of its class, its class, its reference."""
+        """Read an object: its name unless it is nested, the system of its class, its class, its reference."""
         texts = [_text(*part) for part in parts if part[0] != _MATRIX]
         inner = next((content for kind, content in parts if kind == _MATRIX), None)
         if len(texts) < 2:
-            raise MatFileError("an array lacks its class")
+            raise MatFileError("an array has no class")
         reference = None if inner is None else self.array(inner, depth + 1)[1]
         return texts[0] if len(texts) > 2 else "", MatUnreadable(texts[-1] or "object", reference)
 
@@ -188,7 +190,7 @@ class _ArrayReader:
         if kind in (_STRUCT, _OBJECT):
             return self._structs(kind, shape, parts, depth)
         if kind == _CELL:
-            return MatCells([self._inner(parts, depth) for _ in range(self._claimed(shape))], shape)
+            return MatCells([self._inner(parts, depth) for _ in range(self._check_count(shape))], shape)
         if kind == _CHARACTERS:
             return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else MatText("")
         if flags & _COMPLEX and kind <= _LAST_NUMERIC:
@@ -207,7 +209,7 @@ class _ArrayReader:
         rows, starts, values = (self._row(*self._next(parts, message)) for message in ("rows", "columns", "numbers"))
         self.dense -= math.prod(shape)
         logical = bool(flags & _LOGICAL)
-        return MatNumbers(dense(shape, rows, starts, values), logical, "logical" if logical else "double")
+        return MatNumbers(to_dense(shape, rows, starts, values), logical, "logical" if logical else "double")
 
     def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
         if kind == _OBJECT:
@@ -216,8 +218,8 @@ class _ArrayReader:
         _, names = self._next(parts, "names")
         each = max(int.from_bytes(bytes(width[:4]), "little" if self.order == "<" else "big"), 1)
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
-        count = self._claimed((*shape, max(len(fields), 1))) // max(len(fields), 1)
-        self._counted(count)
+        count = self._check_count((*shape, max(len(fields), 1))) // max(len(fields), 1)
+        self._count_arrays(count)
         elements = [MatStruct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
         return elements[0] if count == 1 else MatStructArray(elements, shape)
 
@@ -225,21 +227,21 @@ class _ArrayReader:
         kind, content = self._next(parts, "content")
         return self.array(content, depth + 1)[1] if kind == _MATRIX else MatUnreadable("data")
 
-    def _claimed(self, shape: tuple[int, ...]) -> int:
-        """How many arrays a cell array or a struct says that it holds; no more than there may be."""
+    def _check_count(self, shape: tuple[int, ...]) -> int:
+        """Return the number of arrays that a cell array or struct claims to contain, up to the limit."""
         if math.prod(shape) > self.most:
             raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
         return math.prod(shape)
 
     def _numbers(self, shape: tuple[int, ...], kind: int, content: memoryview) -> NDArray[Any]:
-        """The numbers in the type in which they are stored, which may be smaller than that of their class."""
+        """Return numbers in the stored type, which may be smaller than their class."""
         stored = self._stored(kind)
         if math.prod(shape) * stored.itemsize != len(content):
             raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
         return np.frombuffer(content, stored).reshape(shape, order="F")
 
     def _row(self, kind: int, content: memoryview) -> NDArray[Any]:
-        """All numbers of an element."""
+        """Return all numbers of an element."""
         stored = self._stored(kind)
         return np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
 
@@ -249,7 +251,7 @@ class _ArrayReader:
         return np.dtype(self.order + _STORED[kind])
 
     def _elements(self, content: memoryview) -> Iterator[tuple[int, memoryview]]:
-        """Type and content of the elements of an array."""
+        """Yield type and content of the elements of an array."""
         at = 0
         while at + 8 <= len(content):
             kind, size = struct.unpack_from(f"{self.order}II", content, at)
@@ -259,24 +261,24 @@ class _ArrayReader:
                 at += 8
                 continue
             if at + 8 + size > len(content):
-                raise MatFileError(f"an element of {size} bytes stands within {len(content)} bytes")
+                raise MatFileError(f"an element of {size} bytes exceeds its array of {len(content)} bytes")
             yield kind, content[at + 8 : at + 8 + size]
             at += 8 + size + -size % 8
 
     def _next(self, parts: Iterator[tuple[int, memoryview]], message: str) -> tuple[int, memoryview]:
-        found = next(parts, None)
-        if found is None:
-            raise MatFileError(f"an array lacks its {message}")
-        return found
+        part = next(parts, None)
+        if part is None:
+            raise MatFileError(f"an array has no {message}")
+        return part
 
 
 def _text(kind: int, content: memoryview) -> str:
-    """A name; up to its first zero byte."""
+    """Decode a name up to its first zero byte."""
     return bytes(content).partition(b"\0")[0].decode(_ENCODED.get(kind, "utf-8"), errors="replace")
 
 
 def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> MatText:
-    """An array of characters, of which the first of all rows come first."""
+    """Decode a character array, stored in column-major order."""
     if kind in _ENCODED:
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""
         letters = bytes(content).decode(_ENCODED[kind] + ending, errors="replace")
@@ -286,4 +288,4 @@ def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: s
         letters = "".join(map(chr, codes.astype(np.int64).clip(0, 0x10FFFF).tolist()))
     else:
         letters = bytes(content).decode("latin-1")
-    return text_in_rows(letters, shape[0])
+    return split_text_rows(letters, shape[0])

@@ -1,6 +1,6 @@
-"""The operators of MATLAB on arrays: implicit expansion, saturating integers, products and quotients of matrices.
+r"""The operators of MATLAB on arrays, and the concatenation `[a b; c d]`.
 
-Values side by side and below each other: `[a b; c d]`.
+Operands expand implicitly; integers saturate; `*`, `/`, `\` and `^` are matrix operations.
 """
 
 import math
@@ -22,23 +22,25 @@ from kennfeld.matlab.values import (
     array_value,
     class_name,
     elements_of,
+    format_shape,
     numbers,
     object_array,
     row,
-    trimmed,
+    trim_dimensions,
 )
 
 __all__ = [
-    "binary",
+    "apply_binary",
+    "apply_unary",
     "cast_to_class",
-    "cells",
     "colon_range",
+    "concatenate_along",
     "concatenate_rows",
     "is_true",
-    "joined_along",
+    "make_cells",
+    "pad_dimensions",
     "result_class",
-    "transposed",
-    "unary",
+    "transpose",
 ]
 
 _COMPARED: dict[str, Callable[[Array, Array], Array]] = {
@@ -60,120 +62,129 @@ _ELEMENTS: dict[str, Callable[[Array, Array], Array]] = {
 }
 
 
-def binary(operator: str, left: Value, right: Value, budget: Budget) -> Array:
-    """The value of `left operator right`; `NoValueError` where there is none."""
-    one, other = array_value(left), array_value(right)
-    if one.dtype.kind == "O" or other.dtype.kind == "O":
-        return _on_strings(operator, one, other)
-    name = "double" if operator in _COMPARED or operator in _LOGIC else result_class(one, other)
+def apply_binary(operator: str, left: Value, right: Value, budget: Budget) -> Array:
+    """Compute `left operator right`.
+
+    Raises:
+        MatlabValueError: The operation is not defined for the operands, or the result is complex.
+    """
+    first, second = array_value(left), array_value(right)
+    if first.dtype.kind == "O" or second.dtype.kind == "O":
+        return _apply_to_strings(operator, first, second)
+    name = "double" if operator in _COMPARED or operator in _LOGIC else result_class(first, second)
     with np.errstate(all="ignore"):
-        found = _by_operator(operator, numbers(one), numbers(other), budget)
-    return found if found.dtype == np.bool_ else cast_to_class(found, name)
+        result = _apply_operator(operator, numbers(first), numbers(second), budget)
+    return result if result.dtype == np.bool_ else cast_to_class(result, name)
 
 
-def _by_operator(operator: str, one: Float, other: Float, budget: Budget) -> Array:
+def _apply_operator(operator: str, left: Float, right: Float, budget: Budget) -> Array:
     if operator in ("*", "/", "\\", "^"):
-        simple = one.size == 1 if operator == "\\" else other.size == 1
+        simple = left.size == 1 if operator == "\\" else right.size == 1
         if operator in ("*", "^"):
-            simple = (one.size == 1 and other.size == 1) if operator == "^" else simple or one.size == 1
+            simple = (left.size == 1 and right.size == 1) if operator == "^" else simple or left.size == 1
         if not simple:
-            return _matrices(operator, one, other, budget)
+            return _apply_to_matrices(operator, left, right, budget)
         operator = "." + operator
     if operator in _LOGIC:
-        if np.isnan(one).any() or np.isnan(other).any():
+        if np.isnan(left).any() or np.isnan(right).any():
             raise MatlabValueError("NaN is neither true nor false")
-        return _expanded(_LOGIC[operator], one != 0, other != 0, budget)
-    return _expanded((_COMPARED | _ELEMENTS)[operator], one, other, budget)
+        return _apply_expanded(_LOGIC[operator], left != 0, right != 0, budget)
+    return _apply_expanded((_COMPARED | _ELEMENTS)[operator], left, right, budget)
 
 
-def _expanded(operation: Callable[[Array, Array], Array], one: Array, other: Array, budget: Budget) -> Array:
-    most = max(one.ndim, other.ndim)
-    one, other = (array.reshape(array.shape + (1,) * (most - array.ndim)) for array in (one, other))
+def _apply_expanded(operation: Callable[[Array, Array], Array], left: Array, right: Array, budget: Budget) -> Array:
+    left, right = pad_dimensions(left, right)
     try:
-        budget.make(math.prod(np.broadcast_shapes(one.shape, other.shape)))
+        budget.allocate(math.prod(np.broadcast_shapes(left.shape, right.shape)))
     except ValueError:
-        sizes = (" x ".join(map(str, array.shape)) for array in (one, other))
-        raise MatlabValueError("the sizes {} and {} do not fit".format(*sizes)) from None
-    return operation(one, other)
+        sizes = (format_shape(array.shape) for array in (left, right))
+        raise MatlabValueError("the sizes {} and {} are not compatible".format(*sizes)) from None
+    return operation(left, right)
 
 
 def _power(left: Float, right: Float) -> Float:
     if np.any((left < 0) & (right != np.floor(right)) & np.isfinite(right)):
-        raise MatlabValueError("a root of a negative number is complex")
+        raise MatlabValueError("a fractional power of a negative number is complex")
     return np.power(left, right)
 
 
-def _matrices(operator: str, one: Float, other: Float, budget: Budget) -> Float:
-    if one.ndim > 2 or other.ndim > 2:
-        raise MatlabValueError(f"{operator} is for matrices of two dimensions; write .{operator} for their elements")
+def _apply_to_matrices(operator: str, left: Float, right: Float, budget: Budget) -> Float:
+    if left.ndim > 2 or right.ndim > 2:
+        raise MatlabValueError(f"{operator} requires two-dimensional matrices; use .{operator} for their elements")
     if operator == "*":
-        _fit(one.shape[1] == other.shape[0], operator, one, other)
-        budget.make(one.shape[0] * other.shape[1] + one.size * other.shape[1] / 100)
-        return np.asarray(one @ other)
+        _check_shapes(left.shape[1] == right.shape[0], operator, left, right)
+        budget.allocate(left.shape[0] * right.shape[1] + left.size * right.shape[1] / 100)
+        return np.asarray(left @ right)
     if operator == "/":
-        _fit(one.shape[1] == other.shape[1], operator, one, other)
-        return _solved(other.T, one.T, budget).T
+        _check_shapes(left.shape[1] == right.shape[1], operator, left, right)
+        return _solve(right.T, left.T, budget).T
     if operator == "\\":
-        _fit(one.shape[0] == other.shape[0], operator, one, other)
-        return _solved(one, other, budget)
-    if one.shape[0] != one.shape[1] or other.size != 1 or other.flat[0] != np.floor(other.flat[0]):
+        _check_shapes(left.shape[0] == right.shape[0], operator, left, right)
+        return _solve(left, right, budget)
+    if left.shape[0] != left.shape[1] or right.size != 1 or right.flat[0] != np.floor(right.flat[0]):
         raise MatlabValueError(
-            "^ is for numbers, and for square matrices with a whole exponent; write .^ for their elements"
+            "^ requires numbers, or a square matrix and an integer exponent; use .^ for the elements"
         )
-    exponent = float(other.flat[0])
+    exponent = float(right.flat[0])
     if abs(exponent) > 1000:
         raise MatlabValueError(f"the exponent {exponent:g} of a matrix is too large")
-    budget.make(one.shape[0] ** 3 / 10)
-    return _checked(lambda: np.linalg.matrix_power(one, int(exponent)))
+    budget.allocate(left.shape[0] ** 3 / 10)
+    return _run_solver(lambda: np.linalg.matrix_power(left, int(exponent)))
 
 
-def _fit(fits: bool, operator: str, one: Array, other: Array) -> None:
+def _check_shapes(fits: bool, operator: str, left: Array, right: Array) -> None:
     if not fits:
-        sizes = f"{' x '.join(map(str, one.shape))} and {' x '.join(map(str, other.shape))}"
-        remedy = f"; write .{operator} for their elements" if one.shape == other.shape else ""
-        raise MatlabValueError(f"matrices of {sizes} do not fit {operator}{remedy}")
+        sizes = f"{format_shape(left.shape)} and {format_shape(right.shape)}"
+        remedy = f"; use .{operator} for their elements" if left.shape == right.shape else ""
+        raise MatlabValueError(f"matrices of size {sizes} are not compatible with {operator}{remedy}")
 
 
-def _solved(one: Float, other: Float, budget: Budget) -> Float:
-    budget.make(max(one.shape) * one.size / 10)
-    if one.shape[0] == one.shape[1]:
-        return _checked(lambda: np.linalg.solve(one, other))
-    if not (np.isfinite(one).all() and np.isfinite(other).all()):
-        return np.full((one.shape[1], other.shape[1]), np.nan)
-    return _checked(lambda: np.linalg.lstsq(one, other, rcond=None)[0])
+def _solve(left: Float, right: Float, budget: Budget) -> Float:
+    budget.allocate(max(left.shape) * left.size / 10)
+    if left.shape[0] == left.shape[1]:
+        return _run_solver(lambda: np.linalg.solve(left, right))
+    if not (np.isfinite(left).all() and np.isfinite(right).all()):
+        return np.full((left.shape[1], right.shape[1]), np.nan)
+    return _run_solver(lambda: np.linalg.lstsq(left, right, rcond=None)[0])
 
 
-def _checked(solve: Callable[[], Any]) -> Float:
+def _run_solver(solve: Callable[[], Any]) -> Float:
     try:
         return np.asarray(solve(), dtype=np.float64)
     except np.linalg.LinAlgError as error:
-        raise MatlabValueError(f"the matrix cannot be solved ({str(error).lower()})") from None
+        raise MatlabValueError(f"the linear system cannot be solved ({str(error).lower()})") from None
 
 
-def _on_strings(operator: str, one: Array, other: Array) -> Array:
-    """Strings joined by +, or compared."""
-    words = [_words(array) for array in (one, other)]
+def _apply_to_strings(operator: str, left: Array, right: Array) -> Array:
+    """Join strings by +, or compare them."""
+    words = [_to_string_array(array) for array in (left, right)]
     if operator == "+":
-        made = np.frompyfunc(lambda a, b: a + b, 2, 1)(*words)
-        return np.asarray(made, dtype=object)
+        joined = np.frompyfunc(lambda a, b: a + b, 2, 1)(*words)
+        return np.asarray(joined, dtype=object)
     if operator in ("==", "~="):
         return np.asarray(_COMPARED[operator](*words), dtype=np.bool_)
-    raise MatlabValueError(f"{operator} is not for strings")
+    raise MatlabValueError(f"{operator} is not defined for strings")
 
 
-def _words(array: Array) -> Array:
+def _to_string_array(array: Array) -> Array:
     if array.dtype.kind == "O":
         return array
-    made = np.empty((1, 1), dtype=object)
+    word = np.empty((1, 1), dtype=object)
     if array.dtype.kind == "U":
-        made[0, 0] = "".join(array.ravel(order="F").tolist())
+        word[0, 0] = "".join(array.ravel(order="F").tolist())
     else:
-        made[0, 0] = f"{float(array.flat[0]):.5g}" if array.size == 1 else ""
-    return made
+        word[0, 0] = f"{float(array.flat[0]):.5g}" if array.size == 1 else ""
+    return word
+
+
+def pad_dimensions(*arrays: Array, least: int = 0) -> list[Array]:
+    """Append dimensions of length 1 until all arrays have as many, and at least `least`."""
+    count = max(least, *(array.ndim for array in arrays))
+    return [array.reshape(array.shape + (1,) * (count - array.ndim)) for array in arrays]
 
 
 def result_class(*operands: Value) -> str:
-    """The class of what is made of operands: an integer wins, then single precision."""
+    """Return the class of a result: an integer class wins over single, single over double."""
     names = {class_name(array_value(operand)) for operand in operands}
     whole = [name for name in names if name in INTEGERS]
     if len(whole) > 1:
@@ -182,7 +193,7 @@ def result_class(*operands: Value) -> str:
 
 
 def cast_to_class(values: Float, name: str) -> Array:
-    """Numbers in a class; integers are rounded, and stay within their range."""
+    """Convert numbers to a class; integers are rounded and saturate."""
     if name == "double":
         return values
     if name == "single":
@@ -194,8 +205,8 @@ def cast_to_class(values: Float, name: str) -> Array:
     return np.where(high, np.array(limits.max, dtype=name), np.where(high, 0.0, inside).astype(name))
 
 
-def unary(operator: str, operand: Value) -> Array:
-    """`-x`, `+x` or `~x`."""
+def apply_unary(operator: str, operand: Value) -> Array:
+    """Compute `-x`, `+x` or `~x`."""
     array = array_value(operand)
     if operator == "~":
         values = numbers(array)
@@ -206,15 +217,15 @@ def unary(operator: str, operand: Value) -> Array:
     return cast_to_class(-values if operator == "-" else values, result_class(array))
 
 
-def transposed(array: Array) -> Array:
-    """Rows and columns exchanged."""
+def transpose(array: Array) -> Array:
+    """Exchange rows and columns."""
     if array.ndim > 2:
         raise MatlabValueError("an array of more than two dimensions cannot be transposed")
     return array.T
 
 
 def is_true(value: Value) -> bool:
-    """Whether a condition holds: it is not empty and has no zero."""
+    """Return True if a condition holds: it is not empty and contains no zero."""
     values = numbers(value)
     if np.isnan(values).any():
         raise MatlabValueError("NaN is neither true nor false")
@@ -222,9 +233,9 @@ def is_true(value: Value) -> bool:
 
 
 def colon_range(first: Value, step: Value | None, last: Value, budget: Budget) -> Array:
-    """`first:step:last`; the last element is never beyond `last`."""
-    begin, end = _bound(first), _bound(last)
-    width = 1.0 if step is None else _bound(step)
+    """Return `first:step:last`; no element exceeds `last`."""
+    begin, end = _range_bound(first), _range_bound(last)
+    width = 1.0 if step is None else _range_bound(step)
     parts = [first, last] if step is None else [first, step, last]
     name = result_class(*(array_value(part) for part in parts))
     if any(math.isnan(number) for number in (begin, width, end)):
@@ -232,29 +243,29 @@ def colon_range(first: Value, step: Value | None, last: Value, budget: Budget) -
     if width == 0 or not (end - begin) * width >= 0:
         return cast_to_class(np.zeros((1, 0)), name)
     if not math.isfinite(begin) or not math.isfinite((end - begin) / width):
-        raise MatlabValueError("a range without end")
+        raise MatlabValueError("the range is infinite")
     ratio = (end - begin) / width
     count = math.floor(ratio + 3e-16 * max(abs(ratio), abs(begin / width), 1.0)) + 1
-    budget.make(count)
-    made = begin + width * np.arange(count, dtype=np.float64)
-    made[-1] = min(made[-1], end) if width > 0 else max(made[-1], end)
-    return cast_to_class(row(made), name)
+    budget.allocate(count)
+    values = begin + width * np.arange(count, dtype=np.float64)
+    values[-1] = min(values[-1], end) if width > 0 else max(values[-1], end)
+    return cast_to_class(row(values), name)
 
 
-def _bound(value: Value) -> float:
+def _range_bound(value: Value) -> float:
     values = numbers(value)
     if not values.size:
-        raise MatlabValueError("a range needs a number at each end, one of them is empty")
+        raise MatlabValueError("the bounds of a range must not be empty")
     return float(values.flat[0])
 
 
 def concatenate_rows(rows: Sequence[Sequence[Value]], budget: Budget) -> Value:
-    """The matrix of some rows."""
-    return joined_along([joined_along(row, 1, budget) for row in rows], 0, budget)
+    """Return the matrix made of rows of values."""
+    return concatenate_along([concatenate_along(row, 1, budget) for row in rows], 0, budget)
 
 
-def joined_along(values: Sequence[Value], axis: int, budget: Budget) -> Value:
-    """Values along a dimension, in the class that their classes make together."""
+def concatenate_along(values: Sequence[Value], axis: int, budget: Budget) -> Value:
+    """Concatenate values along a dimension, in their common class."""
     if len(values) == 1:
         return values[0]
     if not values:
@@ -262,20 +273,20 @@ def joined_along(values: Sequence[Value], axis: int, budget: Budget) -> Value:
     if any(isinstance(value, MatlabCell) for value in values):
         parts = [value.values if isinstance(value, MatlabCell) else object_array([value], (1, 1)) for value in values]
         full = [part for value, part in zip(values, parts, strict=True) if not _is_nothing(value)]
-        return MatlabCell(_concatenated(full, axis, budget)) if full else MatlabCell(parts[0])
+        return MatlabCell(_concatenate(full, axis, budget)) if full else MatlabCell(parts[0])
     if any(isinstance(value, MatlabStruct) for value in values) and not _are_numbers(values):
-        return _structs([value for value in values if not _is_nothing(value)], axis, budget)
-    return _arrays([array_value(value) for value in values], axis, budget)
+        return _concatenate_structs([value for value in values if not _is_nothing(value)], axis, budget)
+    return _concatenate_arrays([array_value(value) for value in values], axis, budget)
 
 
-def cells(rows: Sequence[Sequence[Value]], budget: Budget) -> MatlabCell:
-    """The cell array of some rows."""
-    made = [object_array(list(row), (1, len(row))) for row in rows]
-    return MatlabCell(_concatenated(made, 0, budget)) if made else MatlabCell(np.empty((0, 0), dtype=object))
+def make_cells(rows: Sequence[Sequence[Value]], budget: Budget) -> MatlabCell:
+    """Return the cell array made of rows of values."""
+    parts = [object_array(list(row), (1, len(row))) for row in rows]
+    return MatlabCell(_concatenate(parts, 0, budget)) if parts else MatlabCell(np.empty((0, 0), dtype=object))
 
 
 def _are_numbers(values: Sequence[Value]) -> bool:
-    """Whether objects with a value stand beside plain numbers."""
+    """Return True if one of the values is a non-empty plain array."""
     return any(isinstance(value, np.ndarray) and value.size for value in values)
 
 
@@ -283,55 +294,53 @@ def _is_nothing(value: Value) -> bool:
     return elements_of(value).shape == (0, 0)
 
 
-def _arrays(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
+def _concatenate_arrays(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
     kinds = {array.dtype.kind for array in arrays}
     if "O" in kinds:
-        return _concatenated([_as_strings(array) for array in arrays], axis, budget)
+        return _concatenate([_to_strings(array) for array in arrays], axis, budget)
     if kinds == {"b"} or kinds == {"U"}:
-        return _concatenated(arrays, axis, budget)
+        return _concatenate(arrays, axis, budget)
     if "U" in kinds:
-        return _concatenated([_as_characters(array) for array in arrays], axis, budget)
+        return _concatenate([_to_characters(array) for array in arrays], axis, budget)
     whole = next((class_name(array) for array in arrays if array.dtype.kind in "iu"), "")
     name = whole or result_class(*arrays)
-    made = _concatenated([numbers(array) for array in arrays], axis, budget)
-    return cast_to_class(made, name)
+    joined = _concatenate([numbers(array) for array in arrays], axis, budget)
+    return cast_to_class(joined, name)
 
 
-def _as_strings(array: Array) -> Array:
+def _to_strings(array: Array) -> Array:
     if array.dtype.kind == "O":
         return array
     if array.dtype.kind == "U":
         return object_array(["".join(array.ravel(order="F").tolist())], (1, 1))
-    return object_array([f"{one:.5g}" for one in array.ravel(order="F").tolist()], array.shape)
+    return object_array([f"{number:.5g}" for number in array.ravel(order="F").tolist()], array.shape)
 
 
-def _as_characters(array: Array) -> Array:
+def _to_characters(array: Array) -> Array:
     if array.dtype.kind == "U":
         return array
     codes = numbers(array)
     if not ((codes >= 0) & (codes < 0x110000)).all():
-        raise MatlabValueError("a number that is no character stands beside a text")
+        raise MatlabValueError("a number next to text is not a character code")
     return np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1").reshape(codes.shape, order="F")
 
 
-def _concatenated(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
-    kept = [array for array in arrays if array.size] or [max(arrays, key=lambda array: array.shape)]
-    budget.make(sum(array.size for array in kept))
-    most = max(axis + 1, *(array.ndim for array in kept))
-    padded = [array.reshape(array.shape + (1,) * (most - array.ndim)) for array in kept]
+def _concatenate(arrays: Sequence[Array], axis: int, budget: Budget) -> Array:
+    parts = [array for array in arrays if array.size] or [max(arrays, key=lambda array: array.shape)]
+    budget.allocate(sum(array.size for array in parts))
     try:
-        return trimmed(np.concatenate(padded, axis=axis))
+        return trim_dimensions(np.concatenate(pad_dimensions(*parts, least=axis + 1), axis=axis))
     except ValueError:
-        sizes = ", ".join(" x ".join(map(str, array.shape)) for array in kept[:4])
-        where = "below each other" if axis == 0 else "side by side"
-        raise MatlabValueError(f"arrays of size {sizes} cannot stand {where}") from None
+        sizes = ", ".join(format_shape(array.shape) for array in parts[:4])
+        where = "vertically" if axis == 0 else "horizontally"
+        raise MatlabValueError(f"arrays of size {sizes} cannot be concatenated {where}") from None
 
 
-def _structs(values: Sequence[Value], axis: int, budget: Budget) -> Value:
+def _concatenate_structs(values: Sequence[Value], axis: int, budget: Budget) -> Value:
     if not all(isinstance(value, MatlabStruct) for value in values):
-        raise MatlabValueError("a struct stands beside something else")
-    given = [value for value in values if isinstance(value, MatlabStruct)]
-    names = given[0].names
-    if any(set(one.names) != set(names) or one.kind != given[0].kind for one in given):
-        raise MatlabValueError("structs beside each other have different fields")
-    return MatlabStruct(_concatenated([one.elements for one in given], axis, budget), names, given[0].kind)
+        raise MatlabValueError("a struct can be concatenated with structs only")
+    structs = [value for value in values if isinstance(value, MatlabStruct)]
+    names = structs[0].names
+    if any(set(struct.names) != set(names) or struct.kind != structs[0].kind for struct in structs):
+        raise MatlabValueError("structs with different fields cannot be concatenated")
+    return MatlabStruct(_concatenate([struct.elements for struct in structs], axis, budget), names, structs[0].kind)

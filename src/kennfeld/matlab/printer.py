@@ -1,185 +1,154 @@
-"""Writes a tree as MATLAB text, which read again gives the same tree."""
+"""Conversion of syntax trees to MATLAB text; parsing the text gives an equal tree."""
 
 from collections.abc import Iterable
 
-from kennfeld.matlab.syntax import (
-    AnonymousFunction,
-    Assign,
-    Binary,
-    Branch,
-    Call,
-    CellArray,
-    CellIndex,
-    Colon,
-    Command,
-    Declaration,
-    DynamicField,
-    End,
-    Evaluate,
-    Expression,
-    Field,
-    For,
-    FunctionDefinition,
-    FunctionHandle,
-    If,
-    Jump,
-    Matrix,
-    Name,
-    Number,
-    Range,
-    Script,
-    Statement,
-    Switch,
-    Text,
-    Transpose,
-    Try,
-    Unary,
-    While,
-)
+from kennfeld.matlab import syntax as m
 
-__all__ = ["format_expression", "printed_script"]
+__all__ = ["format_expression", "format_script"]
 
-_PLAIN = (Name, Text, Colon, End, Field, DynamicField, Call, CellIndex, Matrix, CellArray)
+_PLAIN = (m.Name, m.Text, m.Colon, m.End, m.Field, m.DynamicField, m.Call, m.CellIndex, m.Matrix, m.CellArray)
 
 
-def format_expression(node: Expression) -> str:
-    """The text of an expression, with brackets around what is made of parts.
+def format_expression(node: m.Expression) -> str:
+    """Format an expression, with brackets around compound operands.
 
-    >>> format_expression(Binary("+", Name("a"), Binary("*", Number(2.0), Name("b"))))
+    >>> format_expression(m.Binary("+", m.Name("a"), m.Binary("*", m.Number(2.0), m.Name("b"))))
     'a + (2 * b)'
     """
     match node:
-        case Unary():
+        case m.Unary():
             return node.operator + _part(node.operand)
-        case Binary():
+        case m.Binary():
             return f"{_part(node.left)} {node.operator} {_part(node.right)}"
-        case Transpose():
+        case m.Transpose():
             inside = _part(node.operand)
-            if isinstance(node.operand, Text):  # a quote right after a text would be one within it
+            if isinstance(node.operand, m.Text):  # a quote behind text would continue it
                 inside = f"({inside})"
             return inside + ("'" if node.conjugate else ".'")
-        case Range():
+        case m.Range():
             parts = [node.first, node.step, node.last]
             return ":".join(_part(part) for part in parts if part is not None)
-        case AnonymousFunction():
+        case m.AnonymousFunction():
             return f"@({', '.join(node.parameters)}) {_part(node.body)}"
         case _:
             return _operand(node)
 
 
-def _operand(node: Expression) -> str:
+def _operand(node: m.Expression) -> str:
     match node:
-        case Number():
+        case m.Number():
             return _number(node)
-        case Text():
+        case m.Text():
             mark = '"' if node.is_string else "'"
             return mark + node.value.replace(mark, 2 * mark) + mark
-        case Name():
+        case m.Name():
             return node.name
-        case Colon() | End():
-            return ":" if isinstance(node, Colon) else "end"
-        case Field():
+        case m.Colon() | m.End():
+            return ":" if isinstance(node, m.Colon) else "end"
+        case m.Field():
             return f"{_base(node.of)}.{node.name}"
-        case DynamicField():
+        case m.DynamicField():
             return f"{_base(node.of)}.({format_expression(node.name)})"
-        case Call():
-            return f"{_base(node.of)}({_listed(node.arguments)})"
-        case CellIndex():
-            return f"{_base(node.of)}{{{_listed(node.arguments)}}}"
-        case Matrix():
+        case m.Call():
+            return f"{_base(node.of)}({_join_arguments(node.arguments)})"
+        case m.CellIndex():
+            return f"{_base(node.of)}{{{_join_arguments(node.arguments)}}}"
+        case m.Matrix():
             return f"[{_rows(node.rows)}]"
-        case CellArray():
+        case m.CellArray():
             return f"{{{_rows(node.rows)}}}"
-        case FunctionHandle():
+        case m.FunctionHandle():
             return f"@{node.name}"
         case _:
             raise AssertionError(node)
 
 
-def _number(node: Number) -> str:
+def _number(node: m.Number) -> str:
     if node.suffix in ("", "i"):
         text = repr(node.value).removesuffix(".0")
         return ("1e999" if text == "inf" else text) + node.suffix
     return f"0x{int(node.value):X}{node.suffix}"
 
 
-def _base(node: Expression) -> str:
-    """An operand that an index or a field follows."""
+def _base(node: m.Expression) -> str:
+    """Format an operand that an index or a field follows."""
     return format_expression(node) if isinstance(node, _PLAIN) else f"({format_expression(node)})"
 
 
-def _part(node: Expression) -> str:
-    plain = isinstance(node, (*_PLAIN, Number))
+def _part(node: m.Expression) -> str:
+    plain = isinstance(node, (*_PLAIN, m.Number))
     return format_expression(node) if plain else f"({format_expression(node)})"
 
 
-def _listed(nodes: Iterable[Expression]) -> str:
-    return ", ".join(format_expression(node) if isinstance(node, Colon) else _part(node) for node in nodes)
+def _join_arguments(nodes: Iterable[m.Expression]) -> str:
+    return ", ".join(format_expression(node) if isinstance(node, m.Colon) else _part(node) for node in nodes)
 
 
-def _rows(rows: Iterable[Iterable[Expression]]) -> str:
+def _rows(rows: Iterable[Iterable[m.Expression]]) -> str:
     return "; ".join(", ".join(_part(element) for element in row) for row in rows)
 
 
-def printed_script(script: Script) -> str:
-    """The text of a script, one statement a line, without its comments."""
+def format_script(script: m.Script) -> str:
+    """Format a script with one statement per line, without its comments."""
     parts = [_statement(statement) for statement in script.statements]
     return "\n".join([*parts, *map(_function, script.functions)]) + "\n"
 
 
-def _statement(node: Statement) -> str:
+def _statement(node: m.Statement) -> str:
     match node:
-        case Assign():
+        case m.Assign():
             targets = ["~" if target is None else format_expression(target) for target in node.targets]
             single = len(targets) == 1 and targets[0] != "~"
             return f"{targets[0] if single else '[' + ', '.join(targets) + ']'} = {format_expression(node.value)};"
-        case Evaluate():
+        case m.Evaluate():
             return f"{format_expression(node.expression)};"
-        case Command():
+        case m.Command():
             return " ".join((node.name, *node.words)) if node.name != "!" else f"!{' '.join(node.words)}"
-        case Jump():
+        case m.Jump():
             return f"{node.kind};"
-        case Declaration():
+        case m.Declaration():
             return " ".join((node.kind, *node.names)) + ";"
         case _:
             return _block(node)
 
 
-def _block(node: If | For | While | Switch | Try) -> str:
+def _block(node: m.If | m.For | m.While | m.Switch | m.Try) -> str:
     match node:
-        case If():
+        case m.If():
             words = ["if", *("elseif" for _ in node.branches[1:])]
             heads = [_branch(word, branch) for word, branch in zip(words, node.branches, strict=True)]
-            return _closed(*heads, *_otherwise("else", node.otherwise))
-        case For():
-            return _closed(
+            return _format_block(*heads, *_otherwise("else", node.otherwise))
+        case m.For():
+            return _format_block(
                 f"for {format_expression(node.target)} = {format_expression(node.values)}", *map(_statement, node.body)
             )
-        case While():
-            return _closed(_branch("while", Branch(node.condition, node.body)))
-        case Switch():
+        case m.While():
+            return _format_block(_branch("while", m.Branch(node.condition, node.body)))
+        case m.Switch():
             cases = [_branch("case", branch) for branch in node.cases]
-            return _closed(
+            return _format_block(
                 f"switch {format_expression(node.subject)}", *cases, *_otherwise("otherwise", node.otherwise)
             )
-        case Try():
+        case m.Try():
             handler = ("catch " + node.name).strip() if node.name or node.handler else ""
-            return _closed("try", *map(_statement, node.body), *filter(None, [handler]), *map(_statement, node.handler))
+            return _format_block(
+                "try", *map(_statement, node.body), *filter(None, [handler]), *map(_statement, node.handler)
+            )
 
 
-def _branch(word: str, branch: Branch) -> str:
+def _branch(word: str, branch: m.Branch) -> str:
     return "\n".join([f"{word} {format_expression(branch.condition)}", *map(_statement, branch.body)])
 
 
-def _otherwise(word: str, body: tuple[Statement, ...]) -> list[str]:
+def _otherwise(word: str, body: tuple[m.Statement, ...]) -> list[str]:
     return [word, *map(_statement, body)] if body else []
 
 
-def _closed(*parts: str) -> str:
+def _format_block(*parts: str) -> str:
     return "\n".join([*parts, "end"])
 
 
-def _function(node: FunctionDefinition) -> str:
+def _function(node: m.FunctionDefinition) -> str:
     results = f"[{', '.join(node.results)}] = " if node.results else ""
     head = f"function {results}{node.name}({', '.join(node.parameters)})"
-    return _closed(head, *map(_statement, node.body))
+    return _format_block(head, *map(_statement, node.body))

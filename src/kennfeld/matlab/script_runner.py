@@ -1,7 +1,7 @@
-"""Follows parameter scripts: assignments, decisions, loops, functions, and the files that they load or call.
+"""Run parameter scripts: assignments, decisions, loops, functions, and the files that they load or call.
 
-What a script does besides, such as plots and messages, is told once and passed over; a variable that would get its
-value from what is not known is undefined from there on, and whatever needs it says so.
+Calls without a value, such as plots and messages, are skipped and reported once. A variable whose value depends on
+something unknown becomes undefined; whatever reads it reports the reason.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,15 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.assignment import assign
-from kennfeld.matlab.errors import Budget, LimitError, MatlabError, located
-from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator, access_chain
+from kennfeld.matlab.errors import Budget, LimitError, MatlabError, format_location
+from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator
 from kennfeld.matlab.functions.reductions import matches_case
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
-from kennfeld.matlab.simulink_objects import enumeration
+from kennfeld.matlab.script_files import Files, ScriptFiles
+from kennfeld.matlab.simulink_objects import define_enumeration
+from kennfeld.matlab.traversal import access_chain, names_assigned
 from kennfeld.matlab.values import (
     MatlabCell,
     MatlabStruct,
@@ -29,22 +31,22 @@ from kennfeld.matlab.values import (
     class_name,
     elements_of,
     from_python,
-    nested_size,
+    measure_nesting,
     object_array,
     scalar,
     text,
+    with_class_of,
 )
 
-__all__ = ["Files", "run_script"]
+__all__ = ["ScriptResult", "run_script"]
 
-Files = Callable[[str], "bytes | str | Mapping[str, Any] | None"]
-_TAKING_ALL = ("is never closed", "deep")  # findings of what takes the rest of a script with it
-_COST_OF_FAILURE = 100  # steps: to tell it takes longer than a statement
-_MOST_WITHIN, _DEEPEST = 1_000_000, 40  # values within a struct or a cell array
-_SILENT = frozenset(
+_UNCLOSED = ("is never closed", "deep")  # findings after which the rest of the script is lost
+_FAILURE_STEPS = 100  # reporting takes longer than a statement
+_MAX_NESTED, _MAX_DEPTH = 1_000_000, 40  # values in a struct or a cell array
+_SKIPPED_SILENTLY = frozenset(
     {"clc", "close", "format", "more", "warning", "tic", "drawnow", "pause", "rng", "hold", "keyboard", "dbstop"}
 )
-_IDLE = frozenset(
+_SKIPPED = frozenset(
     {"figure", "plot", "plot3", "surf", "mesh", "contour", "subplot", "xlabel", "ylabel", "zlabel", "title", "legend"}
     | {"grid", "axis", "disp", "display", "fprintf", "set_param", "sim", "open_system", "load_system", "addpath"}
     | {"rmpath", "save", "save_system", "close_system", "print", "set", "saveas", "xlim", "ylim", "zlim", "colorbar"}
@@ -55,10 +57,11 @@ _IDLE = frozenset(
 
 @dataclass(frozen=True)
 class ScriptResult:
-    """What a script leaves: its variables, and what there is to say.
+    """The variables that a script leaves, and the findings on it.
 
-    `comments` are those behind the last value of a variable, or of a field of it (`Map.x`); `lines` tell where each
-    variable begins, `undefined` why others have no value. A finding is an error where the script ends early.
+    `comments` are those behind the last assignment to a variable or to a field of it (`Map.x`), `lines` the first line
+    that assigns each variable, `undefined` the reasons why others have no value. A finding is an error if the script
+    ends early.
     """
 
     variables: dict[str, Value]
@@ -76,40 +79,49 @@ def run_script(
     functions: Mapping[str, HostFunction] | None = None,
     budget: Budget | None = None,
 ) -> ScriptResult:
-    """The variables that a parameter script makes, beginning with some that are there already.
+    """Run a parameter script.
 
-    `files` gives the content of a file that the script loads or calls: the text of `x.m`, the bytes or the variables
-    of `x.mat`, None where there is none. What is wrong is a finding, with its line; nothing is raised.
+    Args:
+        text: The script.
+        name: Its name in findings.
+        variables: Initial variables, as MATLAB or Python values.
+        files: Returns the content of a file by its name: the text of `x.m`, the bytes or the variables of `x.mat`,
+            None if there is none.
+        functions: Functions that the script may call, by name.
+        budget: Limits of steps, array elements and nested calls.
 
-    >>> run_script("K = 2; Map.z = K*[1 2; 3 4];").variables["Map"].fields["z"].tolist()
-    [[2.0, 4.0], [6.0, 8.0]]
+    Returns:
+        The variables and findings. Problems of the script are findings with their line; none is raised.
+
+    Example:
+        >>> run_script("K = 2; Map.z = K*[1 2; 3 4];").variables["Map"].fields["z"].tolist()
+        [[2.0, 4.0], [6.0, 8.0]]
     """
-    shared = _ScriptSession(files or (lambda _: None), budget or Budget())
-    known = {key: from_python(given) for key, given in (variables or {}).items()}
-    runner = _ScriptRunner(known, functions or {}, shared, name)
+    shared = _ScriptSession(ScriptFiles(files or (lambda _: None)), budget or Budget())
+    initial = {key: from_python(value) for key, value in (variables or {}).items()}
+    runner = _ScriptRunner(initial, functions or {}, shared, name)
     try:
         runner.script(text)
     except _StopError:
         pass
     except (LimitError, RecursionError) as error:
-        said = str(error) if isinstance(error, LimitError) else "functions and blocks are nested too deep"
-        shared.tell(located(name, runner.place), f"{said}; the rest is left aside", "", "error")
+        reason = str(error) if isinstance(error, LimitError) else "functions and blocks are nested too deeply"
+        shared.report(format_location(name, runner.place), f"{reason}; the rest of the script is skipped", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
     return ScriptResult(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
 
 
 @dataclass
 class _ScriptSession:
-    """What a script and all that it calls have in common."""
+    """The state that a script shares with everything it calls."""
 
-    files: Files
+    files: ScriptFiles
     budget: Budget
     findings: dict[object, Finding] = field(default_factory=dict)
     globals: dict[str, Value] = field(default_factory=dict)
     scripts: list[str] = field(default_factory=list)
-    parsed: dict[str, m.Script | None] = field(default_factory=dict)
 
-    def tell(self, place: str, message: str, remedy: str = "", severity: Any = "warning", once: str = "") -> None:
+    def report(self, place: str, message: str, remedy: str = "", severity: Any = "warning", once: str = "") -> None:
         self.findings.setdefault(once or (place, message), Finding(place, message, remedy, "", severity))
 
 
@@ -121,7 +133,7 @@ class _JumpError(Exception):
 
 
 class _StopError(Exception):
-    """The script ends itself by an error; the finding is told."""
+    """The script stopped with an error, which has been reported."""
 
 
 class _ScriptRunner(NumericEvaluator):
@@ -140,55 +152,55 @@ class _ScriptRunner(NumericEvaluator):
         self.trying = 0
 
     def script(self, content: str) -> None:
-        """Run a text in the variables of this runner."""
+        """Run a script in the variables of this runner."""
         tree, findings = parse_leniently(content, self.name)
         for finding in findings:
-            is_open = finding.message.endswith(_TAKING_ALL)
-            told = finding if is_open else replace(finding, severity="warning")
-            self.shared.findings.setdefault((finding.place, finding.message), told)
+            is_open = finding.message.endswith(_UNCLOSED)
+            reported = finding if is_open else replace(finding, severity="warning")
+            self.shared.findings.setdefault((finding.place, finding.message), reported)
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
-                self._alone(tree.functions[0])
+                self._run_first(tree.functions[0])
             self.body(tree.statements)
         except _JumpError:
             return
 
-    def _alone(self, function: m.FunctionDefinition) -> None:
-        """A file of functions: what its first one makes without arguments."""
+    def _run_first(self, function: m.FunctionDefinition) -> None:
+        """Run the first function of a file of functions, if it takes no arguments."""
         if not function.parameters:
             self.body(function.body)
 
     def body(self, statements: Sequence[m.Statement]) -> None:
-        """Run statements; one without a value is told, and what it assigns is undefined."""
+        """Run statements; a failure is reported, and the variables that the statement assigns become undefined."""
         for statement in statements:
             self.budget.step()
             self.place = statement.place
             try:
-                self._run_one(statement)
+                self._run_statement(statement)
             except (MatlabError, MatlabValueError) as error:
                 if self.trying:
                     raise
-                self._failed(statement, error)
+                self._report_failure(statement, error)
 
-    def _failed(self, statement: m.Statement, error: MatlabError | MatlabValueError) -> None:
-        self.budget.step(_COST_OF_FAILURE)
+    def _report_failure(self, statement: m.Statement, error: MatlabError | MatlabValueError) -> None:
+        self.budget.step(_FAILURE_STEPS)
         if isinstance(error, MatlabValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
         line = f"{self.name} line {statement.place.line}"
-        lost = sorted(_assigned(statement))
+        lost = sorted(names_assigned(statement))
         for finding in error.findings:
-            message = finding.message + (f"; {', '.join(lost[:5])} stays undefined" if lost else "")
-            self.shared.tell(finding.place, message, finding.remedy)
-        self.forget(lost, f"{line} gives it no value")
+            message = finding.message + (f"; {', '.join(lost[:5])} remains undefined" if lost else "")
+            self.shared.report(finding.place, message, finding.remedy)
+        self.forget(lost, f"assignment failed in {line}")
 
     def forget(self, names: Iterable[str], why: str) -> None:
-        """Variables lose their value."""
+        """Remove the values of variables."""
         for name in names:
             self.variables.pop(name, None)
             self.undefined[name] = why
 
-    def _run_one(self, statement: m.Statement) -> None:
+    def _run_statement(self, statement: m.Statement) -> None:
         match statement:
             case m.Assign():
                 self._assign(statement)
@@ -201,8 +213,8 @@ class _ScriptRunner(NumericEvaluator):
             case m.For():
                 self._for(statement)
             case m.While():
-                while self.holds(statement.condition):
-                    if self._looped(statement.body):
+                while self.is_true(statement.condition):
+                    if self._run_turn(statement.body):
                         break
             case m.Switch():
                 self._switch(statement)
@@ -214,10 +226,10 @@ class _ScriptRunner(NumericEvaluator):
                 self._declare(statement)
 
     def _assign(self, statement: m.Assign) -> None:
-        found = self.values(statement.value, len(statement.targets))
-        if not found or (len(found) < len(statement.targets)):
-            raise MatlabError.at(self.name, statement.value.place, "this has no value for each target")
-        for target, value in zip(statement.targets, found, strict=False):
+        values = self.values(statement.value, len(statement.targets))
+        if not values or (len(values) < len(statement.targets)):
+            raise MatlabError.at(self.name, statement.value.place, "fewer values than targets")
+        for target, value in zip(statement.targets, values, strict=False):
             if target is not None:
                 self._store(target, value, statement)
 
@@ -226,71 +238,71 @@ class _ScriptRunner(NumericEvaluator):
             name = assign(self, target, value)
         except MatlabValueError as error:
             raise MatlabError.at(self.name, target.place, str(error)) from None
-        count, depth = nested_size(self.variables[name])
-        if count > _MOST_WITHIN or depth > _DEEPEST:
+        count, depth = measure_nesting(self.variables[name])
+        if count > _MAX_NESTED or depth > _MAX_DEPTH:
             self.variables.pop(name)
-            raise LimitError(f"{name} holds more values within others than a script needs")
+            raise LimitError(f"{name} contains too many nested values")
         self.undefined.pop(name, None)
         if name in self.globals:
             self.shared.globals[name] = self.variables[name]
         self.lines.setdefault(name, statement.place.line)
         if isinstance(target, m.Name):
-            self.comments = {key: said for key, said in self.comments.items() if key.partition(".")[0] != name}
+            self.comments = {key: comment for key, comment in self.comments.items() if key.partition(".")[0] != name}
         if isinstance(target, m.Name | m.Field) and isinstance(statement, m.Assign) and statement.comment:
             self.comments[format_expression(target)] = statement.comment
 
     def _evaluate(self, statement: m.Evaluate) -> None:
         base, steps = access_chain(statement.expression)
         if isinstance(base, m.Name) and base.name not in self.variables and base.name not in self.undefined:
-            given = steps[0] if steps else None
-            if base.name in _SILENT:
+            call = steps[0] if steps else None
+            if base.name in _SKIPPED_SILENTLY:
                 return
-            if base.name in _IDLE and not self._is_own(base.name):
-                self._passed(base.name, statement.place)
+            if base.name in _SKIPPED and not self._is_user_function(base.name):
+                self._skip(base.name, statement.place)
                 return
             if base.name in _STATEMENTS:
-                arguments = self.indices(given.arguments, scalar(0)) if isinstance(given, m.Call) else []
+                arguments = self.indices(call.arguments, scalar(0)) if isinstance(call, m.Call) else []
                 _STATEMENTS[base.name](self, arguments, statement.place)
                 return
-            if not steps and self._script_beside(base.name):
+            if not steps and self._run_script_file(base.name):
                 return
-            if base.name == "Simulink" and self._defines(steps, statement):
+            if base.name == "Simulink" and self._define_enumeration(steps, statement):
                 return
         self.values(statement.expression, 0)
 
-    def _defines(self, steps: Sequence[m.Expression], statement: m.Evaluate) -> bool:
-        """Whether a statement defines an enumeration, which is then a struct of its members."""
+    def _define_enumeration(self, steps: Sequence[m.Expression], statement: m.Evaluate) -> bool:
+        """Return True if a statement defines an enumeration, stored as a struct of its members."""
         first, second = steps if len(steps) == 2 else (None, None)
         if not isinstance(first, m.Field) or first.name != "defineIntEnumType" or not isinstance(second, m.Call):
             return False
         try:
-            name, made = enumeration(self._arguments(second.arguments))
+            name, members = define_enumeration(self._arguments(second.arguments))
         except MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
-        self.variables[name] = made
+        self.variables[name] = members
         self.undefined.pop(name, None)
         self.lines.setdefault(name, statement.place.line)
         return True
 
-    def _is_own(self, name: str) -> bool:
+    def _is_user_function(self, name: str) -> bool:
         return name in self.functions or name in self.local
 
-    def _passed(self, name: str, place: m.SourcePosition) -> None:
-        self.shared.tell(f"{self.name} line {place.line}", f"{name} is passed over", "", "remark", f"passed {name}")
+    def _skip(self, name: str, place: m.SourcePosition) -> None:
+        self.shared.report(f"{self.name} line {place.line}", f"{name} skipped", "", "remark", f"skipped {name}")
 
     def _command(self, name: str, words: Sequence[str], place: m.SourcePosition) -> None:
-        if name in _SILENT:
+        if name in _SKIPPED_SILENTLY:
             return
         if name in _STATEMENTS:
             _STATEMENTS[name](self, [characters(word) for word in words], place)
-        elif self._is_own(name):
+        elif self._is_user_function(name):
             self.call(name, [characters(word) for word in words], 0, place)
         else:
-            self._passed(name, place)
+            self._skip(name, place)
 
     def _if(self, statement: m.If) -> None:
         for branch in statement.branches:
-            if self.holds(branch.condition):
+            if self.is_true(branch.condition):
                 self.body(branch.body)
                 return
         self.body(statement.otherwise)
@@ -301,12 +313,12 @@ class _ScriptRunner(NumericEvaluator):
         columns = data.reshape(data.shape[0], -1, order="F") if data.size else data.reshape(0, 0)
         for at in range(columns.shape[1]):
             self.budget.step()
-            self._store(statement.target, _column(values, columns[:, at : at + 1]), statement)
-            if self._looped(statement.body):
+            self._store(statement.target, with_class_of(values, columns[:, at : at + 1].copy()), statement)
+            if self._run_turn(statement.body):
                 break
 
-    def _looped(self, body: Sequence[m.Statement]) -> bool:
-        """Run the body of a loop once; whether it ends the loop."""
+    def _run_turn(self, body: Sequence[m.Statement]) -> bool:
+        """Run the body of a loop once; return True if it ends the loop."""
         self.budget.step()
         try:
             self.body(body)
@@ -331,8 +343,8 @@ class _ScriptRunner(NumericEvaluator):
         except (MatlabError, MatlabValueError, _StopError) as error:
             self.trying -= 1
             if statement.name:
-                said = characters(str(error))
-                self.variables[statement.name] = MatlabStruct.of({"message": said, "identifier": characters("")})
+                message = characters(str(error))
+                self.variables[statement.name] = MatlabStruct.of({"message": message, "identifier": characters("")})
             self.body(statement.handler)
         else:
             self.trying -= 1
@@ -346,27 +358,19 @@ class _ScriptRunner(NumericEvaluator):
                 self.variables.setdefault(name, np.zeros((0, 0)))
 
     def knows(self, name: str) -> bool:
-        return name in self.local or name in _VALUED or super().knows(name) or self._function_beside(name) is not None
+        return name in self.local or name == "load" or super().knows(name) or bool(self.shared.files.functions(name))
 
     def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.SourcePosition) -> list[Value]:
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
             return self._invoke(self.local[name], self.local, self.name, arguments, outputs)
-        if name in _VALUED:
-            return [_VALUED[name](self, arguments, place)]
-        if not super().knows(name) and (beside := self._function_beside(name)) is not None:
-            local = {function.name: function for function in beside.functions}
-            return self._invoke(beside.functions[0], local, f"{name}.m", arguments, outputs)
+        if name == "load":
+            return [MatlabStruct.of(self.shared.files.load(arguments))]
+        if not super().knows(name) and (functions := self.shared.files.functions(name)):
+            local = {function.name: function for function in functions}
+            return self._invoke(functions[0], local, f"{name}.m", arguments, outputs)
         return super().call(name, arguments, outputs, place)
-
-    def _function_beside(self, name: str) -> m.Script | None:
-        """The functions of the file that is called like a function."""
-        if name not in self.shared.parsed:
-            content = self.shared.files(f"{name}.m")
-            tree = parse_leniently(_decoded(content), f"{name}.m")[0] if isinstance(content, bytes | str) else None
-            self.shared.parsed[name] = tree if tree is not None and tree.functions and not tree.statements else None
-        return self.shared.parsed[name]
 
     def _invoke(
         self,
@@ -376,8 +380,8 @@ class _ScriptRunner(NumericEvaluator):
         arguments: Sequence[Value],
         outputs: int,
     ) -> list[Value]:
-        """Call a function that is written in MATLAB."""
-        with self.deeper():
+        """Call a function written in MATLAB."""
+        with self.nested_call():
             runner = _ScriptRunner(_parameters(function, arguments), self.functions, self.shared, name)
             runner.local = local
             runner.trying = self.trying
@@ -387,19 +391,19 @@ class _ScriptRunner(NumericEvaluator):
         return runner.results(function, outputs)
 
     def results(self, function: m.FunctionDefinition, outputs: int) -> list[Value]:
-        """The values of a function that has run."""
-        found: list[Value] = []
+        """Return the outputs of a function that has run."""
+        values: list[Value] = []
         for name in function.results:
             if name == "varargout" and isinstance(rest := self.variables.get(name), MatlabCell):
-                found += list(rest.values.ravel(order="F"))
+                values += list(rest.values.ravel(order="F"))
             elif name in self.variables:
-                found.append(self.variables[name])
-            elif len(found) < max(outputs, 1) and (outputs or name in self.undefined):
-                why = self.undefined.get(name, "nothing is assigned to it")
-                raise MatlabValueError(f"{function.name} gives {name} no value: {why}")
+                values.append(self.variables[name])
+            elif len(values) < max(outputs, 1) and (outputs or name in self.undefined):
+                why = self.undefined.get(name, "no assignment was reached")
+                raise MatlabValueError(f"{function.name} does not assign its output {name}: {why}")
             else:
                 break
-        return found[: max(outputs, 1)]
+        return values[: max(outputs, 1)]
 
     def inner(self, variables: dict[str, Value]) -> "_ScriptRunner":
         runner = _ScriptRunner(variables, self.functions, self.shared, self.name)
@@ -407,12 +411,12 @@ class _ScriptRunner(NumericEvaluator):
         runner.trying = self.trying
         return runner
 
-    def _script_beside(self, name: str) -> bool:
-        """Run the script that is called like this, if there is one."""
-        content = None if super().knows(name) or name in self.local else self.shared.files(f"{name}.m")
-        if not isinstance(content, bytes | str) or self._function_beside(name) is not None:
+    def _run_script_file(self, name: str) -> bool:
+        """Run the script of this name, if there is one."""
+        content = None if super().knows(name) or name in self.local else self.shared.files.text(f"{name}.m")
+        if content is None or self.shared.files.functions(name):
             return False
-        self.follow(f"{name}.m", _decoded(content))
+        self.follow(f"{name}.m", content)
         return True
 
     def follow(self, name: str, content: str) -> None:
@@ -423,122 +427,54 @@ class _ScriptRunner(NumericEvaluator):
         self.shared.scripts.append(name)
         self.name, self.local = name, {}
         try:
-            with self.deeper():
+            with self.nested_call():
                 self.script(content)
         finally:
             self.shared.scripts.pop()
             self.name, self.local, self.place = before, local, place
 
-    def loaded(self, arguments: Sequence[Value], place: m.SourcePosition) -> dict[str, Value]:
-        """The variables of a data file, those asked for."""
-        words = [text(value) for value in arguments]
-        words = [word for word in words if not word.startswith("-")]
-        if not words:
-            raise MatlabValueError("load needs the name of a file")
-        asked = words[0] if words[0].casefold().endswith(".mat") else f"{words[0]}.mat"
-        found = self._content(asked)
-        missing = [word for word in words[1:] if word not in found and "*" not in word]
-        if missing:
-            raise MatlabValueError(f"{asked} holds no {missing[0]}")
-        return {name: value for name, value in found.items() if len(words) == 1 or name in words}
-
-    def _content(self, asked: str) -> dict[str, Value]:
-        content = self.shared.files(asked)
-        if content is None:
-            raise MatlabValueError(f"{asked} is not there")
-        if isinstance(content, Mapping):
-            return {name: from_python(value) for name, value in content.items()}
-        if isinstance(content, str):
-            raise MatlabValueError(f"{asked} is no data file")
-        from kennfeld.matlab.mat_reader import load_variables
-
-        try:
-            return load_variables(content, asked)
-        except InputError as error:
-            raise MatlabValueError(f"{asked}: {error.findings[0].message}") from None
-
-
-def _decoded(content: bytes | str) -> str:
-    if isinstance(content, str):
-        return content
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
-
-
-def _column(values: Value, column: Any) -> Value:
-    if isinstance(values, MatlabCell):
-        return MatlabCell(column)
-    return MatlabStruct(column, values.names, values.kind) if isinstance(values, MatlabStruct) else column.copy()
-
 
 def _parameters(function: m.FunctionDefinition, arguments: Sequence[Value]) -> dict[str, Value]:
-    names, given = list(function.parameters), list(arguments)
+    names, values = list(function.parameters), list(arguments)
     if names and names[-1] == "varargin":
-        rest = given[len(names) - 1 :]
-        given = [*given[: len(names) - 1], MatlabCell(object_array(rest, (1, len(rest))))]
-    if len(given) > len(names):
-        raise MatlabValueError(f"{function.name} takes {len(names)} arguments, not {len(given)}")
-    return {name: value for name, value in zip(names, given, strict=False) if name != "~"}
-
-
-def _assigned(statement: m.Statement) -> set[str]:
-    """The variables that a statement would change."""
-    match statement:
-        case m.Assign():
-            return {name for target in statement.targets if target is not None and (name := _base(target))}
-        case m.For():
-            return {_base(statement.target), *_assigned_in(statement.body)}
-        case m.While():
-            return _assigned_in(statement.body)
-        case m.If():
-            return _assigned_in(statement.otherwise).union(*(_assigned_in(one.body) for one in statement.branches))
-        case m.Switch():
-            return _assigned_in(statement.otherwise).union(*(_assigned_in(one.body) for one in statement.cases))
-        case m.Try():
-            return _assigned_in(statement.body) | _assigned_in(statement.handler)
-    return set()
-
-
-def _assigned_in(body: Sequence[m.Statement]) -> set[str]:
-    return set().union(*(_assigned(one) for one in body))
-
-
-def _base(target: m.Expression) -> str:
-    base = access_chain(target)[0]
-    return base.name if isinstance(base, m.Name) else ""
+        rest = values[len(names) - 1 :]
+        values = [*values[: len(names) - 1], MatlabCell(object_array(rest, (1, len(rest))))]
+    if len(values) > len(names):
+        raise MatlabValueError(f"{function.name} takes {len(names)} arguments, got {len(values)}")
+    return {name: value for name, value in zip(names, values, strict=False) if name != "~"}
 
 
 def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    found = runner.loaded(arguments, place)
-    runner.variables |= found
+    loaded = runner.shared.files.load(arguments)
+    runner.variables |= loaded
     runner.owned.clear()
-    for name in found:
+    for name in loaded:
         runner.undefined.pop(name, None)
 
 
 def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     name = text(arguments[0]) if arguments else ""
     name = name if name.casefold().endswith(".m") else f"{name}.m"
-    content = runner.shared.files(name)
-    if not isinstance(content, bytes | str):
-        raise MatlabValueError(f"{name} is not there")
-    runner.follow(name, _decoded(content))
+    content = runner.shared.files.text(name)
+    if content is None:
+        raise MatlabValueError(f"file {name} not found")
+    runner.follow(name, content)
 
 
 def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    """Named variables go; to clear all would take away what other files gave."""
+    """Remove named variables; `clear all` is ignored, since it would remove values from other files."""
     for word in (text(value) for value in arguments):
         runner.variables.pop(word, None)
         runner.undefined.pop(word, None)
 
 
 def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    said = text(arguments[0])[:200] if arguments and class_name(arguments[0]) in ("char", "string") else "an error"
+    message = text(arguments[0])[:200] if arguments and class_name(arguments[0]) in ("char", "string") else "an error"
     if not runner.trying:
-        runner.shared.tell(f"{runner.name} line {place.line}", f"the script stops: {said}", "", "error")
-    raise _StopError(said)
+        runner.shared.report(
+            f"{runner.name} line {place.line}", f"the script stops with an error: {message}", "", "error"
+        )
+    raise _StopError(message)
 
 
 def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
@@ -548,7 +484,7 @@ def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosi
 
 def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     if len(arguments) != 3:
-        raise MatlabValueError("assignin takes a workspace, a name and a value")
+        raise MatlabValueError("assignin requires a workspace, a name and a value")
     runner.variables[text(arguments[1])] = arguments[2]
 
 
@@ -561,10 +497,3 @@ _STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.SourcePosition]
     "assert": _assert,
     "assignin": _assignin,
 }
-
-
-def _loaded(runner: _ScriptRunner, arguments: Sequence[Value], place: m.SourcePosition) -> Value:
-    return MatlabStruct.of(runner.loaded(arguments, place))
-
-
-_VALUED: dict[str, Callable[[_ScriptRunner, Sequence[Value], m.SourcePosition], Value]] = {"load": _loaded}

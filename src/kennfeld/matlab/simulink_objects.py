@@ -1,6 +1,6 @@
-"""The objects of parameter scripts: Simulink.Parameter, Simulink.LookupTable, Simulink.Breakpoint, signals.
+"""The objects of parameter scripts: Simulink.Parameter, LookupTable, Breakpoint, Signal and variants.
 
-In a script they are structs with the name of their class; `parameter_of` says what they mean to a calibration.
+In a script they are structs with the name of their class; `to_calibration_parameter` converts them for a calibration.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,8 +29,8 @@ __all__ = [
     "LookupTable",
     "SimulinkParameter",
     "construct_object",
-    "defaults",
-    "enumeration",
+    "default_properties",
+    "define_enumeration",
     "is_constructor",
     "to_calibration_parameter",
 ]
@@ -56,7 +56,7 @@ _PACKAGES = frozenset({"Simulink", "mpt", "AUTOSAR", "AUTOSAR4", "ECoderDemos", 
 
 @dataclass(frozen=True, eq=False)
 class SimulinkParameter:
-    """A Simulink.Parameter: its value, limits (None where there are none), unit and description."""
+    """A Simulink.Parameter: its value, limits (None if not set), unit and description."""
 
     value: Float
     min: float | None = None
@@ -79,7 +79,7 @@ class Breakpoint:
 
 @dataclass(frozen=True, eq=False)
 class LookupTable:
-    """A Simulink.LookupTable: the values of its table, and the breakpoints of each dimension."""
+    """A Simulink.LookupTable: the values of its table and the breakpoints of each dimension."""
 
     value: Float
     breakpoints: Sequence[Breakpoint]
@@ -90,7 +90,7 @@ class LookupTable:
 
 
 def is_constructor(path: str) -> bool:
-    """Whether a dotted name is that of a class known here; companies derive their own from Simulink.Parameter.
+    """Return True if a dotted name is a supported class; companies derive their own from Simulink.Parameter.
 
     >>> is_constructor("Simulink.Parameter"), is_constructor("table.Value")
     (True, False)
@@ -100,8 +100,8 @@ def is_constructor(path: str) -> bool:
 
 
 def construct_object(path: str, arguments: Sequence[Value]) -> MatlabStruct:
-    """A new object of a class, with the value given to its constructor, if any."""
-    fields = defaults(path)
+    """Create an object of a class, with the value passed to its constructor, if any."""
+    fields = default_properties(path)
     if path in (*_VARIANTS, _CONTROL):
         return _variant(path, fields, arguments)
     if arguments and "Value" in fields:
@@ -110,7 +110,7 @@ def construct_object(path: str, arguments: Sequence[Value]) -> MatlabStruct:
 
 
 def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) -> MatlabStruct:
-    """A Simulink.Variant or VariantExpression of a condition, or a Simulink.VariantControl of properties in pairs."""
+    """Create a variant with a condition, or a Simulink.VariantControl from name-value pairs."""
     if path in _VARIANTS and arguments:
         fields["Condition"] = arguments[0]
     for name, value in zip(arguments[::2], arguments[1::2], strict=False):
@@ -119,20 +119,24 @@ def _variant(path: str, fields: dict[str, Value], arguments: Sequence[Value]) ->
     return MatlabStruct.of(fields, path)
 
 
-def enumeration(arguments: Sequence[Value]) -> tuple[str, MatlabStruct]:
-    """What Simulink.defineIntEnumType makes of a name, a list of members and their numbers; raises `NoValueError`."""
+def define_enumeration(arguments: Sequence[Value]) -> tuple[str, MatlabStruct]:
+    """Return name and members of `Simulink.defineIntEnumType(name, members, numbers)`.
+
+    Raises:
+        MatlabValueError: The arguments are incomplete or inconsistent.
+    """
     if len(arguments) < 3 or not isinstance(arguments[1], MatlabCell):
-        raise MatlabValueError("it takes a name, a list of members and their numbers")
-    members = [text(one) for one in arguments[1].values.ravel(order="F")]
+        raise MatlabValueError("a name, a list of members and their numbers are required")
+    members = [text(member) for member in arguments[1].values.ravel(order="F")]
     values = numbers(arguments[2]).ravel(order="F")
     if len(members) != values.size:
-        raise MatlabValueError(f"it has {len(members)} members and {values.size} numbers")
+        raise MatlabValueError(f"{len(members)} members, but {values.size} numbers")
     fields: dict[str, Value] = {name: scalar(float(value)) for name, value in zip(members, values, strict=True)}
     return text(arguments[0]), MatlabStruct.of(fields, ENUMERATION)
 
 
-def defaults(kind: str) -> dict[str, Value]:
-    """The properties of a new object of a class."""
+def default_properties(kind: str) -> dict[str, Value]:
+    """Return the properties of a new object of a class."""
     name = kind.rpartition(".")[2]
     if kind in _VARIANTS:
         return {"Condition": characters("")}
@@ -143,13 +147,13 @@ def defaults(kind: str) -> dict[str, Value]:
     if name == "LookupTable":
         coder = MatlabStruct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
         return {
-            "Table": MatlabStruct.of(defaults(_TABLE), _TABLE),
-            "Breakpoints": MatlabStruct(object_array([], (1, 0)), tuple(defaults(_POINTS)), _POINTS),
+            "Table": MatlabStruct.of(default_properties(_TABLE), _TABLE),
+            "Breakpoints": MatlabStruct(object_array([], (1, 0)), tuple(default_properties(_POINTS)), _POINTS),
             "BreakpointsSpecification": characters("Explicit values"),
             "CoderInfo": coder,
         }
     if name == "Breakpoint":
-        return {"Breakpoints": MatlabStruct.of(defaults(_POINTS), _POINTS)}
+        return {"Breakpoints": MatlabStruct.of(default_properties(_POINTS), _POINTS)}
     if name in ("Parameter", "Signal"):
         coder = MatlabStruct.of({key: characters(word) for key, word in _CODER.items()}, "Simulink.CoderInfo")
         fields = dict(_PLAIN) if name == "Parameter" else {k: v for k, v in _PLAIN.items() if k != "Value"}
@@ -158,7 +162,7 @@ def defaults(kind: str) -> dict[str, Value]:
 
 
 def to_calibration_parameter(value: Value) -> SimulinkParameter | LookupTable | Breakpoint | None:
-    """What an object means; None for what is none of those objects, or has no numbers."""
+    """Convert a parameter object; None for any other value and for objects without numbers."""
     if not isinstance(value, MatlabStruct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
     fields = value.fields
@@ -166,27 +170,27 @@ def to_calibration_parameter(value: Value) -> SimulinkParameter | LookupTable | 
         return _table(fields)
     points = fields.get("Breakpoints")
     if isinstance(points, MatlabStruct) and points.elements.size == 1:
-        found = _said(points.fields)
-        return None if found is None else Breakpoint(*found, _word(points.fields, "FieldName"))
-    said = _said(fields)
-    return None if said is None else SimulinkParameter(*said)
+        breakpoints = _properties(points.fields)
+        return None if breakpoints is None else Breakpoint(*breakpoints, _word(points.fields, "FieldName"))
+    properties = _properties(fields)
+    return None if properties is None else SimulinkParameter(*properties)
 
 
 def _table(fields: Mapping[str, Value]) -> LookupTable | None:
     table, points = fields["Table"], fields.get("Breakpoints")
     assert isinstance(table, MatlabStruct)
-    said = _said(table.fields)
-    if said is None or not isinstance(points, MatlabStruct):
+    properties = _properties(table.fields)
+    if properties is None or not isinstance(points, MatlabStruct):
         return None
-    axes = [(one, _said(one)) for one in points.elements.ravel(order="F")]
+    axes = [(one, _properties(one)) for one in points.elements.ravel(order="F")]
     if any(axis is None for _, axis in axes):
         return None
     named = [Breakpoint(*axis, _word(one, "FieldName")) for one, axis in axes if axis is not None]
-    return LookupTable(said[0], named, *said[1:])
+    return LookupTable(properties[0], named, *properties[1:])
 
 
-def _said(fields: Mapping[str, Value]) -> tuple[Float, float | None, float | None, str, str] | None:
-    """Value, limits, unit and description."""
+def _properties(fields: Mapping[str, Value]) -> tuple[Float, float | None, float | None, str, str] | None:
+    """Return value, limits, unit and description."""
     value = fields.get("Value")
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fbiu":
         return None
@@ -198,8 +202,8 @@ def _said(fields: Mapping[str, Value]) -> tuple[Float, float | None, float | Non
 def _limit(value: Value | None) -> float | None:
     if not isinstance(value, np.ndarray) or value.size != 1 or value.dtype.kind not in "fbiu":
         return None
-    found = float(array_value(value).flat[0])
-    return found if np.isfinite(found) else None
+    limit = float(array_value(value).flat[0])
+    return limit if np.isfinite(limit) else None
 
 
 def _word(fields: Mapping[str, Value], name: str) -> str:

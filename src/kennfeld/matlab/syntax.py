@@ -1,10 +1,9 @@
-"""The MATLAB language as a tree of frozen values; where a thing stands in its text is not compared.
+"""The syntax tree of the MATLAB language, made of frozen nodes; positions in the text are not compared.
 
-`f(x)` is a `Call` whether f is a function or an array: only the variables at hand can tell.
+`f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 __all__ = [
@@ -41,12 +40,11 @@ __all__ = [
     "Try",
     "Unary",
     "While",
-    "children",
 ]
 
 
 class SourcePosition(NamedTuple):
-    """Where something begins: line and column, both counted from 1."""
+    """Line and column of a position in a text, both counted from 1."""
 
     line: int = 1
     column: int = 1
@@ -59,7 +57,7 @@ class _Node:
 
 @dataclass(frozen=True)
 class Number(_Node):
-    """A number as written; `suffix` is i for an imaginary one, u8 to s64 for the class of a binary one."""
+    """A number as written; `suffix` is "i" if it is imaginary, "u8" to "s64" for the class of a 0x or 0b literal."""
 
     value: float
     suffix: str = ""
@@ -67,7 +65,7 @@ class Number(_Node):
 
 @dataclass(frozen=True)
 class Text(_Node):
-    """`'characters'`, or `"a string"` if `is_string`."""
+    """A character vector `'a'`, or a string `"a"` if `is_string`."""
 
     value: str
     is_string: bool = False
@@ -82,7 +80,7 @@ class Name(_Node):
 
 @dataclass(frozen=True)
 class Colon(_Node):
-    """The bare `:` among the arguments of an index: everything along this dimension."""
+    """A bare `:` as an index: all elements along the dimension."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class DynamicField(_Node):
 
 @dataclass(frozen=True)
 class Call(_Node):
-    """`of(arguments)`: a function called, or an array indexed."""
+    """`of(arguments)`: a function call or an index into an array."""
 
     of: "Expression"
     arguments: tuple["Expression", ...]
@@ -141,7 +139,7 @@ class Unary(_Node):
 
 @dataclass(frozen=True)
 class Binary(_Node):
-    """`left operator right`, an operator of arithmetic, of comparison or of logic."""
+    """`left operator right`: an arithmetic, relational or logical operation."""
 
     operator: str
     left: "Expression"
@@ -150,7 +148,7 @@ class Binary(_Node):
 
 @dataclass(frozen=True)
 class Transpose(_Node):
-    """`x'`, or `x.'` unless `conjugate`; the same for real numbers."""
+    """`x'`, or `x.'` if not `conjugate`; both are the same for real numbers."""
 
     operand: "Expression"
     conjugate: bool = True
@@ -208,7 +206,7 @@ Expression = (
 
 @dataclass(frozen=True)
 class Assign(_Node):
-    """`target = value` or `[a, ~, b] = value`; None is `~`. `comment` is what stands behind it on its last line."""
+    """`target = value` or `[a, ~, b] = value`, where None stands for `~`; `comment` ends its last line."""
 
     targets: tuple[Expression | None, ...]
     value: Expression
@@ -217,14 +215,14 @@ class Assign(_Node):
 
 @dataclass(frozen=True)
 class Evaluate(_Node):
-    """An expression alone: a function called for what it does."""
+    """An expression statement: a function called for its effect."""
 
     expression: Expression
 
 
 @dataclass(frozen=True)
 class Command(_Node):
-    """`name word word`, such as `close all`: a function called with texts."""
+    """A call in command syntax, `name word word`, such as `close all`."""
 
     name: str
     words: tuple[str, ...]
@@ -232,7 +230,7 @@ class Command(_Node):
 
 @dataclass(frozen=True)
 class Branch(_Node):
-    """A condition, or the value of a case, with what it decides."""
+    """A condition, or the value of a case, with the statements that depend on it."""
 
     condition: Expression
     body: tuple["Statement", ...]
@@ -240,7 +238,7 @@ class Branch(_Node):
 
 @dataclass(frozen=True)
 class If(_Node):
-    """`if`, each `elseif`, and what stands after `else`."""
+    """`if` and each `elseif`, with the statements of `else`."""
 
     branches: tuple[Branch, ...]
     otherwise: tuple["Statement", ...] = ()
@@ -248,7 +246,7 @@ class If(_Node):
 
 @dataclass(frozen=True)
 class For(_Node):
-    """`for target = values`: the body once for each column."""
+    """`for target = values`: runs the body once per column."""
 
     target: Expression
     values: Expression
@@ -265,7 +263,7 @@ class While(_Node):
 
 @dataclass(frozen=True)
 class Switch(_Node):
-    """`switch subject`, its cases, and what stands after `otherwise`."""
+    """`switch subject` with its cases and the statements of `otherwise`."""
 
     subject: Expression
     cases: tuple[Branch, ...]
@@ -274,7 +272,7 @@ class Switch(_Node):
 
 @dataclass(frozen=True)
 class Try(_Node):
-    """`try`, and `catch` with the name of the exception, if it has one."""
+    """`try` and `catch`, with the name of the exception if it has one."""
 
     body: tuple["Statement", ...]
     name: str = ""
@@ -298,7 +296,7 @@ class Declaration(_Node):
 
 @dataclass(frozen=True)
 class FunctionDefinition(_Node):
-    """`function [results] = name(parameters)`; a parameter that is not used is `~`."""
+    """`function [results] = name(parameters)`; an ignored parameter is `~`."""
 
     name: str
     parameters: tuple[str, ...]
@@ -311,26 +309,8 @@ Statement = Assign | Evaluate | Command | If | For | While | Switch | Try | Jump
 
 @dataclass(frozen=True)
 class Script:
-    """The statements of a text and the functions that it defines; a file of functions has no statements."""
+    """The statements of a text and the functions it defines; a file of functions has no statements."""
 
     name: str = field(compare=False)
     statements: tuple[Statement, ...] = ()
     functions: tuple[FunctionDefinition, ...] = ()
-
-
-def children(node: Expression) -> Iterator[Expression]:
-    """The expressions directly within an expression, from left to right.
-
-    >>> [child.name for child in children(Binary("+", Name("a"), Name("b")))]
-    ['a', 'b']
-    """
-    for one in fields(node):
-        yield from _expressions(getattr(node, one.name))
-
-
-def _expressions(value: object) -> Iterator[Expression]:
-    if isinstance(value, Expression):
-        yield value
-    elif isinstance(value, tuple) and not isinstance(value, SourcePosition):
-        for element in value:
-            yield from _expressions(element)

@@ -1,14 +1,133 @@
-"""Walks over syntax trees."""
+"""Walks over the syntax trees of `kennfeld.matlab.syntax`.
+
+A tree is an expression, a statement, or a tuple of them.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["field_path"]
+__all__ = [
+    "access_chain",
+    "assigned_name",
+    "calls_in",
+    "children",
+    "declares_persistent",
+    "expressions_in",
+    "field_path",
+    "map_children",
+    "names_assigned",
+    "names_read",
+]
+
+
+def children(node: m.Expression) -> Iterator[m.Expression]:
+    """Yield the direct subexpressions of an expression from left to right.
+
+    >>> [child.name for child in children(m.Binary("+", m.Name("a"), m.Name("b")))]
+    ['a', 'b']
+    """
+    return _outermost_expressions(_parts(node))
+
+
+def _outermost_expressions(parts: Iterable[object]) -> Iterator[m.Expression]:
+    for part in parts:
+        if isinstance(part, m.Expression):
+            yield part
+        elif isinstance(part, tuple):
+            yield from _outermost_expressions(part)
+
+
+def map_children(node: m.Expression, change: Callable[[m.Expression], m.Expression]) -> m.Expression:
+    """Return an expression with `change` applied to each of its direct subexpressions."""
+    names = [field.name for field in fields(node) if field.name != "place"]
+    return replace(node, **{name: _map_part(getattr(node, name), change) for name in names})
+
+
+def _map_part(part: Any, change: Callable[[m.Expression], m.Expression]) -> Any:
+    if isinstance(part, tuple):
+        return tuple(_map_part(element, change) for element in part)
+    return change(part) if isinstance(part, m.Expression) else part
+
+
+def expressions_in(tree: object) -> Iterator[m.Expression]:
+    """Yield all expressions of a tree, each before its subexpressions."""
+    return (node for node in _nodes(tree) if isinstance(node, m.Expression))
+
+
+def calls_in(tree: object) -> Iterator[tuple[str, tuple[m.Expression, ...]]]:
+    """Yield the name and the arguments of each call or index of a name in a tree."""
+    for node in expressions_in(tree):
+        if isinstance(node, m.Call) and isinstance(node.of, m.Name):
+            yield node.of.name, node.arguments
+
+
+def declares_persistent(tree: object) -> bool:
+    """Return True if a tree declares persistent variables."""
+    return any(isinstance(node, m.Declaration) and node.kind == "persistent" for node in _nodes(tree))
+
+
+def names_assigned(tree: object) -> frozenset[str]:
+    """Return the variables that statements assign to, as a whole or in part."""
+    targets: list[m.Expression | None] = []
+    for node in _nodes(tree):
+        if isinstance(node, m.Assign):
+            targets += node.targets
+        elif isinstance(node, m.For):
+            targets.append(node.target)
+    return frozenset(name for target in targets if target is not None and (name := assigned_name(target)))
+
+
+def assigned_name(target: m.Expression) -> str:
+    """Return the variable that the target of an assignment is part of; empty if there is none."""
+    base, _ = access_chain(target)
+    return base.name if isinstance(base, m.Name) else ""
+
+
+def names_read(tree: object) -> frozenset[str]:
+    """Return the names in a tree, of variables and of functions, without parameters of anonymous functions.
+
+    >>> from kennfeld.matlab.parser import parse_expression
+    >>> sorted(names_read(parse_expression("K*interp1(x, y, u) + arrayfun(@(a) a*b, u)")))
+    ['K', 'arrayfun', 'b', 'interp1', 'u', 'x', 'y']
+    """
+    if isinstance(tree, m.Name):
+        return frozenset({tree.name})
+    names = frozenset[str]().union(*map(names_read, _parts(tree)))
+    return names - set(tree.parameters) if isinstance(tree, m.AnonymousFunction) else names
+
+
+def access_chain(node: m.Expression) -> tuple[m.Expression, list[m.Expression]]:
+    """Split `a.b(2){3}` into its base `a` and the accesses `.b`, `(2)` and `{3}`, from left to right."""
+    steps: list[m.Expression] = []
+    while isinstance(node, m.Field | m.DynamicField | m.Call | m.CellIndex):
+        steps.append(node)
+        node = node.of
+    return node, steps[::-1]
 
 
 def field_path(tree: m.Expression) -> list[str] | None:
-    """The names of `a.b.c`; None where it begins with something else."""
+    """Return the names of `a.b.c`; None if the expression is not a chain of fields of a name."""
     names: list[str] = []
     while isinstance(tree, m.Field):
         names.append(tree.name)
         tree = tree.of
     return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None
+
+
+def _nodes(tree: object) -> Iterator[object]:
+    """Yield all nodes of a tree, without recursion: an expression may be nested deeper than the stack."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if is_dataclass(node):
+            yield node
+        waiting += reversed(_parts(node))
+
+
+def _parts(tree: object) -> tuple[object, ...]:
+    if isinstance(tree, tuple):
+        return tree
+    return tuple(getattr(tree, field.name) for field in fields(tree)) if is_dataclass(tree) else ()

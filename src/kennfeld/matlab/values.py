@@ -1,10 +1,10 @@
-"""The values of MATLAB: arrays of numbers, truth values and characters, strings, cells, structs and functions.
+"""The values of MATLAB: numeric, logical and character arrays, strings, cells, structs and function handles.
 
-Every array has at least two dimensions. An array of characters has the type `U1`, one of strings the type `object`.
-A value is never changed once it is made; an assignment to a part makes a new one.
+Every array has at least two dimensions. Character arrays have the type `U1`, string arrays the type `object`. Values
+are never changed in place; an assignment to a part makes a new one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -28,9 +28,11 @@ __all__ = [
     "characters",
     "class_name",
     "elements_of",
+    "format_shape",
     "from_python",
+    "integer",
     "logical",
-    "nested_size",
+    "measure_nesting",
     "number",
     "numbers",
     "object_array",
@@ -38,8 +40,7 @@ __all__ = [
     "scalar",
     "strings",
     "text",
-    "trimmed",
-    "whole",
+    "trim_dimensions",
     "with_class_of",
 ]
 
@@ -50,7 +51,7 @@ EMPTY = np.zeros((0, 0))
 
 
 class MatlabValueError(Exception):
-    """An operation has no value; the text says why, who catches it knows where."""
+    """An operation has no value. The text says why; the caller knows where."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class MatlabCell:
 
 @dataclass(frozen=True, eq=False)
 class MatlabStruct:
-    """An array of structs, or of objects of the class `kind`; each element is a dictionary with the same keys."""
+    """An array of structs, or of objects of the class `kind`; the elements are dictionaries with equal keys."""
 
     elements: Array
     names: tuple[str, ...] = ()
@@ -70,7 +71,7 @@ class MatlabStruct:
 
     @classmethod
     def of(cls, fields: Mapping[str, "Value"], kind: str = "") -> "MatlabStruct":
-        """A struct of one element."""
+        """Return a struct of one element."""
         return cls(object_array([dict(fields)], (1, 1)), tuple(fields), kind)
 
     @property
@@ -81,7 +82,7 @@ class MatlabStruct:
 
 @dataclass(frozen=True, eq=False)
 class MatlabFunctionHandle:
-    """A function by its name, or an anonymous one with the variables around it."""
+    """A handle of a named function, or an anonymous function with the variables it captured."""
 
     name: str = ""
     parameters: tuple[str, ...] = ()
@@ -91,7 +92,7 @@ class MatlabFunctionHandle:
 
 @dataclass(frozen=True)
 class OpaqueValue:
-    """What only MATLAB can make something of, by the word for it."""
+    """A value that only MATLAB can read; `kind` describes it."""
 
     kind: str
 
@@ -100,40 +101,40 @@ Value: TypeAlias = Array | MatlabCell | MatlabStruct | MatlabFunctionHandle | Op
 
 
 def object_array(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
-    """Any values as an array, in column-major order."""
-    made = np.empty(len(values), dtype=object)
+    """Return any values as an object array, in column-major order."""
+    array = np.empty(len(values), dtype=object)
     for at, value in enumerate(values):
-        made[at] = value
-    return made.reshape(shape, order="F")
+        array[at] = value
+    return array.reshape(shape, order="F")
 
 
 def scalar(value: float) -> Array:
-    """A number."""
+    """Return a number as an array, Float[1, 1]."""
     return np.array([[value]], dtype=np.float64)
 
 
 def logical(value: object) -> Array:
-    """A truth value."""
+    """Return a truth value as an array, Bool[1, 1]."""
     return np.array([[bool(value)]])
 
 
 def row(values: Any) -> Array:
-    """Numbers side by side."""
+    """Return numbers as a row vector, Float[1, n]."""
     return np.asarray(values, dtype=np.float64).reshape(1, -1)
 
 
 def characters(value: str) -> Array:
-    """A text as a row of characters; the empty one has neither rows nor columns."""
+    """Return text as a row of characters, 1 x n; empty text is 0 x 0."""
     return np.array(list(value), dtype="U1").reshape(1 if value else 0, len(value))
 
 
 def strings(values: Sequence[str]) -> Array:
-    """Strings side by side."""
+    """Return a row of strings, 1 x n."""
     return object_array(values, (1, len(values)))
 
 
 def class_name(value: Value) -> str:
-    """The class as MATLAB calls it.
+    """Return the MATLAB class of a value.
 
     >>> class_name(scalar(1.0)), class_name(characters("a"))
     ('double', 'char')
@@ -149,15 +150,15 @@ def class_name(value: Value) -> str:
 
 
 def with_class_of(value: Value, data: Array) -> Value:
-    """Other elements in the kind of array that a value is."""
-    data = trimmed(data)
+    """Return elements as a value of the same kind as `value`: cell array, struct array or plain array."""
+    data = trim_dimensions(data)
     if isinstance(value, MatlabCell):
         return MatlabCell(data)
     return MatlabStruct(data, value.names, value.kind) if isinstance(value, MatlabStruct) else data
 
 
 def elements_of(value: Value) -> Array:
-    """The elements of any value, as an array that has its size."""
+    """Return the elements of any value, as an array of its size."""
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, MatlabCell):
@@ -165,99 +166,103 @@ def elements_of(value: Value) -> Array:
     return value.elements if isinstance(value, MatlabStruct) else object_array([value], (1, 1))
 
 
-def trimmed(array: Array) -> Array:
-    """An array without the dimensions of one element behind its second."""
+def trim_dimensions(array: Array) -> Array:
+    """Remove trailing dimensions of length 1 behind the second."""
     while array.ndim > 2 and array.shape[-1] == 1:
         array = array[..., 0]
     return array
 
 
 def array_value(value: Value) -> Array:
-    """An array; of a parameter object its value."""
+    """Return a value as an array; a parameter object counts as its Value."""
     if isinstance(value, MatlabStruct) and value.kind and "Value" in value.names and value.elements.size == 1:
         value = value.fields["Value"]
     if isinstance(value, np.ndarray):
         return value
-    raise MatlabValueError(f"a {class_name(value)} is no number")
+    raise MatlabValueError(f"a {class_name(value)} is not a number")
 
 
 def numbers(value: Value) -> Float:
-    """Numbers in double precision; of characters their codes."""
+    """Return an array in double precision; characters become their codes."""
     array = array_value(value)
     if array.dtype.kind == "U":
-        return np.array([ord(one) if one else 0 for one in array.ravel(order="F")], dtype=np.float64).reshape(
+        return np.array([ord(letter) if letter else 0 for letter in array.ravel(order="F")], dtype=np.float64).reshape(
             array.shape, order="F"
         )
     if array.dtype.kind == "O":
-        raise MatlabValueError("a string is no number")
+        raise MatlabValueError("a string is not a number")
     return array.astype(np.float64, copy=False)
 
 
 def number(value: Value) -> float:
-    """The one number of a scalar."""
+    """Return the number of a scalar."""
     array = numbers(value)
     if array.size != 1:
-        raise MatlabValueError(f"one number is needed, not {_size(array)}")
+        raise MatlabValueError(f"must be one number, got an array of {format_shape(array.shape)}")
     return float(array.flat[0])
 
 
-def whole(value: Value) -> int:
-    """The one whole number of a scalar."""
+def integer(value: Value) -> int:
+    """Return the integer of a scalar."""
     found = number(value)
     if not np.isfinite(found) or found != int(found) or abs(found) > 2**53:
-        raise MatlabValueError(f"a whole number is needed, not {found:g}")
+        raise MatlabValueError(f"must be an integer, got {found:g}")
     return int(found)
 
 
 def text(value: Value) -> str:
-    """The one text of a row of characters, or of a string."""
+    """Return the text of a row of characters or of a single string."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "U" and (value.shape[0] == 1 or not value.size):
-        return "".join(one or "\0" for one in value.ravel(order="F").tolist())
+        return "".join(letter or "\0" for letter in value.ravel(order="F").tolist())
     if isinstance(value, np.ndarray) and value.dtype.kind == "O" and value.size == 1:
         return str(value.flat[0])
-    raise MatlabValueError(f"a text is needed, not a {class_name(value)}")
+    raise MatlabValueError(f"must be text, got a {class_name(value)}")
 
 
-def _size(array: Array) -> str:
-    return " x ".join(map(str, array.shape))
+def format_shape(shape: Iterable[int]) -> str:
+    """Format a shape as in "2 x 3"."""
+    return " x ".join(map(str, shape))
 
 
-def nested_size(value: Value) -> tuple[int, int]:
-    """How many values stand within a value, shared ones each time, and how deep; known for parts seen before."""
+def measure_nesting(value: Value) -> tuple[int, int]:
+    """Return the number of values in a value, shared ones counted each time, and the nesting depth."""
     if not isinstance(value, MatlabCell | MatlabStruct):
         return 1, 1
-    known: tuple[int, int] | None = value.__dict__.get("_burden")
-    if known is None:
-        inner = [nested_size(one) for one in _within(value)]
-        known = 1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0)
-        object.__setattr__(value, "_burden", known)
-    return known
+    nesting: tuple[int, int] | None = value.__dict__.get("_burden")
+    if nesting is None:
+        inner = [measure_nesting(part) for part in _nested_values(value)]
+        nesting = 1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0)
+        object.__setattr__(value, "_burden", nesting)
+    return nesting
 
 
-def _within(value: "MatlabCell | MatlabStruct") -> list[Value]:
+def _nested_values(value: "MatlabCell | MatlabStruct") -> list[Value]:
     if isinstance(value, MatlabCell):
         return list(value.values.ravel())
     return [inner for element in value.elements.ravel() for inner in element.values()]
 
 
-def from_python(given: Any) -> Value:
-    """A value of Python as one of MATLAB: numbers, texts, arrays, lists as cells, mappings as structs.
+def from_python(value: Any) -> Value:
+    """Convert a Python value: numbers, texts, arrays, lists to cells, mappings to structs.
 
-    One-dimensional arrays become rows; `TypeError` for what has no counterpart.
+    One-dimensional arrays become rows.
+
+    Raises:
+        TypeError: The value has no counterpart in MATLAB.
     """
-    if isinstance(given, MatlabCell | MatlabStruct | MatlabFunctionHandle | OpaqueValue):
-        return given
-    if isinstance(given, str):
-        return characters(given)
-    if isinstance(given, Mapping):
-        return MatlabStruct.of({str(name): from_python(inner) for name, inner in given.items()})
-    if isinstance(given, list | tuple):
-        return MatlabCell(object_array([from_python(inner) for inner in given], (1, len(given))))
-    array = np.asarray(given)
-    if array.dtype.kind not in "fbiuUO" or (array.dtype.kind == "O" and not isinstance(given, np.ndarray)):
-        raise TypeError(f"{type(given).__name__} has no counterpart in MATLAB")
+    if isinstance(value, MatlabCell | MatlabStruct | MatlabFunctionHandle | OpaqueValue):
+        return value
+    if isinstance(value, str):
+        return characters(value)
+    if isinstance(value, Mapping):
+        return MatlabStruct.of({str(name): from_python(inner) for name, inner in value.items()})
+    if isinstance(value, list | tuple):
+        return MatlabCell(object_array([from_python(inner) for inner in value], (1, len(value))))
+    array = np.asarray(value)
+    if array.dtype.kind not in "fbiuUO" or (array.dtype.kind == "O" and not isinstance(value, np.ndarray)):
+        raise TypeError(f"{type(value).__name__} has no counterpart in MATLAB")
     if array.dtype.name not in (*INTEGERS, "float64", "float32", "bool") and array.dtype.kind in "fiu":
         array = array.astype(np.float64)
-    if not isinstance(given, np.ndarray | np.generic) and array.dtype.kind in "iu":
+    if not isinstance(value, np.ndarray | np.generic) and array.dtype.kind in "iu":
         array = array.astype(np.float64)
     return array.reshape(1, -1) if array.ndim < 2 else array

@@ -1,4 +1,4 @@
-"""Measurement files: one reader a format, found by content."""
+"""Measurement files: one reader per format, selected by content."""
 
 from kennfeld.measurement.reader import describe, read
 from kennfeld.measurement.table_conversion import ChannelDescription, Description, TableDescription, TimeDescription

@@ -1,7 +1,7 @@
-"""Large and clean text files through the C parser of pandas.
+"""Reader of large and clean text files through the C parser of pandas.
 
-Whatever is unusual (text among numbers, rows of another length, blank lines) is left to the exact reader,
-which knows the line it stands in.
+Anything unusual (text among numbers, rows of another length, blank lines) is left to the exact reader, which knows the
+line of each cell.
 """
 
 import warnings
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.measurement.cells import MISSING, TRUTH, is_stamp, number
-from kennfeld.measurement.csv_dialect import Dialect, is_comment, split
+from kennfeld.measurement.cells import MISSING, TRUTH, is_stamp, parse_number
+from kennfeld.measurement.csv_dialect import Dialect, is_comment, split_line
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 
@@ -23,11 +23,11 @@ _SAMPLE = 200  # lines
 
 
 def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
-    """The table of a text file, or None where the exact reader has to look at it."""
+    """Return the table of a text file; None if the exact reader is required."""
     if dialect.encoding == "utf-16":
         return None
     sample = _sample(source, dialect)
-    cells = [split(line, dialect.separator) for line in sample or ()]
+    cells = [split_line(line, dialect.separator) for line in sample or ()]
     if sample is None or len({len(row) for row in cells}) != 1 or any(map(is_comment, sample)):
         return None
     width = len(cells[0])
@@ -45,14 +45,14 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
 
 
 def _kind(cells: list[str], dialect: Dialect) -> str | None:
-    """What the column seems to hold: `float`, `bool`, or None for text."""
-    if any(number(cell, dialect.decimal) is None for cell in cells):
+    """Return the type that the column seems to hold: `float`, `bool`, or None for text."""
+    if any(parse_number(cell, dialect.decimal) is None for cell in cells):
         return None
     return "bool" if any(cell.strip().casefold() in TRUTH for cell in cells) else "float"
 
 
 def _sample(source: MeasurementFile, dialect: Dialect) -> list[str] | None:
-    """The first lines of numbers; None where a cell above them runs over several lines, which pandas would miscount."""
+    """Return the first lines of numbers; None if a cell above spans several lines, which pandas would miscount."""
     with source.open() as stream:
         head = [stream.readline(_CHUNK) for _ in range(dialect.header.data)]
         lines = [stream.readline(_CHUNK) for _ in range(_SAMPLE)]
@@ -62,7 +62,7 @@ def _sample(source: MeasurementFile, dialect: Dialect) -> list[str] | None:
 
 
 def _frame(source: MeasurementFile, dialect: Dialect, sample: list[str], kinds: dict[int, str | None]) -> Any:
-    """All columns: only when pandas reads each of them does it complain of a row with too many cells.
+    """Return all columns: only when pandas reads each of them does it complain of a row with too many cells.
 
     Their types are left to pandas, which is a third faster than when it is told that they are floating-point numbers.
     """
@@ -98,7 +98,7 @@ def _frame(source: MeasurementFile, dialect: Dialect, sample: list[str], kinds: 
 
 
 def _spelt(words: Iterable[str]) -> list[str]:
-    """The words as files spell them; pandas compares them letter by letter."""
+    """Return the words as files spell them; pandas compares them letter by letter."""
     return sorted({spelt for word in words for spelt in (word, word.upper(), word.title(), word.replace("nan", "NaN"))})
 
 
@@ -114,12 +114,12 @@ def _table(source: MeasurementFile, dialect: Dialect, frame: Any, numeric: list[
         return None
     rows = np.arange(kept) + dialect.header.data + 1
     names, units = dialect.header.names, dialect.header.units
-    made = tuple(Column(names[i], units[i], names[i], column) for i, column in values.items())
-    return Table(source.name, made, rows, names=names, details=dialect.details)
+    columns = tuple(Column(names[i], units[i], names[i], column) for i, column in values.items())
+    return Table(source.name, columns, rows, names=names, details=dialect.details)
 
 
 def _blank_end(source: MeasurementFile, dialect: Dialect) -> int:
-    """How many blank lines end the file, the empty text behind the last line end not counted."""
+    """Return the number of blank lines at the end of the file, without the empty text after the last line end."""
     if source.packed:
         return 0
     with source.open() as stream:
@@ -133,7 +133,7 @@ def _blank_end(source: MeasurementFile, dialect: Dialect) -> int:
 
 
 def _even(source: MeasurementFile, dialect: Dialect, rows: int, width: int) -> bool:
-    """Whether the file holds exactly the separators of complete rows: gaps in the last column are no short rows."""
+    """Return whether the file has exactly the separators of complete rows, so that gaps are not short rows."""
     if dialect.separator == " ":
         return False
     separator, count = ord(dialect.separator), 0

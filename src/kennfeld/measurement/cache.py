@@ -1,10 +1,8 @@
-"""Keeps recordings that take long to read, so that the next run need not read them again.
+"""Cache of recordings that are slow to read.
 
-A folder holds two sorts of files. `<file>.json` is what is known of a measurement file: its size, its times of change
-and the hash of its content. `<content>-<selection>-<check>.parquet` is what was read of a content: `check` is the hash
-of the entry itself, so that a damaged one is none. Whatever goes wrong here, the file itself is read.
-
-A recording as the bytes of a Parquet file that gives back every bit of it.
+Its folder holds two kinds of files. `<file>.json` is a note on a measurement file: size, modification times and hash of
+the content. `<content>-<selection>-<check>.parquet` is a recording that was read from a content, stored without loss:
+`check` is the hash of the entry itself, so that a damaged one is ignored. If anything fails, the file itself is read.
 """
 
 import contextlib
@@ -37,19 +35,19 @@ _WORTH = {
     FileKind.MDF: 0.0,
     FileKind.PARQUET: math.inf,
     FileKind.CSV: 0.5,
-}  # s; what reads MDF takes longer than that to load
+}  # s of reading that make an entry worthwhile; loading the MDF library alone is slower than the cache
 _WORTH_ELSE = 0.2
-_MOST = 2_000_000_000  # bytes of a folder
-_SETTLED = 2_000_000_000  # ns; a file that was changed that shortly before it was looked at may change unnoticed
-_STALE = 3600.0  # s; what is half written for longer belongs to a process that is gone
+_MAX_SIZE = 2_000_000_000  # bytes of a folder
+_SETTLED = 2_000_000_000  # ns; a file that was changed shorter before it was hashed may change unnoticed
+_STALE = 3600.0  # s; older temporary files belong to a process that has ended
 _ERRORS = (OSError, ValueError, KeyError, TypeError, RecursionError)
 
 
 def to_parquet(dataset: Dataset) -> bytes | None:
-    """The bytes of a recording, None where it has settings that they do not hold.
+    """Return a recording as Parquet; None if it has settings that the format does not store.
 
-    Bytes of equal rank stand together, and zstd at its lowest level packs them: less than half the size, read faster
-    than plain numbers.
+    Bytes of equal significance are stored together and compressed by zstd at its lowest level: less than half the size,
+    and faster to read than plain numbers.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -78,14 +76,14 @@ def to_parquet(dataset: Dataset) -> bytes | None:
 
 
 def _is_plain(dataset: Dataset) -> bool:
-    """Whether all else is as a reader leaves it."""
+    """Return whether all other attributes have their defaults, as in a dataset from a reader."""
     new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.starts)
-    others = [one.name for one in fields(Dataset) if one.name not in _KEPT]
+    others = [attribute.name for attribute in fields(Dataset) if attribute.name not in _KEPT]
     return bool(dataset.channels) and all(getattr(dataset, name) == getattr(new, name) for name in others)
 
 
 def from_parquet(content: bytes, name: str) -> Dataset | None:
-    """The recording under a name, None where the bytes are none of `packed`."""
+    """Return the recording under a name, None if the bytes were not written by `to_parquet`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -108,7 +106,7 @@ def from_parquet(content: bytes, name: str) -> Dataset | None:
 
 
 def _numbers(column: Any) -> Float:
-    """The numbers where they are, read-only; what Arrow offers for that loads pandas first."""
+    """Return the numbers as a read-only view; Arrow's own conversion would load pandas."""
     values = column.buffers()[1]
     if str(column.type) != "double" or column.null_count or (values is None and len(column)):
         raise ValueError("written by somebody else")
@@ -117,7 +115,7 @@ def _numbers(column: Any) -> Float:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A measurement file as it was when its content was hashed; `failed` are selections that it cannot give."""
+    """State of a measurement file when its content was hashed; `failed` are selections with missing channels."""
 
     size: int
     changed: tuple[int, int]  # ns: when the content was, and when anything of the file was
@@ -126,20 +124,20 @@ class _Seen:
     failed: dict[str, list[str]] = field(default_factory=dict)
 
     def holds(self, stat: os.stat_result) -> bool:
-        """Whether the file is the same without a look at its content."""
+        """Return whether the file is certainly unchanged, without reading its content."""
         same = (self.size, *self.changed) == (stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
         return same and self.at - max(self.changed) > _SETTLED
 
 
 @dataclass(frozen=True)
 class Cache:
-    """The recordings kept in a folder, which is made when there is something to keep.
+    """Cached recordings in a folder, which is created with the first entry.
 
     >>> Cache(Path(".kennfeld/cache")).read("drive.mf4", ["Speed"], raster=0.1)  # doctest: +SKIP
     """
 
     folder: Path
-    most: int = _MOST
+    most: int = _MAX_SIZE
 
     def read(
         self,
@@ -149,21 +147,21 @@ class Cache:
         *,
         units: Mapping[str, str] | None = None,
     ) -> Dataset:
-        """The same as `read_leniently`, and raises the same; from the folder where it holds it."""
+        """Read a file as `read_leniently` does, from the cache if possible."""
         source = locate(path)
         key = _key(source, channels, raster, units)
         known = self._found(source, key)
         if known is not None:
             return known
         before, began = source.path.stat(), time.perf_counter()
-        made = read_leniently(path, channels, raster, units or {})
+        dataset = read_leniently(path, channels, raster, units or {})
         if time.perf_counter() - began >= _WORTH.get(source.kind, _WORTH_ELSE):
             with contextlib.suppress(*_ERRORS):
-                self._keep(source, before, key, made)
-        return made
+                self._keep(source, before, key, dataset)
+        return dataset
 
     def failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
-        """The names that a file has instead of these channels, where that was found out before and took long."""
+        """Return the channel names of a file that is known to lack some of these channels; None if unknown."""
         source = locate(path)
         with contextlib.suppress(*_ERRORS):
             seen = self._seen(source)
@@ -173,9 +171,9 @@ class Cache:
     def keep_failed(
         self, path: str | Path, channels: Sequence[str] | None, raster: float | None, names: Sequence[str]
     ) -> None:
-        """Keep the names that a file has instead of these channels."""
+        """Store the channel names of a file that lacks some of these channels."""
         source = locate(path)
-        if source.kind is not FileKind.MDF:  # the others tell their names at once
+        if source.kind is not FileKind.MDF:  # other kinds are listed quickly
             return
         with contextlib.suppress(*_ERRORS):
             seen = self._seen(source) or _looked_at(source.path)
@@ -187,13 +185,13 @@ class Cache:
             if seen is None:
                 return None
             for entry in self.folder.glob(f"{seen.content}-{key}-*.parquet"):
-                made = _read_entry(entry, source.stem)
-                if made is not None:
-                    return made
+                result = _read_entry(entry, source.stem)
+                if result is not None:
+                    return result
         return None
 
     def _seen(self, source: MeasurementFile) -> _Seen | None:
-        """What is known of a file, if it still has the content that it had; else its entries go."""
+        """Return the note on a file if its content has not changed; else remove its entries."""
         if not self.folder.is_dir():
             return None
         note = self._note_of(source)
@@ -235,11 +233,11 @@ class Cache:
 
     def _note(self, source: MeasurementFile, seen: _Seen, failed: dict[str, list[str]]) -> None:
         self._make()
-        said = {"file": str(source.path), **asdict(seen), "failed": failed}
-        write_whole(self._note_of(source), json.dumps(said))
+        note = {"file": str(source.path), **asdict(seen), "failed": failed}
+        write_whole(self._note_of(source), json.dumps(note))
 
     def _bound(self) -> None:
-        """Remove what was used longest ago, until the folder is no larger than it may be."""
+        """Remove the least recently used entries until the folder is within its size limit."""
         entries = sorted(self._entries(), reverse=True)
         total = 0
         for _, size, entry in entries:
@@ -251,7 +249,7 @@ class Cache:
                 _remove(half)
 
     def _entries(self) -> Iterator[tuple[int, int, Path]]:
-        """When each entry was used last, its size, and its path."""
+        """Yield the time of last use, the size and the path of each entry."""
         for entry in self.folder.glob("*.parquet"):
             with contextlib.suppress(OSError):  # another run may remove it
                 stat = entry.stat()
@@ -259,19 +257,19 @@ class Cache:
 
 
 def _read_entry(entry: Path, name: str) -> Dataset | None:
-    """The recording of an entry; None, and the entry goes, where it is not what was written."""
+    """Return the recording of an entry; remove it and return None if it is damaged."""
     content = entry.read_bytes()
-    made = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
-    if made is None:
+    result = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
+    if result is None:
         _remove(entry)
         return None
     with contextlib.suppress(OSError):
         os.utime(entry)
-    return made
+    return result
 
 
 def _looked_at(path: Path) -> _Seen:
-    """The file as it is now. Raises `OSError`."""
+    """Return the current state of a file. Raises `OSError`."""
     at, stat = time.time_ns(), path.stat()
     import hashlib
 
@@ -281,17 +279,17 @@ def _looked_at(path: Path) -> _Seen:
 
 
 def _from_json(text: bytes) -> _Seen:
-    """What was noted of a file. Raises `ValueError`, `KeyError` or `TypeError` where the note is damaged."""
-    said: dict[str, Any] = json.loads(text)
-    first, second = said["changed"]
-    failed = {str(key): [str(name) for name in names] for key, names in dict(said["failed"]).items()}
-    return _Seen(int(said["size"]), (int(first), int(second)), int(said["at"]), _word(said["content"]), failed)
+    """Parse the note on a file. Raises `ValueError`, `KeyError` or `TypeError` if it is damaged."""
+    note: dict[str, Any] = json.loads(text)
+    first, second = note["changed"]
+    failed = {str(key): [str(name) for name in names] for key, names in dict(note["failed"]).items()}
+    return _Seen(int(note["size"]), (int(first), int(second)), int(note["at"]), _word(note["content"]), failed)
 
 
 def _word(text: str) -> str:
-    """A hash as it stands in names of files, never a path or a pattern."""
+    """Return a hash that is safe in file names; reject paths and patterns."""
     if not (isinstance(text, str) and text.isalnum()):
-        raise ValueError(f"{text!r} is no hash")
+        raise ValueError(f"{text!r} is not a hash")
     return text
 
 
@@ -301,16 +299,16 @@ def _key(
     raster: float | None,
     units: Mapping[str, str] | None = None,
 ) -> str:
-    """What is read of a file, and by which reader."""
+    """Return a hash of the selection, the settings and the version of the readers."""
     asked = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
-    said = [_readers(), source.kind.value, source.sheet, asked, step, sorted((units or {}).items())]
-    return _hash(json.dumps(said).encode())
+    key = [_readers(), source.kind.value, source.sheet, asked, step, sorted((units or {}).items())]
+    return _hash(json.dumps(key).encode())
 
 
 @cache
 def _readers() -> list[Any]:
-    """What the readers are made of: their text, and the libraries installed. With another one, what is read may be."""
+    """Return the hash of the readers' source and the versions of their libraries; a change makes entries invalid."""
     texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
     libraries = []
     for library in ("asammdf", "python_calamine", "pandas", "h5py"):

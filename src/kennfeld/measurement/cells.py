@@ -1,7 +1,4 @@
-"""What a single cell of a table means: a number, a gap, or text.
-
-Dates and times of day that a table holds as text.
-"""
+"""Parsing of single table cells: numbers, gaps, dates and times of day, text."""
 
 import re
 from collections.abc import Sequence
@@ -19,10 +16,10 @@ __all__ = [
     "is_dated",
     "is_missing",
     "is_stamp",
-    "number",
-    "numbers",
+    "parse_number",
+    "parse_numbers",
+    "parse_stamps",
     "quote_cell",
-    "stamps",
 ]
 
 Decimal = Literal[".", ","]
@@ -46,10 +43,10 @@ _STAMP = re.compile(
 )
 
 
-def number(cell: object, decimal: Decimal = ".") -> float | None:
-    """The number in a cell: NaN for a gap, seconds for a date or a duration, None for text.
+def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
+    """Return the number in a cell: NaN for a gap, seconds for a date or a duration, None for text.
 
-    >>> number("1,5", ","), number("on"), number("-"), number("rpm")
+    >>> parse_number("1,5", ","), parse_number("on"), parse_number("-"), parse_number("rpm")
     (1.5, 1.0, nan, None)
     """
     if isinstance(cell, str):
@@ -81,12 +78,12 @@ def _seconds(cell: object) -> float | None:
 
 
 def is_dated(cell: object) -> bool:
-    """Whether the cell holds a date, a time of day or a duration."""
+    """Return whether the cell holds a date, a time of day or a duration."""
     return isinstance(cell, date | time | timedelta)
 
 
 def is_missing(cell: object) -> bool:
-    """Whether the cell is a gap.
+    """Return whether the cell is a gap.
 
     >>> is_missing("#N/A"), is_missing(0)
     (True, False)
@@ -94,24 +91,24 @@ def is_missing(cell: object) -> bool:
     return cell is None or (isinstance(cell, str) and cell.strip().casefold() in _GAPS)
 
 
-def numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Float, list[int]]:
-    """The numbers in a run of cells, NaN where there is none, and the positions that hold text.
+def parse_numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Float, list[int]]:
+    """Return the numbers in a run of cells, NaN if there is none, and the positions that hold text.
 
-    >>> numbers(["1", "", "rpm"])
+    >>> parse_numbers(["1", "", "rpm"])
     (array([ 1., nan, nan]), [2])
     """
     quick = _quick(cells, decimal)
     if quick is not None:
         return quick, []
-    found = [number(cell, decimal) for cell in cells]
-    texts = [i for i, value in enumerate(found) if value is None]
-    return np.array([np.nan if value is None else value for value in found], dtype=np.float64), texts
+    values = [parse_number(cell, decimal) for cell in cells]
+    texts = [i for i, value in enumerate(values) if value is None]
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64), texts
 
 
 def _quick(cells: Sequence[object], decimal: Decimal) -> Float | None:
-    """All cells by `float` alone, or None where they need a closer look.
+    """Return all cells by `float` alone, or None if they need a closer look.
 
-    Python reads 1_000 as a number and a point is no decimal comma, so both are looked at closely.
+    Python accepts 1_000 as a number, and a point is not a decimal comma: such cells need the exact parser.
     """
     if set(map(type, cells)) <= {float, int, bool}:
         return np.array(cells, dtype=np.float64)
@@ -126,7 +123,7 @@ def _quick(cells: Sequence[object], decimal: Decimal) -> Float | None:
 
 
 def quote_cell(cell: object, limit: int = 40) -> str:
-    """The cell as an error message quotes it.
+    """Return the cell as an error message quotes it.
 
     >>> quote_cell("rpm")
     "'rpm'"
@@ -136,7 +133,7 @@ def quote_cell(cell: object, limit: int = 40) -> str:
 
 
 def is_stamp(cell: object) -> bool:
-    """Whether a cell is a date, or a time of day with seconds, or both.
+    """Return whether a cell is a date, or a time of day with seconds, or both.
 
     >>> is_stamp("12:00:00,5"), is_stamp("2024-02-01T12:00:00Z"), is_stamp("01.02.2024"), is_stamp("12:00")
     (True, True, True, False)
@@ -144,15 +141,15 @@ def is_stamp(cell: object) -> bool:
     return isinstance(cell, str) and _stamp_seconds(cell) is not None
 
 
-def stamps(cells: Sequence[object], origin: int | None = None) -> tuple[Float, int | None] | None:
-    """Seconds since the day `origin` (that of the first date by default) and that day; None where a cell is no stamp.
+def parse_stamps(cells: Sequence[object], origin: int | None = None) -> tuple[Float, int | None] | None:
+    """Return seconds since the day `origin` (default: that of the first date) and that day; None for other text.
 
     An empty cell is NaN. Times without a date count from midnight, and on over the next one.
 
-    >>> stamps(["01.02.2024 12:00:00", "02.02.2024 00:00:00,5"])
+    >>> parse_stamps(["01.02.2024 12:00:00", "02.02.2024 00:00:00,5"])
     (array([43200. , 86400.5]), 738917)
     """
-    found = np.full(len(cells), np.nan)
+    values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
         if not isinstance(cell, str):
             return None
@@ -165,12 +162,12 @@ def stamps(cells: Sequence[object], origin: int | None = None) -> tuple[Float, i
         if day is not None:
             origin = day if origin is None else origin
             within += (day - origin) * _DAY
-        found[k] = within
-    return found, origin
+        values[k] = within
+    return values, origin
 
 
 def _stamp_seconds(cell: str) -> tuple[int | None, float] | None:
-    """The day, if there is one, and the seconds of the day."""
+    """Return the day, if there is one, and the seconds of the day."""
     match = _STAMP.fullmatch(cell)
     if match is None or (match["date"] is None and match["s"] is None):
         return None

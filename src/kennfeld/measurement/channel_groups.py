@@ -1,8 +1,7 @@
-"""Joins the rasters of one recording: groups of channels, each with time stamps of its own.
+"""Recordings in several rasters: groups of channels, each with its own time stamps, are joined into one dataset.
 
-Tables with several columns of time: each belongs to the channels behind it, up to the next one.
-
-INCA, MDA and LabVIEW write groups of different rasters like that, side by side in one table.
+INCA, MDA and LabVIEW write such groups side by side in one table: each time column belongs to the channels after it, up
+to the next time column.
 """
 
 from collections.abc import Sequence
@@ -14,23 +13,25 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import nearest
-from kennfeld.measurement.resampling import grid, resample_all
+from kennfeld.formatting import list_names, nearest
+from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view
-from kennfeld.measurement.time_column import SAME, clock_of, merge, seconds
+from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, merge_instants, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
-__all__ = ["join", "timelines"]
+__all__ = ["join_groups", "split_timelines"]
 
 _Group = tuple[Table, Float, list[Column], list[Float], Clock]  # stamps, channels and their values, where time stands
 
 
-def join(place: str, tables: Sequence[Table], name: str, selection: Selection, raster: float | None = None) -> Dataset:
-    """The dataset of all groups, over the time that they share; nothing is extrapolated.
+def join_groups(
+    place: str, tables: Sequence[Table], name: str, selection: Selection, raster: float | None = None
+) -> Dataset:
+    """Return the dataset of all groups, over the time that they share; nothing is extrapolated.
 
-    Groups with equal time stamps are put side by side. Others need a raster, in s; its points fall on samples of the
-    group that is sampled most often. `InputError` with all that is wrong.
+    Groups with equal time stamps are joined as they are. Others need a raster, in s; its points coincide with samples
+    of the group with the smallest step. Raises `InputError` with all problems.
     """
     missing = _missing(place, tables, selection)
     if missing:
@@ -40,7 +41,7 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
     groups = _read_groups(tables, selection, raster)
     stamps = groups[0][1]
     if raster is None and not all(_equal(stamps, group[1]) for group in groups):
-        raise InputError.of(place, f"the channels have different rasters: {_rasters(groups)}", _raster_mend(groups))
+        raise InputError.of(place, f"the channels have different rasters: {_rasters(groups)}", _raster_remedy(groups))
     if raster is not None:
         stamps = _shared(place, groups, raster)
     channels: list[Channel] = []
@@ -56,18 +57,17 @@ def join(place: str, tables: Sequence[Table], name: str, selection: Selection, r
 
 
 def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[Finding]:
-    """The channels that no group has."""
+    """Return the channels that no group has."""
     names = dict.fromkeys(name for table in tables for name in table.names if name)
-    listed = ", ".join(list(names)[:8]) + (", ..." if len(names) > 8 else "")
     return [
-        Finding(place, f"has no channel {asked}", nearest(asked, names) or f"It has {listed}.")
-        for asked in selection.channels or ()
-        if asked not in names
+        Finding(place, f"has no channel {name}", nearest(name, names) or f"It has {list_names(names)}.")
+        for name in selection.channels or ()
+        if name not in names
     ]
 
 
 def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | None) -> list[_Group]:
-    found: list[Finding] = []
+    findings: list[Finding] = []
     groups = []
     taken: set[str] = set()
     for table in tables:
@@ -77,25 +77,25 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
         try:
             time, columns = check_columns(table, own, raster)
         except InputError as error:
-            found += error.findings
+            findings += error.findings
             continue
         if time is None:
-            message = "has no time stamps, so that its channels do not join those of other groups"
-            found.append(Finding(table.place, message, "Read them by themselves."))
+            message = "has no time stamps, so its channels cannot be joined with those of other groups"
+            findings.append(Finding(table.place, message, "Read them separately."))
         else:
             groups.append((table, *_merged(time, columns), clock_of(time)))
-    if found:
-        raise InputError(found)
+    if findings:
+        raise InputError(findings)
     return groups
 
 
 def _merged(time: Column, columns: list[Column]) -> tuple[Float, list[Column], list[Float]]:
-    stamps, values = merge(seconds(time), [column.values for column in columns])
+    stamps, values = merge_instants(time_in_seconds(time), [column.values for column in columns])
     return stamps, columns, values
 
 
 def _equal(first: Float, other: Float) -> bool:
-    return first.size == other.size and bool(np.all(np.abs(first - other) < SAME))
+    return first.size == other.size and bool(np.all(np.abs(first - other) < SAME_INSTANT))
 
 
 def _step(stamps: Float) -> float:
@@ -103,34 +103,34 @@ def _step(stamps: Float) -> float:
 
 
 def _rasters(groups: Sequence[_Group]) -> str:
-    said = [
+    rasters = [
         f"{columns[0].name} {f'every {_step(stamps):.3g} s' if stamps.size > 1 else 'once'} from {stamps[0]:.6g} s"
         for _, stamps, columns, *_ in groups
         if columns
     ]
-    return ", ".join(said[:4]) + (f" and {len(said) - 4} more" if len(said) > 4 else "")
+    return list_names(rasters, 4)
 
 
-def _raster_mend(groups: Sequence[_Group]) -> str:
+def _raster_remedy(groups: Sequence[_Group]) -> str:
     finest = min(_step(group[1]) for group in groups)
     return f"Give a raster in s, such as raster = {finest if np.isfinite(finest) else 0.1:.3g}."
 
 
 def _shared(place: str, groups: Sequence[_Group], raster: float) -> Float:
-    """The even raster over the time that all groups cover."""
+    """Return the even raster over the time that all groups cover."""
     begin = max(float(group[1][0]) for group in groups)
     end = min(float(group[1][-1]) for group in groups)
     if end < begin:
         ranges = [f"{c[0].name} from {s[0]:.6g} s to {s[-1]:.6g} s" for _, s, c, *_ in groups if c]
-        listed = ", ".join(ranges[:4]) + (f" and {len(ranges) - 4} more" if len(ranges) > 4 else "")
-        raise InputError.of(place, f"the channels share no time: {listed}", "Leave one of them out.")
+        message = f"the time ranges of the channels do not overlap: {list_names(ranges, 4)}"
+        raise InputError.of(place, message, "Omit one of them.")
     densest = min((group[1] for group in groups), key=_step)
-    within = densest[(densest >= begin - SAME) & (densest <= end + SAME)]
-    return grid(np.array([within[0] if within.size else begin, end]), raster)
+    within = densest[(densest >= begin - SAME_INSTANT) & (densest <= end + SAME_INSTANT)]
+    return even_grid(np.array([within[0] if within.size else begin, end]), raster)
 
 
-def timelines(table: Table, selection: Selection) -> list[Table]:
-    """A table for each column of time that has channels asked for; the table itself where there is but one time."""
+def split_timelines(table: Table, selection: Selection) -> list[Table]:
+    """Return a table for each time column with requested channels; the table itself if it has a single time."""
     clocks = [k for k, column in enumerate(table.columns) if _may_be_clock(column, selection)]
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
@@ -147,12 +147,12 @@ def timelines(table: Table, selection: Selection) -> list[Table]:
 
 
 def _count_groups(names: Sequence[str], clocks: set[str]) -> int:
-    """How many of the times have channels behind them, those included that were not read."""
+    """Return the number of time columns followed by channels, including channels that were not read."""
     return sum(name not in clocks and before in clocks for before, name in pairwise(name for name in names if name))
 
 
 def _without_copies(table: Table, clocks: Sequence[int]) -> Table:
-    """The table with one of the columns of time that are called the same and tell the same."""
+    """Return the table without repetitions of its time column."""
     first = table.columns[0].name
     copies = {k for k in clocks[1:] if table.columns[k].name == first}
     return replace(table, columns=tuple(c for k, c in enumerate(table.columns) if k not in copies))
@@ -166,20 +166,20 @@ def _may_be_clock(column: Column, selection: Selection) -> bool:
 
 
 def _differ(clocks: Sequence[Column]) -> bool:
-    """Whether the times are more than one time told in several ways."""
-    first = seconds(clocks[0])
-    return any(not _same(first, seconds(clock)) for clock in clocks[1:])
+    """Return whether the time columns differ by more than a constant shift."""
+    first = time_in_seconds(clocks[0])
+    return any(not _same(first, time_in_seconds(clock)) for clock in clocks[1:])
 
 
 def _same(first: Float, other: Float) -> bool:
     if not np.array_equal(np.isnan(first), np.isnan(other)):
         return False
     shift = (other - first)[~np.isnan(first)]
-    return bool(np.ptp(shift) <= max(SAME, 1e-3 * np.ptp(first[~np.isnan(first)])))
+    return bool(np.ptp(shift) <= max(SAME_INSTANT, 1e-3 * np.ptp(first[~np.isnan(first)])))
 
 
 def _part(table: Table, clock: Column, channels: Sequence[Column]) -> Table:
-    """The rows in which this time, or one of its channels, has a value."""
+    """Return the rows in which this time, or one of its channels, has a value."""
     rows: Bool = ~np.isnan(clock.values)
     for column in channels:
         rows |= ~np.isnan(column.values)

@@ -1,4 +1,4 @@
-"""How a text file is written: encoding, separator and decimal mark, found from its first lines."""
+"""Dialect of a text file: encoding, separator, decimal mark and header, detected from its first lines."""
 
 import csv
 import re
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.cells import Decimal, number
+from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import is_mark
 from kennfeld.measurement.unit_text import looks_like_unit
 
-__all__ = ["Dialect", "find_dialect", "is_comment", "split"]
+__all__ = ["Dialect", "find_dialect", "is_comment", "split_line"]
 
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
@@ -21,18 +21,18 @@ _NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks"
 
 @dataclass(frozen=True)
 class Dialect:
-    """The way a text file is written. Lines are counted from 0 here."""
+    """The dialect of a text file. Lines are counted from 0 here."""
 
     encoding: str
     separator: str
     decimal: Decimal
-    decimal_seen: bool  # whether a number with that mark was met
+    decimal_seen: bool  # whether the first lines contain a number with that mark
     header: Header
-    repeated: frozenset[str] = frozenset()  # lines that are no rows wherever they stand: names and units once more
+    repeated: frozenset[str] = frozenset()  # lines that are never rows: repeated names and units
 
     @property
     def details(self) -> tuple[tuple[str, str], ...]:
-        """What `kennfeld info` says of it."""
+        """Details for `kennfeld info`."""
         return (
             ("encoding", self.encoding),
             ("separator", _NAMES[self.separator]),
@@ -42,7 +42,7 @@ class Dialect:
 
 
 def is_comment(line: str) -> bool:
-    """Whether the line is a comment (#, %, //).
+    """Return whether the line is a comment (#, %, //).
 
     >>> is_comment("# made by hand"), is_comment("#N/A;1")
     (True, False)
@@ -50,10 +50,10 @@ def is_comment(line: str) -> bool:
     return _COMMENT.match(line) is not None
 
 
-def split(line: str, separator: str) -> list[str]:
-    """The cells of a line; quotes hold a cell together.
+def split_line(line: str, separator: str) -> list[str]:
+    """Return the cells of a line; quotes hold a cell together.
 
-    >>> split('"Speed; [rpm]";1;', ";")
+    >>> split_line('"Speed; [rpm]";1;', ";")
     ['Speed; [rpm]', '1', '']
     """
     if separator == " ":
@@ -67,13 +67,13 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
-    """The dialect of a file that begins with these lines; `InputError` where no table can be seen."""
+    """Return the dialect of a file that begins with these lines; raise `InputError` if there is no table."""
     best: tuple[tuple[int, int], Dialect] | None = None
     lines = _joined(lines)
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
             continue
-        rows = [[] if is_comment(line) or is_mark(line, separator) else split(line, separator) for line in lines]
+        rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
         for decimal in _decimals(separator, lines):
             scored = _scored(rows, separator, decimal, encoding, lines)
             if scored is not None and (best is None or scored[0] > best[0]):
@@ -84,7 +84,7 @@ def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
 
 
 def _joined(lines: Sequence[str]) -> list[str]:
-    """The lines with each cell that runs over several of them on the last one; line numbers stay."""
+    """Return the lines with each multi-line cell moved to its last line; line numbers are unchanged."""
     joined, held = [], ""
     for i, line in enumerate(lines):
         whole = held + line
@@ -101,7 +101,7 @@ def _decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
 def _scored(
     rows: list[list[str]], separator: str, decimal: Decimal, encoding: str, lines: Sequence[str]
 ) -> tuple[tuple[int, int], Dialect] | None:
-    """How well the lines read this way; of two that read as well the one with the first header wins.
+    """Rate how well the lines read with this dialect; of equal ratings the first header wins.
 
     Numbers count for it, text among numbers and rows of another length against it.
     """
@@ -110,7 +110,7 @@ def _scored(
         return None
     above = rows[: header.data]  # which a log that was restarted repeats
     data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
-    found = [[None if not cell.strip() else number(cell, decimal) for cell in row] for row in data]
+    found = [[None if not cell.strip() else parse_number(cell, decimal) for cell in row] for row in data]
     numeric = {i for values in found for i, value in enumerate(values) if value is not None}
     score, seen = 0, False
     for row, values in zip(data, found, strict=True):
@@ -122,12 +122,12 @@ def _scored(
 
 
 def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:
-    """Names that stand in a comment right above the numbers, as numpy writes them."""
+    """Return the header that a comment right above the numbers holds, as numpy writes it."""
     first = next((i for i, row in enumerate(rows) if any(cell.strip() for cell in row)), 0)
     begin = first
     while begin > max(first - 3, 0) and is_comment(lines[begin - 1]):
         begin -= 1
-    above = [split(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
+    above = [split_line(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
     for k in range(len(above) - 1, -1, -1):  # units may stand below the names, in a comment as well
         found = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
         if found is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
@@ -138,14 +138,14 @@ def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, l
 def _no_table(place: str, lines: Sequence[str]) -> InputError:
     filled = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not is_comment(line)]
     if not filled:
-        return InputError.of(place, "the file is empty", "Export the measurement anew.")
+        return InputError.of(place, "the file is empty", "Export the measurement again.")
     with_digits = [(i, line) for i, line in filled if _starts_as_number(line)]
     if not with_digits:
         message = (
             "there are names but no row of numbers below them" if len(filled) <= 3 else "there is no table of numbers"
         )
         return InputError.of(
-            f"{place} line {filled[0][0]}", message, "Export the measurement anew, or name another file."
+            f"{place} line {filled[0][0]}", message, "Export the measurement again, or name another file."
         )
     remedy = "Put a line with the names of the channels above the numbers."
     return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", remedy)
@@ -153,4 +153,4 @@ def _no_table(place: str, lines: Sequence[str]) -> InputError:
 
 def _starts_as_number(line: str) -> bool:
     first = re.split(r"[;,\t| ]", line.strip().strip('"'), maxsplit=1)[0]
-    return number(first.strip('"')) is not None and bool(re.search(r"\d", first))
+    return parse_number(first.strip('"')) is not None and bool(re.search(r"\d", first))

@@ -1,10 +1,10 @@
-"""The encoding of a text file, found from its first bytes."""
+"""Encoding of a text file, detected from its first bytes."""
 
 import codecs
 from collections.abc import Container
 from dataclasses import dataclass
 
-__all__ = ["GUESSED", "encoding_of"]
+__all__ = ["GUESSED_ENCODINGS", "detect_encoding"]
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _MOST_COMMON = 0.8  # of the characters of two bytes
@@ -26,18 +26,21 @@ _ASIAN = (
     # symbols, kana and the 2965 common characters; katakana of half width
     _Asian("cp932", range(0x81, 0x98), range(0x40, 0xFD), range(0xA1, 0xE0)),
 )
-GUESSED = {"gb18030": "GB18030 (Chinese)", "cp932": "Shift JIS (Japanese)"}  # what to call those that may be wrong
+GUESSED_ENCODINGS = {
+    "gb18030": "GB18030 (Chinese)",
+    "cp932": "Shift JIS (Japanese)",
+}  # what to call those that may be wrong
 
 
-def encoding_of(start: bytes, whole: bool) -> str:
+def detect_encoding(start: bytes, whole: bool) -> str:
     """Return the encoding of a file that begins with these bytes.
 
     By its mark; else UTF-8 if it is valid; else GB18030 or Shift JIS if it is valid and most characters are common
     ones, for nearly any bytes are valid there; else cp1252.
 
-    >>> encoding_of("Öl [°C]".encode("cp1252"), True), encoding_of("Öl [°C]".encode(), True)
+    >>> detect_encoding("Öl [°C]".encode("cp1252"), True), detect_encoding("Öl [°C]".encode(), True)
     ('cp1252', 'utf-8')
-    >>> encoding_of("转速 [rpm]".encode("gbk"), True), encoding_of("回転数 [rpm]".encode("cp932"), True)
+    >>> detect_encoding("转速 [rpm]".encode("gbk"), True), detect_encoding("回転数 [rpm]".encode("cp932"), True)
     ('gb18030', 'cp932')
     """
     for mark, name in _MARKS:
@@ -58,7 +61,7 @@ def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
 
 
 def _looks_like(start: bytes, encoding: _Asian) -> bool:
-    """Whether most characters of two bytes are common ones."""
+    """Return whether most characters of two bytes are common ones."""
     common = total = at = 0
     while at + 1 < len(start):
         lead, trail = start[at], start[at + 1]

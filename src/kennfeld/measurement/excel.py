@@ -1,4 +1,4 @@
-"""Reads spreadsheets: xlsx, xlsm, xlsb, xls, ods."""
+"""Reader of spreadsheets: xlsx, xlsm, xlsb, xls and ods."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,28 +20,28 @@ _HEAD_ROWS = 200
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """The numeric tables of a workbook, one a sheet; of the sheet alone that `source` names."""
+    """Return the numeric tables of a workbook, one per sheet, or that of the sheet that `source` names."""
     with source.path.open("rb") as stream:
         book = opened(source.name, stream)
         sheets = _sheets(source, book)
         tables = [_table(source, name, book.cells(name), selection) for name in sheets]
         unsaved = [book.unsaved(name) for name in sheets]
-    found = [
+    remarked = [
         _remarked(source, table, formulas) for table, formulas in zip(tables, unsaved, strict=True) if table is not None
     ]
-    if not found and any(unsaved):
+    if not remarked and any(unsaved):
         raise InputError(Finding(source.name, str(one), one.remedy) for one in unsaved if one is not None)
-    if not found:
+    if not remarked:
         where = f"sheet {sheets[0]}" if len(sheets) == 1 else f"none of its {len(sheets)} sheets"
         message = f"{where} holds {'no' if len(sheets) == 1 else 'a'} row of names with numbers below"
         raise InputError.of(source.name, message, "Put the names of the channels into the row above the numbers.")
-    return found
+    return remarked
 
 
 def _remarked(source: MeasurementFile, table: Table, unsaved: Unsaved | None) -> Table:
     if unsaved is None:
         return table
-    message = f"{unsaved}; they are missing values"
+    message = f"{unsaved}; they are read as missing"
     return replace(table, remarks=(*table.remarks, Finding(source.name, message, unsaved.remedy, severity="warning")))
 
 

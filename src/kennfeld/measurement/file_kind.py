@@ -1,4 +1,4 @@
-"""What kind of file this is, told by its content; the file's name is never trusted."""
+"""Kinds of files, recognised by their content, never by their name."""
 
 import struct
 import zipfile
@@ -12,14 +12,14 @@ from typing import BinaryIO, TypeVar
 from kennfeld.errors import InputError
 from kennfeld.formatting import nearest
 
-__all__ = ["FileKind", "MeasurementFile", "guarded", "kind_of", "locate"]
+__all__ = ["FileKind", "MeasurementFile", "detect_kind", "locate", "run_guarded"]
 
 _T = TypeVar("_T")
 _BOMS = (b"\xff\xfe", b"\xfe\xff")
 
 
 class FileKind(Enum):
-    """A kind of file, by the name a message gives it."""
+    """A kind of file; the value is its name in messages."""
 
     CSV = "CSV"
     EXCEL = "Excel"
@@ -75,7 +75,7 @@ _WORDS = (
 
 @dataclass(frozen=True)
 class MeasurementFile:
-    """A file on disk, its kind, and the part of it that is asked for."""
+    """A file on disk, its kind, and the requested sheet."""
 
     path: Path
     kind: FileKind
@@ -94,7 +94,7 @@ class MeasurementFile:
 
     @property
     def size(self) -> int:
-        """Bytes of content; of a packed file, what its last four bytes say."""
+        """Bytes of content; for a compressed file, the size in its last four bytes."""
         if not self.packed:
             return self.path.stat().st_size
         with self.path.open("rb") as file:
@@ -102,7 +102,7 @@ class MeasurementFile:
             return int.from_bytes(file.read(4), "little")
 
     def open(self) -> BinaryIO:
-        """The content, unpacked."""
+        """Return the content, unpacked."""
         if self.packed:
             import gzip
 
@@ -111,11 +111,11 @@ class MeasurementFile:
 
 
 def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
-    """The file at `path`, which may name a sheet behind a `#`; `InputError` where there is none.
+    """Return the file at `path`, which may name a sheet after a `#`; raise `InputError` if there is none.
 
-    >>> locate("no such folder/bench.csv")
+    >>> locate("missing/bench.csv")
     Traceback (most recent call last):
-    kennfeld.errors.InputError: no such folder/bench.csv: there is no such file. Check the path: the folder is missing.
+    kennfeld.errors.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
     """
     file = Path(path)
     if sheet is None and "#" in file.name and not file.exists():
@@ -125,18 +125,18 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
         raise InputError.of(str(file), "there is no such file", _near(file))
     if file.is_dir():
         raise InputError.of(str(file), "this is a folder", "Name a file in it.")
-    kind, packed = kind_of(file)
+    kind, packed = detect_kind(file)
     return MeasurementFile(file, kind, packed, sheet or None)
 
 
 def _near(file: Path) -> str:
     if not file.parent.is_dir():
-        return "Check the path: the folder is missing."
+        return "Check the path: the folder does not exist."
     return nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
 
 
-def guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
-    """Run `work` on a file; what the system or a packed file throws becomes an `InputError`."""
+def run_guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
+    """Run `work` on a file; errors of the system or of decompression become an `InputError`."""
     try:
         return work()
     except (EOFError, zlib.error):
@@ -145,12 +145,12 @@ def guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
         if type(error).__name__ != "BadGzipFile":  # of a module that most runs do not need
             message = f"cannot be read ({error.strerror or error})"
             raise InputError.of(name, message, "Check the file.") from None
-    raise InputError.of(name, "the packed file is damaged or cut off", "Copy it anew from its source.")
+    raise InputError.of(name, "the compressed file is damaged or cut off", "Copy it again from its source.")
 
 
-def kind_of(file: Path) -> tuple[FileKind, bool]:
-    """The kind of a file and whether it is packed by gzip. Raises `InputError` if it cannot be read."""
-    return guarded(file.name, lambda: _kind_of(file))
+def detect_kind(file: Path) -> tuple[FileKind, bool]:
+    """Return the kind of a file and whether it is compressed by gzip. Raises `InputError` if it cannot be read."""
+    return run_guarded(file.name, lambda: _kind_of(file))
 
 
 def _kind_of(file: Path) -> tuple[FileKind, bool]:
@@ -182,7 +182,7 @@ def _kind(start: bytes) -> FileKind:
 
 
 def _is_matlab_4(start: bytes) -> bool:
-    """Whether an array of MATLAB's version 4 begins here: that version has no mark of its own."""
+    """Return whether an array of MATLAB's version 4 begins here: that version has no signature."""
     for order in ("<", ">"):
         kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", start[:20].ljust(20, b"\0"))
         name = start[20 : 20 + max(length, 1)]
@@ -193,7 +193,7 @@ def _is_matlab_4(start: bytes) -> bool:
 
 
 def _is_log(words: bytes) -> bool:
-    """Whether lines of information in quotes stand above names that begin with the time, with tabs between them."""
+    """Return whether quoted lines of information precede tab-separated names that begin with the time."""
     lines = words.splitlines()
     quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
     return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
@@ -208,7 +208,7 @@ def _zip_kind(file: Path) -> FileKind:
         raise InputError.of(
             file.name,
             "this ZIP archive (an Excel file, perhaps) is damaged or cut off",
-            "Copy it anew from its source.",
+            "Copy it again from its source.",
         ) from None
     if b"opendocument.spreadsheet" in mime or any(member.startswith("xl/workbook") for member in members):
         return FileKind.EXCEL

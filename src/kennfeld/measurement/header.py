@@ -1,20 +1,20 @@
-"""Finds the names, the units and the first row of numbers at the top of a table."""
+"""Detection of the rows of names, units and first numbers at the top of a table."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kennfeld.measurement.cells import Decimal, is_missing, number
+from kennfeld.measurement.cells import Decimal, is_missing, parse_number
 from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 
 __all__ = ["Header", "find_header"]
 
 Row = Sequence[object]
 
-_LABELS = ("unit", "units", "einheit", "einheiten")  # what stands before the units of a row
-_HEADS = 5  # rows above the numbers in which names may stand
-_ENOUGH = 3  # rows of numbers that make a table; fewer may be settings above it
-_FEW = 10  # rows of numbers that may be a block above the table
+_LABELS = ("unit", "units", "einheit", "einheiten")  # before the units of a row
+_MAX_HEADER_ROWS = 5  # above the numbers
+_MIN_TABLE_ROWS = 3  # of numbers; fewer may be settings above the table
+_MAX_BLOCK_ROWS = 10  # of numbers in a block above the table
 
 
 @dataclass(frozen=True)
@@ -23,18 +23,18 @@ class Header:
 
     row: int
     data: int
-    names: tuple[str, ...]  # empty where a column has none
+    names: tuple[str, ...]  # empty if a column has none
     units: tuple[str, ...]
 
     @property
     def width(self) -> int:
-        """How many cells a row needs to reach the last named column."""
+        """Number of cells up to the last named column."""
         return max((i + 1 for i, name in enumerate(self.names) if name), default=0)
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """Which columns of a row hold numbers, text, or anything at all."""
+    """The columns of a row that hold numbers and text."""
 
     numbers: frozenset[int]
     texts: frozenset[int]
@@ -47,7 +47,7 @@ class _Shape:
 
 
 def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
-    """The head of the table in these rows, None where no row of names stands above numbers.
+    """Return the header of the table in these rows; None if there is no row of names above numbers.
 
     >>> found = find_header([["a test"], ["Speed", "Torque"], ["rpm", "Nm"], ["1000", "80"]])
     >>> found.names, found.units, found.data
@@ -62,22 +62,22 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
             continue
         unit_row, data = found
         run = _run(filled[at:], shapes, data)
-        made = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
-        complete = len(run) >= _FEW or run[-1] == filled[-1]
+        result = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
+        complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
         if first is None:
             if complete:
-                return made
-            first = made, run
-        elif len(first[1]) < _ENOUGH and _settings(first[1], shapes):
-            if complete or len(run) >= _ENOUGH or not _settings(run, shapes):
-                return made
-        elif len(run) > len(first[1]) and _tells_more(made, first[0], rows, shapes):
-            return made
+                return result
+            first = result, run
+        elif len(first[1]) < _MIN_TABLE_ROWS and _settings(first[1], shapes):
+            if complete or len(run) >= _MIN_TABLE_ROWS or not _settings(run, shapes):
+                return result
+        elif len(run) > len(first[1]) and _tells_more(result, first[0], rows, shapes):
+            return result
     return first[0] if first else None
 
 
 def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
-    """Whether a header further down is the one of the table, and what is above a block of numbers of its own.
+    """Return whether a header further down is the one of the table, and what is above a block of numbers of its own.
 
     It names more columns of numbers, or the time where the first one does not.
     """
@@ -88,13 +88,13 @@ def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Seque
 def _raised(
     rows: Sequence[Row], shapes: Sequence[_Shape], row: int, unit_row: int | None, data: int
 ) -> tuple[int, int | None]:
-    """Names and units, where the names stand some rows higher: above descriptions, types and units of the channels.
+    """Return the rows of names and units if the names are above rows of descriptions, types and units.
 
     The word for time tells them from what else stands above a table.
     """
     if unit_row is None and _has_time(rows[row]):
         unit_row = _units_above(rows, shapes, row)
-    for above in range(row - 1, max(row - _HEADS, -1), -1):
+    for above in range(row - 1, max(row - _MAX_HEADER_ROWS, -1), -1):
         shape = shapes[above]
         if shape.numbers or len(shape.texts) < len(shapes[row].texts):
             break
@@ -106,14 +106,14 @@ def _raised(
 
 
 def _units_above(rows: Sequence[Row], shapes: Sequence[_Shape], row: int) -> int | None:
-    """The row above the names, if it holds nothing but units of them."""
+    """Return the row above the names, if it holds nothing but units of them."""
     if not row or shapes[row - 1].numbers or not shapes[row - 1].texts <= shapes[row].texts:
         return None
     return row - 1 if _units_in(rows[row - 1]) == len(shapes[row - 1].texts) >= 2 else None
 
 
 def _are_distinct(names: Sequence[str]) -> bool:
-    """Whether each is another one; the time may come again, for another group of channels."""
+    """Return whether each is another one; the time may come again, for another group of channels."""
     others = [name for name in names if time_unit(*split_name(name)) is None]
     return len(set(others)) == len(others)
 
@@ -123,7 +123,7 @@ def _has_time(row: Row) -> bool:
 
 
 def _are_names(row: Row) -> bool:
-    """Whether all cells may be names of channels, and each is another one."""
+    """Return whether all cells may be names of channels, and each is another one."""
     names = [str(cell).strip() for cell in row if not _is_blank(cell)]
     return _are_distinct(names) and all(name[0].isalpha() or name[0] in "_$%" for name in names)
 
@@ -138,7 +138,7 @@ def _units_in(row: Row) -> int:
 
 
 def _shape(row: Row, decimal: Decimal) -> _Shape:
-    held = {i: number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
+    held = {i: parse_number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
     texts = frozenset(i for i, value in held.items() if value is None)
     numbers = frozenset(held) - texts
     dashes = {i for i in numbers if str(row[i]).strip("- ") == ""}
@@ -152,7 +152,7 @@ def _is_blank(cell: object) -> bool:
 
 
 def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape]) -> tuple[int | None, int] | None:
-    """The unit row (None without one) and the first data row below the names in filled[0], if these are names."""
+    """Return the row of units (or None) and the first row of data if filled[0] holds names; else None."""
     names = shapes[filled[0]]
     if not names.texts or not names.worded:
         return None
@@ -171,7 +171,7 @@ def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape])
 
 
 def _unit_row_of_ones(row: Row, shape: _Shape) -> bool:
-    """Whether the row holds units of which some are 1."""
+    """Return whether the row holds units of which some are 1."""
     return bool(shape.texts) and shape.ones and all(looks_like_unit(str(row[i])) for i in shape.texts)
 
 
@@ -187,7 +187,7 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
 
 
 def _run(filled: Sequence[int], shapes: Sequence[_Shape], data: int) -> list[int]:
-    """The rows of numbers that follow each other from `data` on."""
+    """Return the rows of numbers that follow each other from `data` on."""
     run = []
     for row in filled:
         if row < data:
@@ -199,7 +199,7 @@ def _run(filled: Sequence[int], shapes: Sequence[_Shape], data: int) -> list[int
 
 
 def _settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
-    """Whether the rows are settings above the table, such as `Rate; 0.1`, rather than its data."""
+    """Return whether the rows are settings above the table, such as `Rate; 0.1`, rather than its data."""
     return all(shapes[row].texts and len(shapes[row].texts | shapes[row].numbers) <= 2 for row in run)
 
 

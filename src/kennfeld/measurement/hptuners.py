@@ -1,7 +1,7 @@
-"""Reads the CSV logs of HP Tuners' VCM Scanner.
+"""Reader of the CSV logs of HP Tuners' VCM Scanner.
 
-Sections in brackets; [Channel Information] holds a row of numbers, one of names (which may contain commas without
-quotes) and one of units, [Channel Data] the rows. A cell is empty where its channel was not sampled at that time.
+Sections have names in brackets: [Channel Information] holds a row of numbers, one of names (which may contain commas
+without quotes) and one of units, [Channel Data] the rows. A cell is empty if its channel was not sampled at that time.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,13 +12,13 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.cells import Decimal
-from kennfeld.measurement.csv_dialect import split
-from kennfeld.measurement.encoding import encoding_of
+from kennfeld.measurement.csv_dialect import split_line
+from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
-from kennfeld.measurement.table_conversion import TableDescription, described
-from kennfeld.measurement.text import lines_of
+from kennfeld.measurement.table_conversion import TableDescription, describe_table
+from kennfeld.measurement.text import iterate_lines
 from kennfeld.measurement.unit_text import plain_unit
 
 __all__ = ["describe_tables", "read_tables"]
@@ -37,30 +37,30 @@ class _Log:
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """A table for the channels that were sampled together."""
+    """Return a table for the channels that were sampled together."""
     return _rasters(_whole(source, selection), selection)
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """One description of all rows; what a channel was not sampled at counts as missing there."""
+    """Return one description of all rows; what a channel was not sampled at counts as missing there."""
     table = _whole(source, Selection())
     if table.findings:
         raise InputError(table.findings)
-    return [described(table)]
+    return [describe_table(table)]
 
 
 def _whole(source: MeasurementFile, selection: Selection) -> Table:
-    """All rows, NaN where a channel was not sampled."""
+    """Return all rows, NaN if a channel was not sampled."""
     with source.open() as stream:
         start = stream.read(_HEAD)
-    log = _sections(source, encoding_of(start, len(start) < _HEAD))
+    log = _sections(source, detect_encoding(start, len(start) < _HEAD))
     separator, header = _header(source.name, log.channels)
     wanted = [0, *(i for i in selection.wants(header) if i)]
     builders = [ColumnBuilder(header.names[i], header.units[i], header.names[i]) for i in wanted]
     decimal: Decimal = "." if separator == "," else ","
     odd: list[tuple[int, int]] = []
     for block in _blocks(log.rows):
-        cells = [_fitted(line, split(text, separator), len(header.names), odd) for line, text in block]
+        cells = [_fitted(line, split_line(text, separator), len(header.names), odd) for line, text in block]
         columns = list(zip(*cells, strict=True))
         for i, builder in zip(wanted, builders, strict=True):
             builder.add(columns[i], decimal)
@@ -78,7 +78,7 @@ def _whole(source: MeasurementFile, selection: Selection) -> Table:
 
 def _sections(source: MeasurementFile, encoding: str) -> _Log:
     log, section = _Log(), ""
-    for number, line in lines_of(source, encoding):
+    for number, line in iterate_lines(source, encoding):
         bare = line.strip().rstrip(",;\t")
         if bare.startswith("[") and bare.endswith("]"):
             section = bare.casefold()
@@ -92,22 +92,22 @@ def _sections(source: MeasurementFile, encoding: str) -> _Log:
             log.created = bare.partition(":")[2].strip()
     for there, message in ((log.channels, "[Channel Information]"), (log.rows, "[Channel Data]")):
         if not there:
-            remedy = "The file seems to be cut off: export it anew."
+            remedy = "The file seems to be cut off: export it again."
             raise InputError.of(source.name, f"the HP Tuners log has no rows below {message}", remedy)
     return log
 
 
 def _header(place: str, lines: Sequence[tuple[int, str]]) -> tuple[str, Header]:
-    """Separator and header from the lines of numbers, names and units."""
+    """Return separator and header from the lines of numbers, names and units."""
     if len(lines) < 2:
-        raise InputError.of(f"{place} line {lines[0][0]}", "no row of names follows", "Export the log anew.")
+        raise InputError.of(f"{place} line {lines[0][0]}", "no row of names follows", "Export the log again.")
     separator = max(",;\t", key=lines[0][1].count)
-    count = len(split(lines[0][1], separator))
-    names = _joined(split(lines[1][1], separator), count)
+    count = len(split_line(lines[0][1], separator))
+    names = _joined(split_line(lines[1][1], separator), count)
     if len(names) > count:
         message = f"there are {len(names)} names for {count} channels: a name contains a comma"
         raise InputError.of(f"{place} line {lines[1][0]}", message, "Put that name into quotes.")
-    units = split(lines[2][1], separator) if len(lines) > 2 else []
+    units = split_line(lines[2][1], separator) if len(lines) > 2 else []
     named = unique_names([name.strip() for name in names] + [""] * (count - len(names)))
     named[0] = named[0] or "Offset"
     given = tuple(plain_unit(unit) for unit in (units + [""] * count)[:count])
@@ -115,7 +115,7 @@ def _header(place: str, lines: Sequence[tuple[int, str]]) -> tuple[str, Header]:
 
 
 def _joined(cells: list[str], count: int) -> list[str]:
-    """The names, those with commas within brackets put together again where there are too many.
+    """Return the names, those with commas within brackets put together again where there are too many.
 
     >>> _joined(["Offset", "AEM (0", "1)", "Load"], 3)
     ['Offset', 'AEM (0,1)', 'Load']
@@ -146,15 +146,15 @@ def _fitted(line: int, cells: list[str], width: int, odd: list[tuple[int, int]])
 
 def _odd_rows(place: str, odd: Sequence[tuple[int, int]], width: int) -> list[Finding]:
     remedy = "Give the row as many cells as there are channels."
-    found = [
+    findings = [
         Finding(f"{place} line {line}", f"the row has {cells} cells, the log {width} channels", remedy)
         for line, cells in odd[:200]
     ]
-    return limit_findings(found, place, "rows with too many cells", max(len(odd) - 200, 0))
+    return limit_findings(findings, place, "rows with too many cells", max(len(odd) - 200, 0))
 
 
 def _rasters(table: Table, selection: Selection) -> list[Table]:
-    """A table for the channels with the same pattern of samples; gaps before all have begun are none of it."""
+    """Return a table for the channels with the same pattern of samples; gaps before all have begun are none of it."""
     clock, *columns = table.columns
     known = {c.name: ~np.isnan(c.values) for c in columns}
     if clock.text_count or np.isnan(clock.values).any():
@@ -164,16 +164,16 @@ def _rasters(table: Table, selection: Selection) -> list[Table]:
     groups: dict[bytes, list[Column]] = {}
     for column in sampled:
         groups.setdefault(known[column.name][begin:].tobytes(), []).append(column)
-    made = [_part(table, clock, own, np.any([known[c.name] for c in own], axis=0)) for own in groups.values()]
+    result = [_part(table, clock, own, np.any([known[c.name] for c in own], axis=0)) for own in groups.values()]
     # text is looked at where it is asked for, or stands among numbers
     texts = [c for c in columns if c.text_count and _matters(c, selection)]
-    if texts or not made:
-        made.append(_part(table, clock, texts, np.ones(table.rows.size, dtype=bool)))
+    if texts or not result:
+        result.append(_part(table, clock, texts, np.ones(table.rows.size, dtype=bool)))
     never = tuple(
-        replace(c, values=c.values[: made[0].rows.size]) for c in columns if not (c.text_count or known[c.name].any())
+        replace(c, values=c.values[: result[0].rows.size]) for c in columns if not (c.text_count or known[c.name].any())
     )
-    made[0] = replace(made[0], columns=(*made[0].columns, *never))
-    return [replace(part, findings=table.findings if k == 0 else ()) for k, part in enumerate(made)]
+    result[0] = replace(result[0], columns=(*result[0].columns, *never))
+    return [replace(part, findings=table.findings if k == 0 else ()) for k, part in enumerate(result)]
 
 
 def _matters(column: Column, selection: Selection) -> bool:

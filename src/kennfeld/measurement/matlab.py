@@ -1,4 +1,4 @@
-"""Reads MATLAB files as measurements: vectors with a time, structs, matrices, of versions 4 to 7.3."""
+"""Reader of MATLAB files (versions 4 to 7.3) as measurements: vectors with a time, structs, matrices."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import list_names
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
-from kennfeld.measurement.table_conversion import TableDescription, described
+from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
 __all__ = ["describe_tables", "holds_samples", "read_tables"]
 
 _TIME = "time"
-_SAID = 8  # variables that a message lists
+_MAX_LISTED = 8  # variables in a message
 _PLAIN = (
     "In MATLAB, save its values as plain vectors or in a struct, beside a vector `time`; "
     "table2struct(T, ToScalar=true) makes one of a table."
@@ -26,7 +27,7 @@ _PLAIN = (
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """A table for each time in the file that has a channel asked for."""
+    """Return a table for each time in the file that has a requested channel."""
     return _tables(source, _found(source), selection)
 
 
@@ -39,14 +40,14 @@ def _tables(source: MeasurementFile, found: MatlabSignals, selection: Selection)
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """What is sampled at each time, and what was left aside."""
+    """Return a description of each time base, with the names of skipped variables."""
     found = _found(source)
     first, *others = _tables(source, found, Selection())
-    return [described(table) for table in (_remarked(first, found), *others)]
+    return [describe_table(table) for table in (_remarked(first, found), *others)]
 
 
 def holds_samples(path: str | Path) -> bool:
-    """Whether a MATLAB file holds channels over time, rather than parameters; `InputError` where it is damaged.
+    """Return whether a MATLAB file holds channels over time, rather than parameters; `InputError` where it is damaged.
 
     >>> holds_samples("bench.mat")  # doctest: +SKIP
     True
@@ -64,7 +65,7 @@ def _all(source: MeasurementFile) -> MatlabSignals:
         raise
     except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
         message = f"the {file} is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
-    raise InputError.of(source.name, message, "Save it anew.")
+    raise InputError.of(source.name, message, "Save it again.")
 
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
@@ -80,27 +81,26 @@ def _variables(source: MeasurementFile) -> dict[str, Node]:
 
 
 def _found(source: MeasurementFile) -> MatlabSignals:
-    """The channels of the file; a finding where there are none."""
+    """Return the channels of the file; a finding where there are none."""
     found = _all(source)
     if found.clocks:
         return found
     if found.unreadable and not found.loose:
-        message = f"holds nothing that can be read without MATLAB: {_listed(found.unreadable)}"
+        message = f"only MATLAB can read its variables: {_listed(found.unreadable)}"
         raise InputError.of(source.name, message, _PLAIN)
     if found.loose:
         sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
-        message = f"none of its arrays is a time, nor are they vectors of one length: {_listed(sizes)}"
+        message = f"found neither a time vector nor vectors of equal length: {_listed(sizes)}"
         raise InputError.of(source.name, message, "Save a vector `time`, in seconds, as long as the channels.")
     raise InputError.of(source.name, "holds no vectors", "Is it the right file?")
 
 
 def _listed(said: dict[str, str]) -> str:
-    more = f" and {len(said) - _SAID} more" if len(said) > _SAID else ""
-    return ", ".join(f"{path} ({message})" for path, message in list(said.items())[:_SAID]) + more
+    return list_names([f"{path} ({message})" for path, message in said.items()], _MAX_LISTED)
 
 
 def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
-    """The name of each channel: its last part, or its path where others are called the same."""
+    """Return the name of each channel: its last part, or its path where others are called the same."""
     signals = [signal for clock in clocks for signal in clock.signals]
     count = Counter([_TIME, *(signal.name for signal in signals)])
     names = [signal.name if count[signal.name] == 1 else signal.path for signal in signals]
@@ -110,7 +110,7 @@ def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
 def _chosen(
     place: str, found: MatlabSignals, names: dict[RecordedSignal, str], selection: Selection
 ) -> dict[RecordedSignal, str]:
-    """The channels asked for, by their name or their path, with the name to give them."""
+    """Return the requested channels, by their name or their path, with the name to give them."""
     if selection.channels is None:
         return names
     chosen: dict[RecordedSignal, str] = {}
@@ -120,14 +120,14 @@ def _chosen(
         if len(meant) == 1:
             chosen[meant[0]] = asked
         elif meant:
-            listed = ", ".join(names[signal] for signal in meant[:_SAID])
-            findings.append(Finding(place, f"{len(meant)} channels are called {asked}", f"Name one of them: {listed}."))
+            listed = ", ".join(names[signal] for signal in meant[:_MAX_LISTED])
+            findings.append(Finding(place, f"{len(meant)} channels are named {asked}", f"Name one of them: {listed}."))
         elif asked in found.unreadable:
-            findings.append(Finding(place, f"{asked} ({found.unreadable[asked]}) is read by MATLAB alone", _PLAIN))
+            findings.append(Finding(place, f"{asked} ({found.unreadable[asked]}) can only be read by MATLAB", _PLAIN))
         elif asked in found.loose:
             size = " x ".join(map(str, found.loose[asked]))
             remedy = "Save it with a vector `time` of its length."
-            findings.append(Finding(place, f"{asked} is of size {size}, and no time is as long", remedy))
+            findings.append(Finding(place, f"{asked} is of size {size}, but no time vector has that length", remedy))
     if findings:
         raise InputError(findings)
     return chosen

@@ -1,6 +1,6 @@
-"""Finds what was sampled over time among the variables of a MATLAB file.
+"""Signals over time among the variables of a MATLAB file.
 
-Known forms: vectors beside a vector of time of the same length, alone or in structs; the "Structure with time" of
+Known forms: vectors with a time vector of the same length, alone or in structs; the "Structure with time" of
 Simulink (time, signals.values, signals.label); structs like a timeseries (Time, Data, Name, Units); the captures of
 ControlDesk (X.Data, Y.Data, Y.XIndex); the matrix of a To File block (its first row is the time).
 """
@@ -20,7 +20,7 @@ from kennfeld.matlab.mat_nodes import (
     MatText,
     MatUnreadable,
     Node,
-    text_of,
+    node_text,
 )
 from kennfeld.measurement.unit_text import plain_unit, time_unit
 
@@ -34,7 +34,7 @@ _SAID = ("description", "comment")
 
 @dataclass(eq=False)
 class TimeBase:
-    """Time stamps and the signals sampled at them; `values` is None where there are none."""
+    """Time stamps and the signals sampled at them; `values` is None if there are none."""
 
     path: str
     values: Float | None  # Float[samples]
@@ -75,7 +75,7 @@ class MatlabSignals:
 
 
 def find_signals(variables: Mapping[str, Node]) -> MatlabSignals:
-    """All channels of a file; steady-state points are those of a clock without time stamps."""
+    """Return all channels of a file; steady-state points are those of a clock without time stamps."""
     finder = _Finder()
     finder.plain("", variables, [])
     clocks = [clock for clock in finder.clocks if clock.signals]
@@ -96,7 +96,7 @@ class _Finder:
         self.unreadable: dict[str, str] = {}
 
     def visit(self, path: str, node: Node, clocks: list[TimeBase]) -> None:
-        """A variable or field that is no array of numbers."""
+        """Return a variable or field that is no array of numbers."""
         if isinstance(node, MatUnreadable):
             self.unreadable[path] = node.kind
         elif isinstance(node, MatStructArray):
@@ -112,7 +112,7 @@ class _Finder:
                 self.plain(path, node.fields, clocks)
 
     def plain(self, path: str, fields: Mapping[str, Node], outer: list[TimeBase]) -> None:
-        """Vectors beside vectors of time; those of the structs around count as well."""
+        """Collect vectors that have a time vector in the same struct or in an enclosing one."""
         own = [clock for name, node in fields.items() if (clock := _clock(_joined(path, name), name, node)) is not None]
         self.clocks += own
         times = {clock.path for clock in own}
@@ -136,7 +136,7 @@ class _Finder:
         best.signals += _columns(item, best.values.size)
 
     def _with_signals(self, path: str, known: Mapping[str, Node]) -> bool:
-        """Simulink's structure with time, or the one without."""
+        """Collect Simulink's structure with or without time."""
         signals, time = known.get("signals"), known.get("time")
         elements = signals.elements if isinstance(signals, MatStructArray) else [signals]
         if not all(isinstance(e, MatStruct) and "values" in e.fields for e in elements):
@@ -149,8 +149,8 @@ class _Finder:
             if not isinstance(values, MatNumbers) or not values.values.size:
                 continue
             alone = path.rpartition(".")[2] if len(elements) == 1 else f"signals({k})"
-            name = text_of(element.fields.get("label")).strip("<>") or alone
-            item = _Loose(_joined(path, name), name, values, text_of(element.fields.get("unit")))
+            name = node_text(element.fields.get("label")).strip("<>") or alone
+            item = _Loose(_joined(path, name), name, values, node_text(element.fields.get("unit")))
             if stamps is None:
                 self.loose.append(item)
             else:
@@ -159,7 +159,7 @@ class _Finder:
         return True
 
     def _capture(self, path: str, known: Mapping[str, Node]) -> bool:
-        """A capture of ControlDesk: each Y says by XIndex which X is its time."""
+        """Return a capture of ControlDesk: each Y says by XIndex which X is its time."""
         axes, curves = _elements(known.get("x")), _elements(known.get("y"))
         clocks = [TimeBase(f"{path}.X({k})", _vector(axis.get("data"))) for k, axis in enumerate(axes, 1)]
         if not curves or not clocks or any(clock.values is None for clock in clocks):
@@ -169,14 +169,14 @@ class _Finder:
             which = int(index.values.ravel()[0]) if isinstance(index, MatNumbers) and index.values.size else 1
             if not isinstance(data, MatNumbers) or not 1 <= which <= len(clocks):
                 continue
-            name = text_of(curve.get("name")) or f"Y({k})"
+            name = node_text(curve.get("name")) or f"Y({k})"
             item = _Loose(_joined(path, name), name, data, _first_text(curve, _UNIT), _first_text(curve, _SAID))
             self._place(item, [clocks[which - 1]])
         self.clocks += clocks
         return True
 
     def _series(self, path: str, known: Mapping[str, Node], outer: list[TimeBase]) -> bool:
-        """A struct that is one channel: its data with a time of its own, or with a unit or a name."""
+        """Return a struct that is one channel: its data with a time of its own, or with a unit or a name."""
         data = next((known[name] for name in _DATA if name in known), None)
         stamps = _vector(known.get("time", known.get("t")))
         named = any(name in known for name in (*_UNIT, "name", "datainfo"))
@@ -187,7 +187,7 @@ class _Finder:
             or (stamps is None and not named)
         ):
             return False
-        name = text_of(known.get("name")) or path.rpartition(".")[2]
+        name = node_text(known.get("name")) or path.rpartition(".")[2]
         unit = _first_text(known, _UNIT) or _units_of(known.get("datainfo"))
         item = _Loose(path, name, data, plain_unit(unit), _first_text(known, _SAID))
         if stamps is None:
@@ -204,21 +204,21 @@ def _joined(path: str, name: str) -> str:
 
 
 def _alike(first: str, second: str) -> int:
-    """How many characters two paths begin with in common."""
+    """Return the length of the common prefix of two paths."""
     return next(
         (k for k, (a, b) in enumerate(zip(first, second, strict=False)) if a != b), min(len(first), len(second))
     )
 
 
 def _vector(node: Node | None) -> Float | None:
-    """The numbers of a vector of at least two."""
+    """Return the numbers of a vector of at least two."""
     if not isinstance(node, MatNumbers) or node.values.size < 2 or node.values.size != max(node.values.shape):
         return None
     return _float64(node.values.ravel())
 
 
 def _clock(path: str, name: str, node: Node) -> TimeBase | None:
-    """The clock that a vector is which is called like time; a capital T is a temperature."""
+    """Return the clock that a vector is which is called like time; a capital T is a temperature."""
     unit = time_unit(name, "") if name.casefold() != "t" else None
     if unit is None and not _CLOCK.fullmatch(name):
         return None
@@ -229,7 +229,7 @@ def _clock(path: str, name: str, node: Node) -> TimeBase | None:
 
 
 def _columns(item: _Loose, samples: int, last: bool = False) -> Iterator[RecordedSignal]:
-    """The channel of a vector; of a matrix one for each column, `A[0]`, `A[1]`, ..."""
+    """Return the channel of a vector; of a matrix one for each column, `A[0]`, `A[1]`, ..."""
     values = item.numbers.values
     kept = tuple(d for d in values.shape if d != 1)
     values = values.reshape(kept)
@@ -246,7 +246,7 @@ def _columns(item: _Loose, samples: int, last: bool = False) -> Iterator[Recorde
 
 
 def _float64(values: np.ndarray) -> Float:
-    """A copy in float64."""
+    """Return a copy in float64."""
     with np.errstate(invalid="ignore"):
         copied = np.array(values, dtype=np.float64)
     copied[np.isnan(copied)] = np.nan  # a NaN that signals would set off warnings later
@@ -259,7 +259,7 @@ def _elements(node: Node | None) -> list[dict[str, Node]]:
 
 
 def _first_text(known: Mapping[str, Node], names: Iterable[str]) -> str:
-    return next((text for name in names if (text := text_of(known.get(name)))), "")
+    return next((text for name in names if (text := node_text(known.get(name)))), "")
 
 
 def _units_of(node: Node | None) -> str:
@@ -267,7 +267,7 @@ def _units_of(node: Node | None) -> str:
 
 
 def _first_line(loose: list[_Loose]) -> list[TimeBase]:
-    """A single matrix whose first row or column rises: the time, as a To File block writes it."""
+    """Return a single matrix whose first row or column rises: the time, as a To File block writes it."""
     arrays = [item for item in loose if item.numbers.values.size > 1]
     if len(arrays) != 1 or arrays[0].numbers.values.ndim != 2 or min(arrays[0].numbers.values.shape) < 2:
         return []
@@ -286,7 +286,7 @@ def _first_line(loose: list[_Loose]) -> list[TimeBase]:
 
 
 def _steady(loose: list[_Loose]) -> list[TimeBase]:
-    """Vectors of one length without a time, or the columns of matrices: steady-state points."""
+    """Return vectors of one length without a time, or the columns of matrices, as steady-state points."""
     arrays = [item.numbers.values for item in loose if item.numbers.values.size > 1]
     lengths = {array.size if array.size == max(array.shape) else array.shape[0] for array in arrays}
     if len(lengths) != 1 or any(array.size != max(array.shape) and array.ndim > 2 for array in arrays):

@@ -1,4 +1,4 @@
-"""Reads MDF files of versions 2 to 4, one table for each channel group."""
+"""Reader of MDF files, versions 2 to 4: one table for each channel group."""
 
 import gc
 import logging
@@ -18,18 +18,19 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import list_names
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.table import Column, Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, described
+from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
 
 __all__ = []
 
 _TIME = "time"
-_AT_ONCE = 50_000_000  # values that a description holds at one time
-_MOST = 500_000_000  # values of all channels asked for, 4 GB
-_PACKING = 1100  # bytes that one packed byte may stand for at most (deflate)
+_AT_ONCE = 50_000_000  # values in memory for a description
+_MAX_VALUES = 500_000_000  # of all requested channels, 4 GB
+_PACKING = 1100  # maximum compression ratio of deflate
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
 _ORIGINAL = 0  # the data are those of the file itself
 _VARYING_4 = 1  # a channel whose samples lie outside the records
@@ -40,7 +41,7 @@ _TEXTS_SAID = 12
 
 @dataclass(frozen=True)
 class _MdfChannel:
-    """A channel of the file: where it stands and the name by which it is asked for."""
+    """A channel of the file: its position and its unique name."""
 
     name: str
     forms: tuple[str, ...]  # the names that may mean it, from short to certain
@@ -51,12 +52,12 @@ class _MdfChannel:
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """A table for each channel group that holds a channel asked for."""
+    """Return a table for each channel group that holds a requested channel."""
     with _opened(source) as file:
         entries = _entries(source, file)
         chosen = _chosen(source, entries, selection)
-        if sum(_samples(file, entry.group) for entry in chosen) > _MOST:
-            message = f"{len(chosen)} channels of this file are more than {_MOST} values"
+        if sum(_samples(file, entry.group) for entry in chosen) > _MAX_VALUES:
+            message = f"{len(chosen)} channels of this file hold more than {_MAX_VALUES} values"
             raise InputError.of(source.name, message, "Name the channels to read.")
         groups = dict.fromkeys(entry.group for entry in chosen)
         known = _names_by_group(entries)
@@ -64,7 +65,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
-    """What each group holds, without more than some of its channels in memory at a time."""
+    """Return a description of each channel group, reading only some of its channels at a time."""
     with _opened(source) as file:
         entries = _entries(source, file)
         ambiguous = _ambiguous(entries)
@@ -81,15 +82,14 @@ def _description(
     parts = []
     for k in range(0, len(own), size):
         some = own[k : k + size]
-        parts.append(described(_table(source, file, some, tuple(entry.name for entry in some))))
+        parts.append(describe_table(_table(source, file, some, tuple(entry.name for entry in some))))
     first = parts[0]
     clock = first.time.channel if first.time else None
     more = [c for part in parts[1:] for c in part.channels if c.name != clock]
     left_out = tuple(name for part in parts for name in part.left_out)
     details = dict(first.details)
     if ambiguous:
-        listed = ", ".join(ambiguous[:6]) + (", ..." if len(ambiguous) > 6 else "")
-        details["names that others have too"] = listed
+        details["names that others have too"] = list_names(ambiguous, 6)
     remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
     return TableDescription(
         first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous, remarks
@@ -98,15 +98,15 @@ def _description(
 
 @contextmanager
 def _opened(source: MeasurementFile) -> Iterator[Any]:
-    """The open file; whatever the library throws at a damaged one becomes a finding."""
+    """Yield the open file; all errors of the library for damaged files become an `InputError`."""
     check_links(source.path)
-    # the library's logger speaks of what becomes a finding here
+    # the library logs what is reported as a finding here
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    # it copies a file that was not closed properly, and leaves the copy behind where that is damaged, too
+    # it copies a file that was not closed properly, and does not remove the copy if that is damaged as well
     with (
         TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder,
         warnings.catch_warnings(),
-        redirect_stdout(StringIO()),  # it prints what it stumbles over, too
+        redirect_stdout(StringIO()),  # it prints errors as well
     ):
         warnings.simplefilter("ignore")
         try:
@@ -124,11 +124,11 @@ def _opened(source: MeasurementFile) -> Iterator[Any]:
         else:
             return
     message = f"the MDF file is damaged, cut off or encrypted ({said})"
-    raise InputError.of(source.name, message, "Copy or export it anew.")
+    raise InputError.of(source.name, message, "Copy or export it again.")
 
 
 def _discard(error: Exception) -> None:
-    """Free the half-made reader that an error holds: it fails once more where nobody can catch it."""
+    """Free the half-initialised reader that an error holds: its destructor fails where nobody can catch it."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         traceback.clear_frames(error.__traceback__)
@@ -161,11 +161,11 @@ def _check_layout(source: MeasurementFile, file: Any) -> None:
             wrong = "" if name is None else f"has a channel {name[:60]} that lies outside its records of {size} bytes"
         if wrong:
             message = f"the MDF file is damaged: {_label(file, index)} {wrong}"
-            raise InputError.of(source.name, message, "Copy or export it anew.")
+            raise InputError.of(source.name, message, "Copy or export it again.")
 
 
 def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
-    """Whether a block of data may have the size that it claims, and ends within the file."""
+    """Return whether a block of data may have the size that it claims, and ends within the file."""
     if block.original_size > _PACKING * max(int(block.compressed_size), 1):
         return False
     # the library copies what it sorts or finalizes
@@ -173,12 +173,12 @@ def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
 
 
 def _record_sizes(group: Any) -> tuple[int, int]:
-    """Bytes of a record, and of its marks of invalid values."""
+    """Return the bytes of a record and of its invalidation bits."""
     return int(group.samples_byte_nr), int(getattr(group, "invalidation_bytes_nr", 0))
 
 
 def _lies_within(channel: Any, size: int, invalid: int, version: str) -> bool:
-    """Whether the bits of a channel are bits of the record."""
+    """Return whether the bits of a channel are bits of the record."""
     if version < "4":
         begin = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0)
         return bool(begin + channel.bit_count <= 8 * size)
@@ -194,7 +194,7 @@ def _samples(file: Any, group: int) -> int:
 
 
 def _label(file: Any, group: int) -> str:
-    """What messages and names call a group: its name, else its comment, else its number."""
+    """Return the label of a group: its name, else its comment, else its number."""
     found = file.groups[group].channel_group
     said = str(getattr(found, "acq_name", "") or found.comment or "").strip().split("\n")[0]
     said = "" if said.startswith("<") else " ".join(said.split())[:60]
@@ -202,7 +202,7 @@ def _label(file: Any, group: int) -> str:
 
 
 def _entries(source: MeasurementFile, file: Any) -> list[_MdfChannel]:
-    """All channels that hold samples, each with a name of its own; there has to be one."""
+    """Return all channels that hold samples, each with a name of its own; there has to be one."""
     found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
     if not found:
         raise InputError.of(source.name, "holds no samples", "Is it the right file?")
@@ -215,7 +215,7 @@ def _entries(source: MeasurementFile, file: Any) -> list[_MdfChannel]:
 
 
 def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
-    """The channels of a group beside its time: group, number, channel and whether it is an array."""
+    """Return the channels of a group beside its time: group, number, channel and whether it is an array."""
     own = file.groups[group]
     found = []
     arrays: set[str] = set()
@@ -231,7 +231,7 @@ def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
 
 
 def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
-    r"""Names from short to certain; what stands behind a backslash is the device, as in `Speed\ETKC:1`."""
+    r"""Return names from short to unique; the part after a backslash is the device, as in `Speed\ETKC:1`."""
     label, full = _label(file, group), str(channel.name)
     short = full.partition("\\")[0] or full
     origin = getattr(channel.source, "name", "") or getattr(channel.source, "path", "") or label
@@ -239,7 +239,7 @@ def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
 
 
 def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
-    """The first name of each that no other channel, nor the time, has.
+    """Return the first name of each that no other channel, nor the time, has.
 
     >>> _unique([("n", "10ms/n"), ("n", "100ms/n"), ("time", "10ms/time"), ("T", "10ms/T")])
     ['10ms/n', '100ms/n', '10ms/time', 'T']
@@ -263,7 +263,7 @@ def _names_by_group(entries: Sequence[_MdfChannel]) -> dict[int, tuple[str, ...]
 
 
 def _chosen(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: Selection) -> list[_MdfChannel]:
-    """The channels asked for, by their name or, for an element of an array, by that of the array."""
+    """Return the requested channels, by their name or, for an element of an array, by that of the array."""
     if selection.channels is None:
         return list(entries)
     meant = _meanings(entries)
@@ -276,18 +276,18 @@ def _chosen(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: 
             found[replace(several[0], name=asked)] = None
         elif len(several) > 1:
             named = ", ".join(entry.name for entry in several[:6])
-            message = f"{len(several)} channels are called {asked}"
+            message = f"{len(several)} channels are named {asked}"
             findings.append(Finding(source.name, message, f"Name one of them: {named}."))
         elif len(arrays) == 1:
             found[replace(arrays[0], name=_without_indices(asked))] = None
     if findings:
         raise InputError(findings)
-    # where nothing is found, the group read for its sake lets the message list what there is
+    # if no channel matches, the group that is read lets the message list the available ones
     return list(found) or [entries[0]]
 
 
 def _meanings(entries: Sequence[_MdfChannel]) -> dict[str, list[_MdfChannel]]:
-    """Which channels a name may mean; the name that a channel is listed by means no other."""
+    """Return the channels that each name may mean; the name under which a channel is listed means no other."""
     meant: dict[str, list[_MdfChannel]] = {}
     for entry in entries:
         for form in dict.fromkeys(entry.forms):
@@ -334,12 +334,12 @@ def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names
 
 
 def _varies_in_length(file: Any, entry: _MdfChannel) -> bool:
-    """Whether its samples lie elsewhere; they are never numbers, and no damaged link to them has to be followed."""
+    """Return whether samples are stored elsewhere; they are never numbers, so their links need not be followed."""
     return bool(file.version >= "4" and file.groups[entry.group].channels[entry.index].channel_type == _VARYING_4)
 
 
 def _signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
-    """The samples of channels of one group, texts of enumerations left as the numbers they stand for."""
+    """Return the samples of channels of one group, texts of enumerations left as the numbers they stand for."""
     found: dict[_MdfChannel, Any] = {}
     for raw in (False, True):
         # in version 3 the library has no other way to leave texts alone
@@ -352,7 +352,7 @@ def _signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
-    """The time of a group, in the unit that the file states; None where it counts angle, distance or samples."""
+    """Return the time of a group, in the unit that the file states; None if it is an angle, distance or index."""
     index = file.masters_db.get(group)
     if index is None:
         return None
@@ -365,7 +365,7 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
 
 
 def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:
-    """The column of a channel, or one for each element of an array; text gives a column of no numbers."""
+    """Return the column of a channel, or one for each element of an array; text gives a column of no numbers."""
     samples = signal.samples
     if samples.dtype.names:
         samples = samples[samples.dtype.names[0]]
@@ -384,12 +384,12 @@ def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:
 
 
 def _text(entry: _MdfChannel, count: int, sample: str) -> Column:
-    """A channel that holds no numbers; it is kept so that a message can show what it holds."""
+    """Return a channel that holds no numbers; it is kept so that a message can show what it holds."""
     return Column(entry.name, "", entry.name, np.full(count, np.nan), ((0, sample),), max(count, 1))
 
 
 def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
-    """The unit; of an enumeration, where the library takes a text for one, none."""
+    """Return the unit; of an enumeration, where the library takes a text for one, none."""
     if not entry.is_text_table:
         return plain_unit(str(signal.unit or ""))
     blocks = (getattr(channel.conversion, "referenced_blocks", None) or {}).values()
@@ -399,7 +399,7 @@ def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
 
 
 def _valid(samples: Any, invalid: Any) -> Float:
-    """As float64; NaN where the logger marked the sample as invalid."""
+    """Return the samples as float64, NaN if the logger marked them as invalid."""
     values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
@@ -408,7 +408,7 @@ def _valid(samples: Any, invalid: Any) -> Float:
 
 
 def _description_of(entry: _MdfChannel, channel: Any) -> str:
-    """The comment, and of an enumeration the texts of its numbers."""
+    """Return the comment, and of an enumeration the texts of its numbers."""
     comment = " ".join(str(channel.comment or "").split())
     comment = "" if comment.startswith("<") else comment[:200]
     if not entry.is_text_table:
@@ -420,7 +420,7 @@ def _description_of(entry: _MdfChannel, channel: Any) -> str:
 
 
 def _texts(conversion: Any) -> Iterator[tuple[str, str]]:
-    """The numbers of an enumeration, as a message shows them, with their texts."""
+    """Return the numbers of an enumeration, as a message shows them, with their texts."""
     referenced = getattr(conversion, "referenced_blocks", None) or {}
     for i in range(10_000):
         text = referenced.get(f"text_{i}", getattr(conversion, f"text_{i}", None))

@@ -1,7 +1,7 @@
-"""Walks the blocks of an MDF file: a link that leads out of the file or in a circle is found before it is followed.
+"""Check of the block links of an MDF file: none may lead out of the file or form a cycle.
 
-The library that reads the samples follows the links as they stand; a damaged one would keep it busy for ever.
-The layouts are those of ASAM MDF 3.3 and 4.2: each block names its kind, its length and its links.
+The library that reads the samples follows links without a check; a damaged one would keep it in an endless loop. The
+layouts are those of ASAM MDF 3.3 and 4.2: each block states its kind, its length and its links.
 """
 
 import struct
@@ -32,12 +32,12 @@ _MOST_LINKS = 200_000  # of one block; a table of texts has no more
 
 
 def check_links(path: Path) -> None:
-    """Follow the structure once; `InputError` where the file is cut off or its blocks lead in a circle."""
+    """Follow all links once; raise `InputError` if the file is truncated or its blocks form a cycle."""
     size = path.stat().st_size
     with path.open("rb") as file:
         identification = file.read(_FIRST)
         if size < _FIRST + _HEAD_4:
-            raise InputError.of(path.name, f"the MDF file is cut off after {size} bytes", "Copy it anew.")
+            raise InputError.of(path.name, f"the MDF file is cut off after {size} bytes", "Copy it again.")
         version = identification[8:12].decode("ascii", errors="replace").strip(" \0")
         order = "<" if version.startswith("4") or identification[24:26] == b"\0\0" else ">"
         reader = _Blocks4(file, size) if version.startswith("4") else _Blocks3(file, size, order)
@@ -51,7 +51,7 @@ class _Blocks4:
         self.file, self.size = file, size
 
     def links(self, at: int) -> Sequence[int]:
-        """Where the block at this byte leads on to; ValueError where there is none."""
+        """Return the links of the block at this byte; raise `ValueError` if there is none."""
         self.file.seek(at)
         head = self.file.read(_HEAD_4)
         if len(head) < _HEAD_4:
@@ -75,7 +75,7 @@ class _Blocks3:
         self.file, self.size, self.order = file, size, order
 
     def links(self, at: int) -> Sequence[int]:
-        """Where the block at this byte leads on to; ValueError where there is none."""
+        """Return the links of the block at this byte; raise `ValueError` if there is none."""
         self.file.seek(at)
         head = self.file.read(_HEAD_3 + 8)
         if len(head) < _HEAD_3:
@@ -90,7 +90,7 @@ class _Blocks3:
 
 
 def _walk(blocks: _Blocks4 | _Blocks3, name: str) -> None:
-    """Depth first; a block met again while it is still open closes a circle."""
+    """Walk depth first; a block that is met again while it is still open closes a cycle."""
     open_, done = {_FIRST}, set[int]()
     path = [(_FIRST, iter(_links(blocks, _FIRST, name)))]
     while path:
@@ -102,7 +102,7 @@ def _walk(blocks: _Blocks4 | _Blocks3, name: str) -> None:
             done.add(at)
         elif following in open_:
             message = f"the MDF file is damaged: its block at byte {at} leads back to the one at byte {following}"
-            raise InputError.of(name, message, "Copy it anew from its source.")
+            raise InputError.of(name, message, "Copy it again from its source.")
         elif following not in done:
             open_.add(following)
             path.append((following, iter(_links(blocks, following, name))))
@@ -113,4 +113,4 @@ def _links(blocks: _Blocks4 | _Blocks3, at: int, name: str) -> Sequence[int]:
         return blocks.links(at)
     except ValueError as error:
         message = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
-        raise InputError.of(name, message, "Copy it anew from its source.") from None
+        raise InputError.of(name, message, "Copy it again from its source.") from None

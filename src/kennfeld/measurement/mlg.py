@@ -1,11 +1,9 @@
-"""Reads MLG files, the binary logs of TunerStudio, MegaLogViewer and rusEFI, versions 1 and 2.
+"""Reader of MLG files, versions 1 and 2: the binary logs of TunerStudio, MegaLogViewer and rusEFI.
 
-The head of an MLG file: what its records hold and where they begin.
-
-Layout as published by EFI Analytics ("MLG Binary LogFormat") and met in files of TunerStudio. All numbers are
-big-endian: `MLVLG` and a zero byte, version, Unix time, where the information begins, where the data begin, the length
-of a record, how many fields it has; then the fields, of 55 bytes in version 1 and 89 in version 2; names of bits;
-information.
+The layout is that published by EFI Analytics ("MLG Binary LogFormat") and found in files of TunerStudio. All numbers
+are big-endian. The header holds `MLVLG` and a zero byte, version, Unix time, offset of the information, offset of the
+data, length of a record and number of fields; then come the fields (55 bytes each in version 1, 89 in version 2), the
+names of bits, the information, and the records.
 """
 
 import re
@@ -21,8 +19,8 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import KEPT, Column, Selection, Table, marks_detail, unique_names
-from kennfeld.measurement.time_column import seconds
+from kennfeld.measurement.table import MAX_MARKS, Column, Selection, Table, describe_marks, unique_names
+from kennfeld.measurement.time_column import time_in_seconds
 from kennfeld.measurement.unit_text import time_unit
 
 __all__ = []
@@ -35,12 +33,12 @@ _TYPES = {0: "u1", 1: "i1", 2: ">u2", 3: ">i2", 4: ">u4", 5: ">i4", 6: ">i8", 7:
 # the published numbers are 10 to 12; TunerStudio writes them as if they were hexadecimal
 _BIT_TYPES = {10: "u1", 11: ">u2", 12: ">u4", 16: "u1", 17: ">u2", 18: ">u4"}
 _CATEGORY = slice(55, 89)
-_MOST_INFORMATION = 4_000_000  # bytes
+_MAX_INFORMATION = 4_000_000  # bytes
 
 _MARKER = 54  # bytes of a marker: type, counter, stamp, 50 bytes of text
 _TICK = 1e-5  # s, of the time stamp of a record
 _STAMPS = 1 << 16
-_MOST = 500_000_000  # values of all channels asked for, 4 GB
+_MAX_VALUES = 500_000_000  # of all requested channels, 4 GB
 _TUNE = re.compile(r"NEW_INFO_PROVIDER,\w*TUNE|<msq\b")
 _SWITCHES = range(4, 9)  # styles shown as a pair of words: on/off, yes/no, high/low, active/inactive, true/false
 
@@ -67,7 +65,7 @@ class LogField:
 
 @dataclass(frozen=True)
 class Head:
-    """What stands before the records; `begin` is the byte of the first one, `information` a text."""
+    """The header; `begin` is the byte of the first record, `information` a text."""
 
     version: int
     created: int  # Unix time in s
@@ -83,11 +81,11 @@ class Head:
 
 
 def read_head(place: str, content: memoryview) -> Head:
-    """The head of a file with this content; `InputError` with all that is wrong in it."""
+    """Return the head of a file with this content; `InputError` with all that is wrong in it."""
     version = int.from_bytes(bytes(content[6:8]), "big")
     if version not in _HEADS:
-        remedy = "Log or export it anew in version 1 or 2."
-        raise InputError.of(place, f"the MLG file is of version {version}, which is not known", remedy)
+        remedy = "Log or export it again in version 1 or 2."
+        raise InputError.of(place, f"the MLG file is of version {version}, which is not supported", remedy)
     if len(content) < _HEADS[version].size:
         raise _cut(place, len(content), _HEADS[version].size)
     _, _, created, info, begin, length, count = _HEADS[version].unpack_from(content)
@@ -97,7 +95,7 @@ def read_head(place: str, content: memoryview) -> Head:
         raise _cut(place, len(content), max(end, begin))
     if not count or begin < end:
         message = f"the MLG file is damaged: its head names {count} fields up to byte {end}, data from byte {begin}"
-        raise InputError.of(place, message, "Copy it anew from its source.")
+        raise InputError.of(place, message, "Copy it again from its source.")
     findings: list[Finding] = []
     fields = tuple(
         field
@@ -107,16 +105,16 @@ def read_head(place: str, content: memoryview) -> Head:
     total = sum(field.size for field in fields)
     if not findings and total != length:
         message = f"the MLG file is damaged: its records are of {length} bytes, their fields of {total}"
-        findings.append(Finding(place, message, "Copy it anew from its source."))
+        findings.append(Finding(place, message, "Copy it again from its source."))
     if findings:
         raise InputError(findings[:20])
-    text = bytes(content[info : min(begin, info + _MOST_INFORMATION)]) if end <= info <= begin else b""
+    text = bytes(content[info : min(begin, info + _MAX_INFORMATION)]) if end <= info <= begin else b""
     return Head(version, created, fields, begin, plain_text(text))
 
 
 def _cut(place: str, size: int, needed: int) -> InputError:
     message = f"the MLG file is damaged or cut off: it has {size} bytes, its head alone needs {needed}"
-    return InputError.of(place, message, "Copy it anew from its source.")
+    return InputError.of(place, message, "Copy it again from its source.")
 
 
 def _field(
@@ -131,12 +129,12 @@ def _field(
         return LogField(plain_text(name), plain_text(unit), _BIT_TYPES[kind], style=style, category=category, bits=bits)
     where = f"{place} field {number}"
     if kind not in _TYPES:
-        findings.append(Finding(where, f"its type {kind} is not known", "Copy the file anew from its source."))
+        findings.append(Finding(where, f"unknown type {kind}", "Copy the file again from its source."))
         return None
     _, name, unit, style, scale, transform, digits = _NUMBER.unpack_from(content, at)
     if not (np.isfinite(scale) and np.isfinite(transform)):
         message = f"its scale {scale:g} and transform {transform:g} must be finite"
-        findings.append(Finding(where, message, "Copy the file anew from its source."))
+        findings.append(Finding(where, message, "Copy the file again from its source."))
         return None
     called = plain_text(name) or f"field {number}"
     numbers = _decimal(scale), _decimal(transform)
@@ -144,12 +142,12 @@ def _field(
 
 
 def _decimal(value: float) -> float:
-    """The number that was meant: 0.1 where four bytes hold 0.10000000149."""
+    """Return the number that was meant: 0.1 where four bytes hold 0.10000000149."""
     return float(str(np.float32(value)))
 
 
 def _bit_names(content: memoryview, index: int, count: int, region: tuple[int, int]) -> tuple[str, ...]:
-    """The names of the bits, lowest first, between the fields and the data; empty ones where there are none."""
+    """Return the names of the bits, lowest first, between the fields and the data; empty ones where there are none."""
     begin, end = region
     at = index if index >= begin else begin + index
     names = bytes(content[at:end]).split(b"\0", count)[:count] if at < end else []
@@ -157,7 +155,7 @@ def _bit_names(content: memoryview, index: int, count: int, region: tuple[int, i
 
 
 def plain_text(text: bytes) -> str:
-    """The text up to the first zero byte, in UTF-8 or the Windows encoding."""
+    """Return the text up to the first zero byte, in UTF-8 or the Windows encoding."""
     text = text.partition(b"\0")[0]
     try:
         return text.decode("utf-8").strip()
@@ -175,7 +173,7 @@ class _Signal:
 
     @property
     def label(self) -> str:
-        """What the file calls it."""
+        """The name in the file."""
         if self.bit is None:
             return self.field.name
         return self.field.bits[self.bit] or f"{self.field.name or f'field {self.place + 1}'} bit {self.bit}"
@@ -183,7 +181,7 @@ class _Signal:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """The records as they lie in the file, and what stands between them."""
+    """The raw records and the markers between them."""
 
     records: NDArray[np.void]  # of the type of the head
     marks: tuple[tuple[int, str], ...]  # the record that follows, text
@@ -192,9 +190,9 @@ class _Blocks:
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """The one table of an MLG file.
+    """Return the one table of an MLG file.
 
-    The field `Time` is the time where there is one: the stamps of the records, in 10 us, start anew every 0.66 s and
+    The field `Time` is the time where there is one: the stamps of the records, in 10 us, restart every 0.66 s and
     lose each longer pause. Records with a wrong checksum are left out, so is a last one that is cut off; the details
     of the table say so.
     """
@@ -213,13 +211,13 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 def _check_size(place: str, blocks: _Blocks, channels: int) -> None:
     if not blocks.records.size:
         raise InputError.of(place, "holds no records", "Is it the right file?")
-    if channels * blocks.records.size > _MOST:
-        message = f"{channels} channels of this file are more than {_MOST} values"
+    if channels * blocks.records.size > _MAX_VALUES:
+        message = f"{channels} channels of this file hold more than {_MAX_VALUES} values"
         raise InputError.of(place, message, "Name the channels to read.")
 
 
 def _signals(head: Head) -> list[_Signal]:
-    """Every field of numbers; of a field of bits each bit, and the whole where it has a name."""
+    """Return every field of numbers; of a field of bits each bit, and the whole where it has a name."""
     found = []
     for place, field in enumerate(head.fields):
         if field.name:
@@ -229,7 +227,7 @@ def _signals(head: Head) -> list[_Signal]:
 
 
 def _blocks(place: str, content: NDArray[np.uint8], head: Head) -> _Blocks:
-    """The records, in runs between markers."""
+    """Return the records, in runs between markers."""
     length = head.record.itemsize
     runs: list[NDArray[np.uint8]] = []
     marks: list[tuple[int, str]] = []
@@ -242,22 +240,22 @@ def _blocks(place: str, content: NDArray[np.uint8], head: Head) -> _Blocks:
             count, at = count + run, at + run * length
         elif kind == 1 and at + _MARKER <= content.size:
             mark_count += 1
-            if len(marks) < KEPT:
+            if len(marks) < MAX_MARKS:
                 marks.append((count, plain_text(content[at + 4 : at + _MARKER].tobytes())))
             at += _MARKER
         elif kind in (0, 1):
             break
         else:
             message = (
-                f"the MLG file is damaged: after {count} records, at byte {at}, stands a block of unknown type {kind}"
+                f"the MLG file is damaged: after {count} records, at byte {at}, there is a block of unknown type {kind}"
             )
-            raise InputError.of(place, message, "Copy it anew from its source.")
+            raise InputError.of(place, message, "Copy it again from its source.")
     whole = runs[0] if len(runs) == 1 else np.concatenate(runs) if runs else content[:0]
     return _Blocks(whole.view(head.record), tuple(marks), mark_count, content.size - at)
 
 
 def _run(content: NDArray[np.uint8], at: int, length: int) -> int:
-    """How many records follow each other from this byte on; looks ahead in growing steps."""
+    """Return the number of consecutive records from this byte, looking ahead in growing steps."""
     most = (content.size - at) // length
     found, step = 0, 64
     while found < most:
@@ -294,7 +292,7 @@ def _said(field: LogField) -> str:
 def _table(place: str, head: Head, header: Header, columns: Sequence[Column], blocks: _Blocks) -> Table:
     named = next((c for c in columns if time_unit(c.name, c.unit) is not None and _varies(c.values)), None)
     clock = named or _stamps(blocks)
-    time = seconds(clock)
+    time = time_in_seconds(clock)
     good = _intact(blocks.records)
     at = ((float(time[min(at, time.size - 1)]), text) for at, text in blocks.marks)
     marks = [(moment if np.isfinite(moment) else None, text) for moment, text in at]
@@ -305,7 +303,7 @@ def _table(place: str, head: Head, header: Header, columns: Sequence[Column], bl
         np.flatnonzero(good) + 1,
         "record",
         header.names if named else (clock.name, *header.names),
-        details=(*_details(head), *marks_detail(marks, blocks.mark_count), *_losses(blocks, good, named is None)),
+        details=(*_details(head), *describe_marks(marks, blocks.mark_count), *_losses(blocks, good, named is None)),
         restarts=True,
         clock=kept[0 if named is None else next(i for i, c in enumerate(columns) if c is named)],
     )
@@ -317,7 +315,7 @@ def _varies(values: Float) -> bool:
 
 
 def _stamps(blocks: _Blocks) -> Column:
-    """The time by the stamps of the records, which count 10 us and start anew after 65 536."""
+    """Return the time by the stamps of the records, which count 10 us and restart after 65 536."""
     stamps: Int = blocks.records["stamp"].astype(np.int64)
     steps: Int = np.diff(stamps) % _STAMPS
     time: Float = np.concatenate([[0.0], np.cumsum(steps) * _TICK])
@@ -325,7 +323,7 @@ def _stamps(blocks: _Blocks) -> Column:
 
 
 def _intact(records: NDArray[np.void]) -> Bool:
-    """Which records fit their checksum; all, where hardly any does and the logger seems to write none."""
+    """Return the records whose checksum is right; all if hardly any is, since some loggers write none."""
     contents = records.view(np.uint8).reshape(records.size, -1)
     good: Bool = contents[:, 4:-1].sum(axis=1, dtype=np.uint8) == records["sum"]
     return good if 2 * np.count_nonzero(good) > good.size else np.ones(good.size, dtype=bool)
@@ -344,7 +342,7 @@ def _details(head: Head) -> tuple[tuple[str, str], ...]:
 
 
 def _losses(blocks: _Blocks, good: Bool, stamped: bool) -> tuple[tuple[str, str], ...]:
-    """What is missing from the table or may be wrong in it."""
+    """Return the details on missing or doubtful records."""
     found = []
     bad = int(np.count_nonzero(~good))
     if stamped:

@@ -1,4 +1,4 @@
-"""Reads Parquet files."""
+"""Reader of Parquet files."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -20,13 +20,13 @@ _AT_ONCE = 1 << 22  # values; each reading goes through the names of all columns
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """The one table of a Parquet file."""
+    """Return the one table of a Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         with source.path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            schema = file.schema_arrow  # made anew each time it is asked for
+            schema = file.schema_arrow  # made again each time it is asked for
             header = _header(schema)
             asked = selection.wants(header)
             wanted = [i for i in asked if _is_numeric(schema.field(i).type)]
@@ -38,7 +38,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
                 raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
         message = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
-        raise InputError.of(source.name, message, "Copy or write it anew.") from None
+        raise InputError.of(source.name, message, "Copy or write it again.") from None
     if not count:
         raise InputError.of(source.name, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)
@@ -69,7 +69,7 @@ def _is_numeric(kind: Any) -> bool:
 
 
 def _columns(file: Any, schema: Any, header: Header, wanted: Sequence[int]) -> Iterator[Column]:
-    """Columns of numbers, as many at once as do not take much memory besides the result."""
+    """Yield columns of numbers, several at a time as far as memory allows."""
     size = max(1, _AT_ONCE // max(1, file.metadata.num_rows))
     for start in range(0, len(wanted), size):
         block = wanted[start : start + size]
@@ -106,5 +106,5 @@ def _seconds(chunked: Any) -> Float:
 
 
 def _text(kind: Any, name: str, count: int) -> Column:
-    """A column that is no channel; it is kept so that a message can show what it holds."""
+    """Return a column that is no channel; it is kept so that a message can show what it holds."""
     return Column(name, "", name, np.full(count, np.nan), ((0, f"a value of type {kind}"),), count)

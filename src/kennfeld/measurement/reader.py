@@ -1,4 +1,4 @@
-"""Reads any measurement file: finds its kind and hands it to the reader for that kind."""
+"""Read any measurement file: detect its kind by its content and call the reader of that kind."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,17 +8,17 @@ from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import nearest
-from kennfeld.measurement.channel_groups import join, timelines
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, guarded, locate
+from kennfeld.formatting import list_names, nearest
+from kennfeld.measurement.channel_groups import join_groups, split_timelines
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, run_guarded
 from kennfeld.measurement.table import Selection, Table, without_infinite
-from kennfeld.measurement.table_conversion import Description, assemble, described
-from kennfeld.measurement.time_column import without_untimed
+from kennfeld.measurement.table_conversion import Description, assemble, describe_table
+from kennfeld.measurement.time_column import drop_untimed
 from kennfeld.measurement.unsupported_files import refuse_foreign
 
 __all__ = ["describe", "read", "read_leniently"]
 
-# a format more is a module more: one that offers read_tables(source, selection)
+# each module offers read_tables(source, selection)
 _READERS = {
     FileKind.CSV: "text",
     FileKind.EXCEL: "excel",
@@ -31,11 +31,11 @@ _READERS = {
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
 }
-_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be packed by gzip
-_PLAIN = {FileKind.CSV, FileKind.XML, FileKind.OTHER}  # kinds that no mark tells apart
+_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be compressed by gzip
+_PLAIN = {FileKind.CSV, FileKind.XML, FileKind.OTHER}  # kinds without a signature
 _HEAD = 4096  # bytes
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
-# kinds whose tables are rasters of one recording, with a describe_tables(source) of their own
+# kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS}
 
 
@@ -47,37 +47,42 @@ def read(
     sheet: str | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Dataset:
-    """The measurement in a file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, told by its content.
+    """Read a measurement file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, recognised by its content.
 
-    A time column becomes the dataset's time, in seconds; without one the samples are steady-state points.
-    Columns without a name and columns of text are left out. Channels of different rasters need a `raster`; they are
-    read over the time they share. Infinite values are missing ones; the dataset's `remarks` count them.
+    A time column becomes the dataset's time, in seconds; without one the samples are steady-state points. Columns
+    without a name and columns of text are skipped. Channels of different rasters need a `raster`; they are read over
+    the time they share. Infinite values become NaN; the dataset's `remarks` count them.
 
     Args:
-        path: the file; a sheet of a workbook may be named behind a `#`, `bench.xlsx#Data`.
+        path: the file; a sheet of a workbook may be named after a `#`, `bench.xlsx#Data`.
         channels: the channels to read, in any order; all by default.
-        raster: s; puts the samples onto an even raster, linearly between valid samples
-            (channels with a few whole-numbered levels are held), without extrapolation.
+        raster: step in s; resamples to even time stamps, linearly between valid samples (channels with a few
+            whole-numbered levels are held), without extrapolation.
         sheet: the sheet of a workbook.
         units: units of columns for which the file has none or a wrong one. That of the time column, such as `ms`,
-            turns it into seconds; numbers of other columns stay.
+            converts it to seconds; numbers of other columns stay.
 
-    Raises `InputError` with all that is wrong in the file, `ArgumentError` for an unusable raster.
+    Returns:
+        The recording. Its channels are Float[samples], in the units of the file.
+
+    Raises:
+        InputError: the file cannot be read; reports all problems, with lines and columns.
+        ArgumentError: the raster is not a positive number, or `channels` is a single name.
 
     >>> read("bench.xlsx#Data", ["Speed", "Torque"], raster=0.1)  # doctest: +SKIP
     """
     if raster is not None and not (raster > 0 and math.isfinite(raster)):
-        raise ArgumentError(f"raster={raster} must be a time in seconds above 0")
+        raise ArgumentError(f"raster={raster} must be a time in s > 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    return _read(_located(path, sheet), _selection(channels, units), raster, strict=True)
+    return _read(_locate_readable(path, sheet), _selection(channels, units), raster, strict=True)
 
 
 def read_leniently(
     path: str | Path, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str]
 ) -> Dataset:
-    """The same as `read`; units for columns that the file does not have are passed over, since others may have them."""
-    return _read(_located(path, None), _selection(channels, units), raster, strict=False)
+    """Read a file as `read` does, but ignore units of columns that it lacks, since other files may have them."""
+    return _read(_locate_readable(path, None), _selection(channels, units), raster, strict=False)
 
 
 def _selection(channels: Sequence[str] | None, units: Mapping[str, str] | None) -> Selection:
@@ -89,10 +94,10 @@ def _read(source: MeasurementFile, selection: Selection, raster: float | None, *
     if strict:
         _check_stated(source, tables, selection)
     if source.kind in _RASTERS:
-        return join(source.name, tables, source.stem, selection, raster)
-    parts = timelines(_only(source, tables), selection)
+        return join_groups(source.name, tables, source.stem, selection, raster)
+    parts = split_timelines(_single_table(source, tables), selection)
     if len(parts) > 1:
-        return join(source.name, parts, source.stem, selection, raster)
+        return join_groups(source.name, parts, source.stem, selection, raster)
     return assemble(parts[0], source.stem, selection, raster)
 
 
@@ -111,41 +116,42 @@ def _clock_name(table: Table) -> list[str]:
 
 
 def describe(path: str | Path) -> Description:
-    """What a measurement file holds: its tables, channels, units, ranges and time.
+    """Return the tables, channels, units, ranges and time of a measurement file.
 
     >>> describe("bench.csv").tables[0].channels[0].unit  # doctest: +SKIP
     'rpm'
     """
-    source = _located(path, None)
+    source = _locate_readable(path, None)
     if source.kind in _RASTERS:
         reader = _reader(source)
         return Description(
-            source.name, source.kind.value, guarded(source.name, lambda: tuple(reader.describe_tables(source)))
+            source.name, source.kind.value, run_guarded(source.name, lambda: tuple(reader.describe_tables(source)))
         )
     tables = _tables(source, Selection())
     findings = [finding for table in tables for finding in table.findings]
     if findings:
         raise InputError(findings)
-    parts = [part for table in tables for part in timelines(table, Selection())]
-    return Description(source.name, source.kind.value, tuple(described(part) for part in parts))
+    parts = [part for table in tables for part in split_timelines(table, Selection())]
+    return Description(source.name, source.kind.value, tuple(describe_table(part) for part in parts))
 
 
-def _located(path: str | Path, sheet: str | None) -> MeasurementFile:
-    source = guarded(Path(path).name, lambda: locate(path, sheet))
+def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
+    source = run_guarded(Path(path).name, lambda: locate(path, sheet))
     if source.kind is FileKind.PACKED:
-        raise InputError.of(source.name, "this is a packed file", "Unpack it first; of packed files, gzip is read.")
+        remedy = "Unpack it first; gzip is the only compression that can be read."
+        raise InputError.of(source.name, "this is a compressed file", remedy)
     if source.kind in _PLAIN:
-        refuse_foreign(source.name, guarded(source.name, lambda: _start(source)))
+        refuse_foreign(source.name, run_guarded(source.name, lambda: _start(source)))
     if source.kind not in _READERS:
         message = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
         raise InputError.of(
             source.name, message, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
         )
     if source.packed and source.kind not in _TEXT:
-        raise InputError.of(source.name, f"this is a packed {source.kind.value} file", "Unpack it first.")
+        raise InputError.of(source.name, f"this is a compressed {source.kind.value} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not FileKind.EXCEL:
-        message = f"sheet {source.sheet} is asked for, but a {source.kind.value} file has no sheets"
-        raise InputError.of(source.name, message, "Leave the sheet out.")
+        message = f"sheet {source.sheet} is requested, but {_article(source.kind.value)} file has no sheets"
+        raise InputError.of(source.name, message, "Omit the sheet.")
     return source
 
 
@@ -165,20 +171,19 @@ def _reader(source: MeasurementFile) -> Any:
 
 def _tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     reader = _reader(source)
-    tables: list[Table] = guarded(source.name, lambda: reader.read_tables(source, selection))
+    tables: list[Table] = run_guarded(source.name, lambda: reader.read_tables(source, selection))
     tables = [without_infinite(table) for table in tables]
-    return [without_untimed(table) for table in tables] if source.kind in _LOGS else tables
+    return [drop_untimed(table) for table in tables] if source.kind in _LOGS else tables
 
 
-def _only(source: MeasurementFile, tables: Sequence[Table]) -> Table:
-    """The one table; where there are several, a finding that lists them."""
+def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:
+    """Return the single table; raise `InputError` with a list if there are several."""
     if len(tables) == 1:
         return tables[0]
-    found = []
+    findings = []
     for table in tables:
-        names = [name for name in table.names if name]
-        listed = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        names = list_names([name for name in table.names if name], 6)
         sheet = dict(table.details).get("sheet", "")
-        message = f"{table.rows.size} rows of {listed}; several sheets hold tables and none is chosen"
-        found.append(Finding(table.place, message, f"Write {source.name}#{sheet} to choose it."))
-    raise InputError(found)
+        message = f"{table.rows.size} rows of {names}; several sheets hold tables and none is selected"
+        findings.append(Finding(table.place, message, f"Write {source.name}#{sheet} to select it."))
+    raise InputError(findings)

@@ -1,4 +1,4 @@
-"""Puts recordings onto an even time raster."""
+"""Resampling of recordings to an even time raster."""
 
 from collections.abc import Sequence
 
@@ -7,22 +7,22 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import PAUSE
 
-__all__ = ["grid", "is_stepped", "resample", "resample_all", "samples_on"]
+__all__ = ["even_grid", "is_stepped", "resample", "resample_all", "samples_on"]
 
-_NEAR = 1e-9  # s; a grid point this close to a time stamp is that sample
-_LEVELS = 16  # a gear, a mode or a switch has no more
+_SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
+_MAX_LEVELS = 16  # of a gear, a mode or a switch
 
 
 def samples_on(time: Float, raster: float) -> float:
-    """How many points an even raster over the range of `time` has; not an int, for it may be absurd."""
+    """Return the number of points of a raster over the range of `time`, as a float since it may be huge."""
     with np.errstate(over="ignore"):
         return float(np.floor((time[-1] - time[0]) / raster + 1e-6)) + 1.0
 
 
-def grid(time: Float, raster: float) -> Float:
-    """The even raster from the first time stamp to the last.
+def even_grid(time: Float, raster: float) -> Float:
+    """Return the even raster from the first time stamp to the last.
 
-    >>> grid(np.array([0.0, 0.3]), 0.1)
+    >>> even_grid(np.array([0.0, 0.3]), 0.1)
     array([0. , 0.1, 0.2, 0.3])
     """
     even: Float = time[0] + np.arange(int(samples_on(time, raster))) * raster
@@ -30,7 +30,7 @@ def grid(time: Float, raster: float) -> Float:
 
 
 def is_stepped(values: Float) -> bool:
-    """Whether a channel jumps between a few whole numbers, so that values between them mean nothing.
+    """Return whether a channel jumps between a few whole numbers, so that it must not be interpolated.
 
     >>> is_stepped(np.array([0.0, 1.0, 1.0])), is_stepped(np.array([0.0, 0.5])), is_stepped(np.arange(100.0))
     (True, False, False)
@@ -41,11 +41,11 @@ def is_stepped(values: Float) -> bool:
     if np.all((valid == 0) | (valid == 1)):
         return True
     levels = np.unique(valid).size
-    return levels <= _LEVELS and valid.size >= 4 * levels
+    return levels <= _MAX_LEVELS and valid.size >= 4 * levels
 
 
 def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:
-    """Channels with the same time stamps at other times, each as by `resample`."""
+    """Return channels with common time stamps at other times, each as by `resample`."""
     exact = _snapped(time, at)  # once for all channels without gaps
     return [
         _resampled(time, values, exact, hold) if not np.isnan(values).any() else resample(time, values, at, hold)
@@ -54,11 +54,10 @@ def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequenc
 
 
 def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float:
-    """The channel at other times: linear between valid samples, held where it is stepped, NaN outside them.
+    """Return a channel at other times: linear between valid samples, held if it is stepped, NaN outside them.
 
-    `held` says that it is stepped; otherwise its values tell.
-
-    Where it pauses, for more than `PAUSE` of its usual steps, what is not stepped is NaN: nothing is known there.
+    The channel is stepped if `held` is true or `is_stepped(values)`. In pauses, which are longer than `PAUSE` median
+    steps, a channel that is not stepped is NaN.
 
     >>> resample(np.array([0.0, 1.0]), np.array([0.0, 5.0]), np.array([0.5, 2.0]))
     array([2.5, nan])
@@ -71,7 +70,7 @@ def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float
 
 
 def _resampled(stamps: Float, known: Float, exact: Float, held: bool) -> Float:
-    """The values at points that are set to the stamps they are near to; none is missing."""
+    """Return the values at points that are set to the stamps they are near to; none is missing."""
     if not (held or is_stepped(known)):
         found = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
         return np.where(_in_pause(stamps, exact), np.nan, found)
@@ -81,7 +80,7 @@ def _resampled(stamps: Float, known: Float, exact: Float, held: bool) -> Float:
 
 
 def _in_pause(stamps: Float, at: Float) -> Bool:
-    """Whether the points lie between two stamps that are a pause apart."""
+    """Return whether the points lie between two stamps that are a pause apart."""
     steps = np.diff(stamps)
     if not steps.size or steps.max() <= PAUSE * np.median(steps):
         return np.zeros(at.shape, dtype=bool)
@@ -91,8 +90,8 @@ def _in_pause(stamps: Float, at: Float) -> Bool:
 
 
 def _snapped(stamps: Float, at: Float) -> Float:
-    """`at`, with points that differ from a time stamp by rounding alone set to it."""
+    """Return `at` with points set to a time stamp if they differ from it by rounding only."""
     after = np.minimum(np.searchsorted(stamps, at), stamps.size - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(stamps[before] - at) < np.abs(stamps[after] - at), stamps[before], stamps[after])
-    return np.where(np.abs(nearest - at) <= _NEAR + 1e-14 * np.abs(at), nearest, at)
+    return np.where(np.abs(nearest - at) <= _SAME_INSTANT + 1e-14 * np.abs(at), nearest, at)

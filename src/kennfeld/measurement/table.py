@@ -1,10 +1,7 @@
-"""Names for channels that a file calls the same.
+"""Tables as the readers return them: named columns of numbers, with the location of each sample in the file.
 
-Infinite values of a recording: no sensor measures them, so they are missing values, whatever the format.
-
-A table as a reader leaves it: named columns of numbers, and where each sample stands in the file.
-
-Markers that somebody set, or the logger, while it recorded.
+All readers share the treatment of duplicate names, of text among numbers, of infinite values (no sensor measures them,
+so they become NaN), and of the markers that a driver or the logger set while recording.
 """
 
 import re
@@ -15,34 +12,33 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
-from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, numbers, quote_cell, stamps
+from kennfeld.formatting import list_names
+from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_numbers, parse_stamps, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time
 
 __all__ = [
-    "KEPT",
+    "MAX_MARKS",
     "Column",
     "ColumnBuilder",
     "Selection",
     "Table",
+    "describe_marks",
     "is_mark",
     "limit_findings",
-    "marks_detail",
     "text_findings",
     "unique_names",
     "without_infinite",
 ]
 
-_KEPT = 50  # cells that a message may quote, a column
-_FINDINGS = 20  # findings of one sort, a file
-
-KEPT = 12  # markers that a description quotes
-
+MAX_MARKS = 12  # markers that a description quotes
+_MAX_QUOTED = 50  # cells per column that messages may quote
+_MAX_FINDINGS = 20  # findings of one kind per file
 _MARK = re.compile(r'\s*"?MARK\s+\d+\b')
 
 
 def unique_names(names: Sequence[str]) -> list[str]:
-    """The names, each once: the second `Speed` becomes `Speed (2)`; empty ones stay empty.
+    """Return unique names: the second `Speed` becomes `Speed (2)`; empty ones stay empty.
 
     >>> unique_names(["Speed", "Torque", "Speed", "", ""])
     ['Speed', 'Torque', 'Speed (2)', '', '']
@@ -50,7 +46,7 @@ def unique_names(names: Sequence[str]) -> list[str]:
     taken = set(names)
     seen: set[str] = set()
     last: dict[str, int] = {}
-    found = []
+    unique = []
     for name in names:
         free, k = name, last.get(name, 1)
         while name and (free in seen or (free != name and free in taken)):
@@ -58,34 +54,34 @@ def unique_names(names: Sequence[str]) -> list[str]:
             free = f"{name} ({k})"
         last[name] = k
         seen.add(free)
-        found.append(free)
-    return found
+        unique.append(free)
+    return unique
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The channels that are asked for; None asks for all. `units` are those that the caller states for columns."""
+    """The requested channels, None for all, and the `units` that the caller states for columns."""
 
     channels: tuple[str, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
 
     def wants(self, header: Header) -> list[int]:
-        """The columns to read: the channels asked for and whatever may be time."""
+        """Return the columns to read: the requested channels and whatever may be time."""
         named = [i for i, name in enumerate(header.names) if name]
         if self.channels is None:
             return named
-        asked = set(self.channels)
+        requested = set(self.channels)
         units = [self.units.get(name, unit) for name, unit in zip(header.names, header.units, strict=True)]
-        return [i for i in named if header.names[i] in asked or may_be_time(header.names[i], units[i])]
+        return [i for i in named if header.names[i] in requested or may_be_time(header.names[i], units[i])]
 
     def includes(self, name: str) -> bool:
-        """Whether this channel belongs in the dataset."""
+        """Return whether this channel belongs in the dataset."""
         return self.channels is None or name in self.channels
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column: its numbers, NaN where a cell is empty, and the text cells it holds (sample, cell)."""
+    """One column: its numbers, NaN if a cell is empty, and the text cells it holds (sample, cell)."""
 
     name: str
     unit: str
@@ -94,7 +90,7 @@ class Column:
     texts: tuple[tuple[int, object], ...] = ()
     text_count: int = 0
     dated: bool = False
-    held: bool = False  # whether values between two samples mean nothing: the first one holds until the next
+    held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
 
     def kept(self, rows: Bool) -> "Column":
@@ -106,7 +102,7 @@ class Column:
 
     @property
     def is_text(self) -> bool:
-        """Whether the column holds more text than numbers, so that it is no channel."""
+        """True if the column holds more text than numbers, so that it is not a channel."""
         return self.text_count > 0 and self.text_count >= int(np.count_nonzero(~np.isnan(self.values)))
 
 
@@ -121,9 +117,9 @@ class Table:
     names: tuple[str, ...] = ()  # of all columns, those not read included
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = field(default=())
-    clock: Column | None = None  # the time, where the format itself says which column it is
+    clock: Column | None = None  # the time column if the format itself defines it
     remarks: tuple[Finding, ...] = ()  # warnings and remarks, which leave the table usable
-    restarts: bool = False  # whether time that falls begins a new piece, as in a log that goes on after a restart
+    restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
 
     def with_units(self, units: Mapping[str, str]) -> "Table":
         """Return the table with the units that the caller states for columns; dates stay what they are."""
@@ -137,13 +133,12 @@ class Table:
         return replace(self, columns=columns, clock=clock)
 
     def at(self, sample: int, *columns: Column) -> str:
-        """Where a cell stands: `bench.csv line 17, column Torque`."""
+        """Return the location of a cell: `bench.csv line 17, column Torque`."""
         place = f"{self.place} {self.row_word} {self.rows[sample]}"
         if not columns:
             return place
         word = "column" if len(columns) == 1 else "columns"
-        more = "" if len(columns) <= 3 else f" and {len(columns) - 3} more"
-        return f"{place}, {word} {', '.join(column.place for column in columns[:3])}{more}"
+        return f"{place}, {word} {list_names([column.place for column in columns], 3)}"
 
 
 class ColumnBuilder:
@@ -160,20 +155,20 @@ class ColumnBuilder:
 
     def add(self, cells: Sequence[object], decimal: Decimal = ".") -> None:
         """Take the next cells."""
-        values, texts = numbers(cells, decimal)
+        values, texts = parse_numbers(cells, decimal)
         if texts and (self._dated or not self._blocks) and is_stamp(cells[texts[0]]):
-            found = stamps(cells, self._origin)
-            if found is not None:
-                (values, self._origin), texts, self._dated = found, [], True
+            parsed = parse_stamps(cells, self._origin)
+            if parsed is not None:
+                (values, self._origin), texts, self._dated = parsed, [], True
         self._blocks.append(values)
-        self._texts += [(self._samples + i, cells[i]) for i in texts[: _KEPT - len(self._texts)]]
+        self._texts += [(self._samples + i, cells[i]) for i in texts[: _MAX_QUOTED - len(self._texts)]]
         self._text_count += len(texts)
         self._samples += len(cells)
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         self._dated = self._dated or (not _is_text(cells) and any(map(is_dated, cells)))
 
     def built(self) -> Column:
-        """The column of all cells taken."""
+        """Return the column of all cells taken."""
         values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
         if self._dated and self._origin is None:
             values = _past_midnight(values)
@@ -182,7 +177,7 @@ class ColumnBuilder:
 
 
 def _past_midnight(values: Float) -> Float:
-    """Times of day that go on counting where a new day begins."""
+    """Return times of day that continue across midnight."""
     days = np.cumsum(np.diff(values, prepend=values[:1]) < -43_200.0)
     return values + 86_400.0 * days
 
@@ -192,40 +187,40 @@ def _is_text(cells: Sequence[object]) -> bool:
 
 
 def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:
-    """One finding for each row that holds text in columns of numbers."""
+    """Return one finding for each row that holds text in columns of numbers."""
     by_row: dict[int, list[tuple[Column, object]]] = {}
     total = 0
     for column in columns:
         total += column.text_count
         for sample, cell in column.texts:
             by_row.setdefault(sample, []).append((column, cell))
-    found = [_text_finding(table, sample, cells) for sample, cells in sorted(by_row.items())]
+    findings = [_text_finding(table, sample, cells) for sample, cells in sorted(by_row.items())]
     unseen = total - sum(len(cells) for cells in by_row.values())
-    return limit_findings(found, table.place, "rows that hold text among numbers", unseen)
+    return limit_findings(findings, table.place, "rows that hold text among numbers", unseen)
 
 
 def _text_finding(table: Table, sample: int, cells: list[tuple[Column, object]]) -> Finding:
     place = table.at(sample, *(column for column, _ in cells))
     if len(cells) == 1:
-        return Finding(place, f"{quote_cell(cells[0][1])} is no number", _mend(str(cells[0][1])))
-    quoted = ", ".join(quote_cell(cell) for _, cell in cells[:3]) + (", ..." if len(cells) > 3 else "")
+        return Finding(place, f"must be a number, got {quote_cell(cells[0][1])}", _number_remedy(str(cells[0][1])))
+    quoted = list_names([quote_cell(cell) for _, cell in cells], 3)
     remedy = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
-    return Finding(place, f"{quoted} are no numbers", remedy)
+    return Finding(place, f"must be numbers, got {quoted}", remedy)
 
 
-def _mend(cell: str) -> str:
+def _number_remedy(cell: str) -> str:
     digits = cell.strip().replace(".", "").replace(",", "").lstrip("+-")
     if digits.isdigit():
         return "Write it without a thousands separator and with the same decimal mark as the rest of the file."
-    return "Correct it, or leave the cell empty where there is no value."
+    return "Correct it, or leave the cell empty if there is no value."
 
 
-def limit_findings(found: list[Finding], place: str, message: str, unseen: int = 0) -> list[Finding]:
-    """The findings, cut to the first twenty with a count of the others."""
-    more = max(len(found) - _FINDINGS, 0) + unseen
+def limit_findings(findings: list[Finding], place: str, message: str, unseen: int = 0) -> list[Finding]:
+    """Return the first twenty findings, and one with the number of the others."""
+    more = max(len(findings) - _MAX_FINDINGS, 0) + unseen
     if not more:
-        return found
-    return [*found[:_FINDINGS], Finding(place, f"{more} more {message}")]
+        return findings
+    return [*findings[:_MAX_FINDINGS], Finding(place, f"{more} more {message}")]
 
 
 def without_infinite(table: Table) -> Table:
@@ -233,7 +228,7 @@ def without_infinite(table: Table) -> Table:
 
     >>> table = without_infinite(Table("a.csv", (Column("v", "", "v", np.array([1.0, np.inf])),), np.arange(1, 3)))
     >>> print(table.columns[0].values, *table.remarks)
-    [ 1. nan] a.csv line 2, column v: 1 of 2 values is infinite and taken as missing
+    [ 1. nan] a.csv line 2, column v: 1 of 2 values is infinite and treated as missing
     """
     finite = {id(column): _finite(column) for column in table.columns}
     changed = [column for column in table.columns if finite[id(column)] is not column]
@@ -253,13 +248,13 @@ def _finite(column: Column) -> Column:
 def _warning(table: Table, column: Column) -> Finding:
     at = np.flatnonzero(np.isinf(column.values))
     message = (
-        f"{at.size} of {column.values.size} values {'is' if at.size == 1 else 'are'} infinite and taken as missing"
+        f"{at.size} of {column.values.size} values {'is' if at.size == 1 else 'are'} infinite and treated as missing"
     )
     return Finding(table.at(int(at[0]), column), message, severity="warning")
 
 
 def is_mark(line: str, separator: str) -> bool:
-    r"""Whether a line of a text log is a marker, as TunerStudio writes them among the rows.
+    r"""Return whether a line of a text log is a marker, as TunerStudio writes them among the rows.
 
     >>> is_mark("MARK 003 - Manual - Sun Aug 16", "\t"), is_mark("MARK 003\t1\t2", "\t")
     (True, False)
@@ -267,14 +262,14 @@ def is_mark(line: str, separator: str) -> bool:
     return _MARK.match(line) is not None and (separator == " " or separator not in line)
 
 
-def marks_detail(marks: Sequence[tuple[float | None, str]], count: int) -> tuple[tuple[str, str], ...]:
-    """What `kennfeld info` says of markers: the first ones, with their time in s where it is known.
+def describe_marks(marks: Sequence[tuple[float | None, str]], count: int) -> tuple[tuple[str, str], ...]:
+    """Return the markers for `kennfeld info`: the first ones, with their time in s if it is known.
 
-    >>> marks_detail([(0.5, "MARK 000 - Manual"), (None, "MARK 001")], 3)
+    >>> describe_marks([(0.5, "MARK 000 - Manual"), (None, "MARK 001")], 3)
     (('markers', '3 (MARK 000 - Manual at 0.5 s; MARK 001; ...)'),)
     """
     if not count:
         return ()
-    said = [text if time is None else f"{text} at {time:.6g} s" for time, text in marks[:KEPT]]
-    more = ["..."] if count > len(said) else []
-    return (("markers", f"{count} ({'; '.join(said + more)})"),)
+    texts = [text if time is None else f"{text} at {time:.6g} s" for time, text in marks[:MAX_MARKS]]
+    more = ["..."] if count > len(texts) else []
+    return (("markers", f"{count} ({'; '.join(texts + more)})"),)

@@ -1,16 +1,11 @@
-"""Reads CSV and its relatives: exactly, line by line, or all at once where the file is clean.
+"""Reader of delimited text: CSV and related files, and the MSL logs of TunerStudio and MegaTune.
 
-Reads MSL files, the text logs of TunerStudio and MegaTune.
+There are three ways to read: `bulk_csv` for large files, `read_clean` for files that hold nothing but plain numbers, as
+many in each row, and `read_exactly`, line by line, for everything else: it knows the line of each cell. Whatever a text
+file leaves ambiguous is reported: its encoding, and points that may separate thousands.
 
-Lines of information in quotes, a line of names and one of units with tabs between, rows, and markers among the rows.
-After a restart of the ECU the time may start anew and the lines of names and units may come once more.
-
-Clean text files of moderate size, all at once: nothing but plain numbers, as many in each row.
-
-Whatever else a file may hold (gaps, text, quotes, blank lines, rows of another length) is left to the exact reader,
-which knows the line it stands in.
-
-What a text file leaves open, and how it was taken: its encoding, and points that may separate thousands.
+An MSL log has quoted lines of information, tab-separated lines of names and units, rows, and markers among the rows.
+After a restart of the ECU time may start again, and the lines of names and units may be repeated.
 """
 
 import codecs
@@ -23,23 +18,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.measurement.cells import Decimal, number
-from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split
-from kennfeld.measurement.encoding import GUESSED, encoding_of
+from kennfeld.measurement.cells import Decimal, parse_number
+from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line
+from kennfeld.measurement.encoding import GUESSED_ENCODINGS, detect_encoding
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile
 from kennfeld.measurement.table import (
-    KEPT,
+    MAX_MARKS,
     Column,
     ColumnBuilder,
     Selection,
     Table,
+    describe_marks,
     is_mark,
     limit_findings,
-    marks_detail,
 )
-from kennfeld.measurement.time_column import find_time, seconds
+from kennfeld.measurement.time_column import find_time, time_in_seconds
 
-__all__ = ["lines_of"]
+__all__ = ["iterate_lines"]
 
 _MOST_CLEAN = 64_000_000  # bytes, unpacked; larger files are read row by row
 _NUMBERS = b"0123456789+-.eE"
@@ -59,7 +54,7 @@ _BLOCK = 4096  # rows
 
 
 def read_clean(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
-    """The table of a text file, or None where the exact reader has to look at it."""
+    """Return the table of a text file, or None if the exact reader has to look at it."""
     header = dialect.header
     width = len(header.names)
     if dialect.decimal != "." or dialect.separator == " " or header.width != width:
@@ -84,12 +79,12 @@ def read_clean(source: MeasurementFile, dialect: Dialect, selection: Selection) 
     if values.size != count * width:
         return None
     table = values.reshape(count, width)
-    made = tuple(
+    result = tuple(
         Column(header.names[i], header.units[i], header.names[i], np.ascontiguousarray(table[:, i]))
         for i in selection.wants(header)
     )
     rows = np.arange(count) + header.data + 1
-    return Table(source.name, made, rows, names=header.names, details=dialect.details)
+    return Table(source.name, result, rows, names=header.names, details=dialect.details)
 
 
 def with_doubts(source: MeasurementFile, dialect: Dialect, table: Table) -> Table:
@@ -99,8 +94,10 @@ def with_doubts(source: MeasurementFile, dialect: Dialect, table: Table) -> Tabl
 
 
 def _encoding(source: MeasurementFile, dialect: Dialect) -> Iterator[Finding]:
-    if dialect.encoding in GUESSED:
-        message = f"is not UTF-8 and was read as {GUESSED[dialect.encoding]}, which most of its characters suggest"
+    if dialect.encoding in GUESSED_ENCODINGS:
+        message = (
+            f"is not UTF-8 and was read as {GUESSED_ENCODINGS[dialect.encoding]}, which most of its characters suggest"
+        )
         yield Finding(source.name, message, "Save it as UTF-8 if names or units are wrong.", severity="remark")
 
 
@@ -114,7 +111,7 @@ class _Grouped:
 
 
 def _thousands(source: MeasurementFile, dialect: Dialect, table: Table) -> Iterator[Finding]:
-    """A warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point."""
+    """Return a warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point."""
     if dialect.separator in (",", " ") or dialect.decimal != ".":
         return
     grouped = _grouped(source, dialect)
@@ -133,7 +130,7 @@ def _thousands(source: MeasurementFile, dialect: Dialect, table: Table) -> Itera
 
 
 def _grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _Grouped]:
-    """The numbers of each column that may be grouped; none if any cell of the file has a decimal point for sure."""
+    """Return the possibly grouped numbers of each column; none if a cell certainly has a decimal point."""
     found: dict[int, _Grouped] | None = {}
     for size in (_START, _MOST):
         with io.TextIOWrapper(source.open(), dialect.encoding, errors="replace", newline=None) as stream:
@@ -145,7 +142,7 @@ def _grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _Grouped]:
 
 
 def _grouped_in(text: str, dialect: Dialect) -> dict[int, _Grouped] | None:
-    """The same of a text; None if it shows a decimal point."""
+    """Return the same of a text; None if it shows a decimal point."""
     found: dict[int, _Grouped] = {}
     for line_number, line in enumerate(text.split("\n"), 1):
         if line_number <= dialect.header.data or "." not in line:
@@ -161,10 +158,10 @@ def _grouped_in(text: str, dialect: Dialect) -> dict[int, _Grouped] | None:
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """The one table of a text file."""
+    """Return the single table of a text file."""
     if source.kind is FileKind.MSL:
-        return read_msl_tables(source, selection)
-    dialect = dialect_of(source)
+        return _read_msl(source, selection)
+    dialect = detect_dialect(source)
     if source.size > BULK:
         from kennfeld.measurement.bulk_csv import read_bulk
 
@@ -175,18 +172,18 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     return [with_doubts(source, dialect, table)]
 
 
-def dialect_of(source: MeasurementFile) -> Dialect:
-    """How the file is written; `InputError` where it holds no table."""
+def detect_dialect(source: MeasurementFile) -> Dialect:
+    """Return the dialect of a file; raise `InputError` if it holds no table."""
     with source.open() as stream:
         start = stream.read(1 << 16)
         whole = len(start) < 1 << 16
     if not start:
-        raise InputError.of(source.name, "the file is empty (0 bytes)", "Export the measurement anew.")
-    encoding = encoding_of(start, whole)
+        raise InputError.of(source.name, "the file is empty (0 bytes)", "Export the measurement again.")
+    encoding = detect_encoding(start, whole)
     if whole and not start.startswith((codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE)):
         lines = io.StringIO(start.decode(encoding, "replace"), newline=None).read().split("\n")[:_HEAD_LINES]
     else:
-        lines = [line for _, line in _limited(lines_of(source, encoding), _HEAD_LINES)]
+        lines = [line for _, line in _limited(iterate_lines(source, encoding), _HEAD_LINES)]
     return find_dialect(source.name, lines, encoding)
 
 
@@ -199,14 +196,16 @@ def _limited(lines: Iterator[tuple[int, str]], count: int) -> Iterator[tuple[int
         yield number_, line
 
 
-def lines_of(source: MeasurementFile, encoding: str) -> Iterator[tuple[int, str]]:
-    """Line number, counted from 1, and line, without its end."""
+def iterate_lines(source: MeasurementFile, encoding: str) -> Iterator[tuple[int, str]]:
+    """Yield line number, counted from 1, and line, without its end."""
     with io.TextIOWrapper(source.open(), encoding, errors="replace", newline=None) as stream:
         count = 0
         while line := stream.readline(_LINE):
             count += 1
             if len(line) >= _LINE:
-                raise InputError.of(f"{source.name} line {count}", "the line has no end", "Is it a text file at all?")
+                raise InputError.of(
+                    f"{source.name} line {count}", "the line is too long", "Check that it is a text file."
+                )
             yield count, line.removesuffix("\n")
 
 
@@ -234,7 +233,7 @@ class _TextRows:
 
     def mark(self, line: int, text: str) -> None:
         self.mark_count += 1
-        if len(self.marks) < KEPT:
+        if len(self.marks) < MAX_MARKS:
             self.marks.append((line, text.strip(' "')))
 
     def _fitted(self, line: int, cells: list[str]) -> list[str]:
@@ -246,7 +245,7 @@ class _TextRows:
 
 
 def read_exactly(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table:
-    """The table, read line by line."""
+    """Return the table, read line by line."""
     table, flipped = _pass(source, dialect, selection)
     if flipped is None:
         return table
@@ -286,18 +285,20 @@ def _pass(source: MeasurementFile, dialect: Dialect, selection: Selection) -> tu
 def _marks(table: Table, rows: _TextRows) -> tuple[tuple[str, str], ...]:
     clock = find_time(table)
     if clock is None:
-        return marks_detail([(None, text) for _, text in rows.marks], rows.mark_count)
-    time = seconds(clock)
+        return describe_marks([(None, text) for _, text in rows.marks], rows.mark_count)
+    time = time_in_seconds(clock)
     at = [min(int(np.searchsorted(table.rows, line)), time.size - 1) for line, _ in rows.marks]
-    return marks_detail([(float(time[k]), text) for k, (_, text) in zip(at, rows.marks, strict=True)], rows.mark_count)
+    return describe_marks(
+        [(float(time[k]), text) for k, (_, text) in zip(at, rows.marks, strict=True)], rows.mark_count
+    )
 
 
 def _cells(source: MeasurementFile, dialect: Dialect, rows: _TextRows) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each row of data."""
+    """Yield line number and cells of each row of data."""
     separator, first = dialect.separator, dialect.header.data
     blank = separator + " \t"
     held, opened = "", 0  # a quoted cell may run over a few lines
-    for at, line in lines_of(source, dialect.encoding):
+    for at, line in iterate_lines(source, dialect.encoding):
         if is_mark(line, separator):
             rows.mark(at, line)
             continue
@@ -309,23 +310,23 @@ def _cells(source: MeasurementFile, dialect: Dialect, rows: _TextRows) -> Iterat
             held, opened = line, opened or at
             continue
         if line.strip(blank) and not is_comment(line) and line not in dialect.repeated:
-            yield opened or at, split(line, separator)
+            yield opened or at, split_line(line, separator)
         opened = 0
     if opened:
-        yield opened, split(held, separator)
+        yield opened, split_line(held, separator)
 
 
 def _odd_rows(place: str, rows: _TextRows) -> Iterator[Finding]:
     last = rows.numbers[-1] if rows.numbers else 0
-    found = []
+    findings = []
     for line, cells in rows.odd[:200]:
         message = f"the row has {cells} cell{'s' * (cells != 1)}, the header names {rows.width}"
         if line == last and cells < rows.width:
-            remedy = "The file seems to be cut off here: copy or export it anew, or remove this line."
+            remedy = "The file seems to be cut off here: copy or export it again, or remove this line."
         else:
             remedy = "Give the row as many cells as the header."
-        found.append(Finding(f"{place} line {line}", message, remedy))
-    yield from limit_findings(found, place, "rows with too many or too few cells", max(len(rows.odd) - 200, 0))
+        findings.append(Finding(f"{place} line {line}", message, remedy))
+    yield from limit_findings(findings, place, "rows with too many or too few cells", max(len(rows.odd) - 200, 0))
 
 
 def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
@@ -333,14 +334,14 @@ def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
         return None
     other: Decimal = "," if dialect.decimal == "." else "."
     cells = [cell for column in table.columns for _, cell in column.texts]
-    return other if any(number(cell, other) is not None for cell in cells) else None
+    return other if any(parse_number(cell, other) is not None for cell in cells) else None
 
 
-def read_msl_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    """The one table of a text log; each restart of its time begins a new piece."""
-    dialect = dialect_of(source)
+def _read_msl(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return the table of a TunerStudio log; each restart of its time begins a new piece."""
+    dialect = detect_dialect(source)
     above = []
-    for _, line in zip(range(dialect.header.data), lines_of(source, dialect.encoding), strict=False):
+    for _, line in zip(range(dialect.header.data), iterate_lines(source, dialect.encoding), strict=False):
         above.append(line[1])
     heads, names = above[: dialect.header.row], above[dialect.header.row :]
     repeated = frozenset(line for line in (*heads, *names) if line.strip())

@@ -1,4 +1,4 @@
-"""How units are written: in a row below the names, or in the name itself."""
+"""Recognition of units in tables: in a row below the names, or in the name itself."""
 
 import re
 
@@ -40,7 +40,7 @@ _PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
 
 
 def plain_unit(text: str) -> str:
-    """The unit without its brackets; a dash stands for none.
+    """Return the unit without its brackets; a dash stands for none.
 
     >>> plain_unit("[Nm]"), plain_unit("(rpm)"), plain_unit("[-]")
     ('Nm', 'rpm', '-')
@@ -52,7 +52,7 @@ def plain_unit(text: str) -> str:
 
 
 def looks_like_unit(text: str) -> bool:
-    """Whether a cell reads like a unit: a known one, or anything in brackets.
+    """Return whether a cell reads like a unit: a known one, or anything in brackets.
 
     >>> looks_like_unit("[furlong]"), looks_like_unit("kg/h"), looks_like_unit("Speed")
     (True, True, False)
@@ -65,23 +65,23 @@ def looks_like_unit(text: str) -> bool:
 
 
 def split_name(text: str) -> tuple[str, str]:
-    """Name and unit of a column head; an index such as `rad[3]` stays part of the name.
+    """Return name and unit of a column header; an index such as `rad[3]` stays part of the name.
 
     >>> split_name("Speed [rpm]"), split_name("Speed (rpm)"), split_name("p (intake)"), split_name("rad[3]")
     (('Speed', 'rpm'), ('Speed', 'rpm'), ('p (intake)', ''), ('rad[3]', ''))
     """
     text = " ".join(text.split())
-    found = _BRACKETS.fullmatch(text)
-    if found and not (found[2].isdigit() and text[len(found[1])] == "["):
-        return found[1], found[2].strip()
-    found = _PARENTHESES.fullmatch(text)
-    if found and looks_like_unit(found[2]):
-        return found[1], found[2].strip()
+    match = _BRACKETS.fullmatch(text)
+    if match and not (match[2].isdigit() and text[len(match[1])] == "["):
+        return match[1], match[2].strip()
+    match = _PARENTHESES.fullmatch(text)
+    if match and looks_like_unit(match[2]):
+        return match[1], match[2].strip()
     return text, ""
 
 
 def in_seconds(unit: str) -> tuple[float, float] | None:
-    """Factor and divisor that turn a time in this unit into seconds, None where it is no unit of time.
+    """Return factor and divisor that convert a time in this unit to seconds, None for other units.
 
     >>> in_seconds("ms"), in_seconds("rpm")
     ((1.0, 1000.0), None)
@@ -90,35 +90,35 @@ def in_seconds(unit: str) -> tuple[float, float] | None:
 
 
 def time_unit(name: str, unit: str) -> str | None:
-    """The unit of a column that is called like time, seconds by default; None where it is called otherwise.
+    """Return the unit of a column with a name of time, seconds by default; None for other names.
 
     >>> time_unit("time_ms", ""), time_unit("Zeit", "s"), time_unit("t", "°C")
     ('ms', 's', None)
     """
-    found = _TIME_NAME.fullmatch(name.strip().casefold())
-    if not found or (found[1] and in_seconds(found[1]) is None):
+    match = _TIME_NAME.fullmatch(name.strip().casefold())
+    if not match or (match[1] and in_seconds(match[1]) is None):
         return None
-    given = unit if plain_unit(unit) not in ("", "-") else (found[1] or "s")
-    return None if in_seconds(given) is None else given
+    stated = unit if plain_unit(unit) not in ("", "-") else (match[1] or "s")
+    return None if in_seconds(stated) is None else stated
 
 
 def states_unit_of_time(name: str, unit: str) -> bool:
-    """Return whether a column of time says in which unit it is, itself or in its name.
+    """Return whether the unit or the name of a time column states its unit.
 
     >>> states_unit_of_time("time_ms", ""), states_unit_of_time("time", "-")
     (True, False)
     """
-    found = _TIME_NAME.fullmatch(name.strip().casefold())
-    return plain_unit(unit) not in ("", "-") or bool(found and found[1])
+    match = _TIME_NAME.fullmatch(name.strip().casefold())
+    return plain_unit(unit) not in ("", "-") or bool(match and match[1])
 
 
 def may_be_time(name: str, unit: str) -> bool:
-    """Whether a column is worth a look as the time of the samples."""
+    """Return whether a column may be the time of the samples."""
     return time_unit(name, unit) is not None or is_clock(name, unit) or in_seconds(unit) is not None
 
 
 def is_clock(name: str, unit: str) -> bool:
-    """Whether a column is called like the time of a group: `time`, `time_2`, `Zeit_10ms`, LabVIEW's `X_Value`.
+    """Return whether a column has the name of a group's time: `time`, `time_2`, `Zeit_10ms`, LabVIEW's `X_Value`.
 
     >>> is_clock("time_100ms", "s"), is_clock("t", ""), is_clock("Time", "min"), is_clock("Time", "%")
     (True, False, True, False)

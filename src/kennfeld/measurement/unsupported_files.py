@@ -1,4 +1,4 @@
-"""Files of engine measurement that are no measurements to be read here: what they are, and what to do with them."""
+"""Related files that cannot be read as measurements, such as bus logs, with the remedy for each."""
 
 import re
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class _Foreign:
     text: bytes
 
     def begins(self, start: bytes) -> bool:
-        """Whether a file that begins with these bytes is of this kind."""
+        """Return whether a file that begins with these bytes is of this kind."""
         return re.search(self.text, start, re.IGNORECASE | re.MULTILINE) is not None
 
 
@@ -56,7 +56,7 @@ _FOREIGN = (
 
 
 def refuse_foreign(place: str, start: bytes) -> None:
-    """Raise `InputError` if a file that begins with these bytes is known, but no measurement that can be read."""
+    """Raise `InputError` if a file that begins with these bytes is of a known kind that cannot be read."""
     text = start.removeprefix(b"\xef\xbb\xbf")
     for one in _FOREIGN:
         if one.begins(text):

@@ -1,4 +1,4 @@
-"""Models and where they come from: one frontend a file or folder."""
+"""Models, and the frontends that read them from formula text or a Simulink model."""
 
 from kennfeld.models.model import Model, merge_start_values
 

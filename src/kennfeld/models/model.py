@@ -1,4 +1,4 @@
-"""A model that has a graph, whatever it was read from."""
+"""`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,14 +24,22 @@ def _nothing() -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class Model:
-    """The graph of one time step, and what its source says about it.
+    """The graph of one time step, and the information its source provides.
 
-    `step` is the model's own step in s, None where the data decide. `declared` are the parameters that the source
-    declares, each with its number of axes; `graph.parameters` are those that are looked up. `source` is the path,
-    or "formula". `places` says where a node, a parameter or an input stands in the source, for later checks.
-    `surrogates` are the data-driven models that it calls. `values` are the parameters that the source gives values.
-    `remarks` are sentences on what runs in another way than in the source. `stepped` says that continuous states run
-    with a fixed step that is not the source's own, so that a shorter step may give other values.
+    Attributes:
+        graph: inputs, parameters, states and outputs of one time step.
+        name: name of the model.
+        step: the model's own step in s; None if the data define it.
+        declared: parameters that the source declares, with their numbers of axes; `graph.parameters` are those looked
+            up.
+        source: path of the source, or "formula".
+        places: location of nodes, parameters and inputs in the source, by name.
+        surrogates: data-driven models that the model calls.
+        values: parameters for which the source provides values.
+        remarks: sentences on what runs differently from the source.
+        stepped: True if continuous states use a fixed step that the source does not define; a shorter step may then
+            give
+            other values.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -52,36 +60,42 @@ class Model:
 
     @property
     def carried(self) -> ParameterSet:
-        """The parameters that come with it: those it gives values, and the expansions of its surrogates."""
+        """The parameters that the model provides: `values`, and the expansions of its surrogates."""
         if not self.surrogates:
             return self.values
-        from kennfeld.surrogate import expansions
+        from kennfeld.surrogate import as_parameters
 
-        return expansions(self.surrogates).merged(self.values)
+        return as_parameters(self.surrogates).merged(self.values)
 
 
 def merge_start_values(own: ParameterSet, given: ParameterSet, *, continued: bool = True) -> ParameterSet:
-    """The parameters of a model with given ones, mostly those of calibration files, in their place.
+    """Return the parameters of a model, replaced by given ones of the same name, mostly from calibration files.
 
-    Limits are the given ones, where a parameter has any, else those of the model. With `continued`, a table goes on
-    beyond its ends where that of the model does, which most formats do not say.
+    Args:
+        own: parameters of the model.
+        given: replacements and additional parameters. Their limits apply; a parameter without limits takes the model's.
+        continued: take the extrapolation of tables from the model, since most calibration formats do not store it.
     """
-    kept = [one.changed(**_from_model(own[name], one, continued)) for name, one in given.items() if name in own]
-    return own.merged(given.with_parameters(*kept))
+    replaced = [
+        parameter.changed(**_from_model(own[name], parameter, continued))
+        for name, parameter in given.items()
+        if name in own
+    ]
+    return own.merged(given.with_parameters(*replaced))
 
 
 def _from_model(own: Parameter, given: Parameter, continued: bool) -> dict[str, Any]:
-    """What a model says of a parameter, and the one that is given does not."""
-    said: dict[str, Any] = {}
+    """Return the attributes that the model defines and the given parameter does not."""
+    attributes: dict[str, Any] = {}
     if continued and given.axes and len(given.axes) == len(own.axes) and own.extrapolation != "clip":
-        said["extrapolation"] = own.extrapolation
+        attributes["extrapolation"] = own.extrapolation
     if not given.limited:
-        said |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, given)) is not None}
-    return said
+        attributes |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, given)) is not None}
+    return attributes
 
 
 def _bound(own: Parameter, side: str, given: Parameter) -> Float | None:
-    """A model's bound for given values; None where they have another shape and it is not the same for all."""
+    """Return the model's bound for given values; None if the shapes differ and the bound is not uniform."""
     bound: Float = getattr(own, side)
     if bound.shape == given.values.shape:
         return bound

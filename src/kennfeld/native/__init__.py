@@ -1,4 +1,4 @@
-"""Graphs compiled to machine code."""
+"""Compilation of graphs to machine code: simulation, cost, gradient, Gauss-Newton matrix and linear algebra."""
 
 from kennfeld.criteria import Loss
 from kennfeld.graph.value_layout import ValueLayout

@@ -1,7 +1,13 @@
-"""Sums over all samples: the cost, its gradient and Gauss-Newton matrix, or the rows of the Jacobian.
+"""Sums over all samples: cost, gradient and Gauss-Newton matrix, or residuals and Jacobian.
 
-Work is cut into chunks, so that a tape fits the cache and a call ends within milliseconds, and dealt into shares that
-threads may work on. Shares and their order depend on the problem alone, so results do not depend on the threads.
+With residuals r[k] [outputs], weights W[k] [outputs] and the Jacobian J[k] [outputs, free] of sample k, the sums are
+J'Wr [free] and J'WJ [free, free]. Without states, J[k] is sparse and goes straight into them. With carried states, J[k]
+= C[k] S[k] + D[k] and S[k+1] = A[k] S[k] + B[k] for the sensitivities S [states, free]; the sums come either from a
+backward and a forward sweep, or from blocks of rows of J (see `sweeps`).
+
+The samples are cut into chunks, so that the tape of a chunk fits the cache and a call takes milliseconds, and dealt
+into shares for threads. Shares and their order depend only on the problem, so results do not depend on the number of
+threads.
 """
 
 import os
@@ -26,9 +32,9 @@ SHARES = 4
 
 @dataclass(frozen=True)
 class Normal:
-    """Half the gradient, J'Wr, and the Gauss-Newton matrix J'WJ of the sum of losses.
+    """Half the gradient, J'Wr [free], and the Gauss-Newton matrix J'WJ [free, free] of the sum of losses.
 
-    The arrays belong to the accumulator and hold until its next call.
+    The arrays belong to the accumulator and are valid until its next call.
     """
 
     gradient: Float  # Float[free]
@@ -39,10 +45,16 @@ Run = list[Chunk]  # chunks that follow each other: a whole piece with states, a
 
 
 class Accumulator:
-    """A kernel over given samples.
+    """Cost and derivatives of a compiled kernel, summed over samples.
 
-    `widths` are the standard deviations of the smoothing, one an axis of the lowered graph. `sparse` forces one of the
-    two ways to accumulate with states: True the backward and forward sweeps, False rows in blocks.
+    Args:
+        kernel: compiled functions of the model, the outputs and the free values.
+        samples: inputs and targets.
+        widths: standard deviations of the smoothing, one per axis of the lowered graph, in the unit of the axis.
+        sparse: with states, True forces backward and forward sweeps, False rows in blocks; None selects the cheaper.
+
+    Raises:
+        ArgumentError: the samples do not match the kernel.
     """
 
     def __init__(
@@ -67,7 +79,7 @@ class Accumulator:
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def prepare(self) -> None:
-        """Compile what `normal` will call, so that no iteration waits for it."""
+        """Compile what `normal` calls, so that the first iteration does not wait for it."""
         sums = ("backward", "forward") if self.sparse else ("rows",)
         for name in (*(sums if self.kernel.pattern.carried else ("normal",)), "fold"):
             getattr(self.kernel.sweeps, name)
@@ -91,11 +103,11 @@ class Accumulator:
                 done.result()
 
     def cost(self, values: Float) -> float:
-        """Sum of weighted losses; not finite where the model is not."""
+        """Compute the sum of weighted losses at the values p [values]; not finite if the model output is not."""
         return float(sum(self.costs(values)))
 
     def costs(self, values: Float) -> Float:
-        """Sum of weighted losses of each output."""
+        """Compute the sum of weighted losses of each output, shape (outputs,)."""
         values = np.ascontiguousarray(values, dtype=np.float64)
         sums = np.zeros((len(self.chunks), len(self.kernel.outputs)))
 
@@ -115,7 +127,7 @@ class Accumulator:
         return total
 
     def _visit_states(self, values: Float) -> Float:
-        """Make sure that the states at the start of each chunk are those of these values."""
+        """Ensure that the states at the start of each chunk are those of these values."""
         values = np.ascontiguousarray(values, dtype=np.float64)
         if self.stateful:
             last = self._last
@@ -128,7 +140,7 @@ class Accumulator:
         space.hints[: self._rings.shape[1]] = self._rings[chunk.number]
 
     def normal(self, values: Float) -> Normal:
-        """Gradient and Gauss-Newton matrix at these values."""
+        """Compute gradient and Gauss-Newton matrix at the values p [values]."""
         values = self._visit_states(values)
 
         def work(space: Workspace, runs: list[Run]) -> None:
@@ -159,7 +171,7 @@ class Accumulator:
                 space.gradient += jacobian.T @ residual
 
     def _sum_sweeps(self, space: Workspace, run: Run) -> None:
-        """Backward over the chunks, keeping Q and L after each; then forward."""
+        """Sweep backward over the chunks, keeping Q and L after each, then forward; see `sweeps`."""
         kept: list[tuple[Float, Float]] = []
         space.q[:], space.l[:] = 0.0, 0.0
         for chunk in reversed(run):
@@ -188,9 +200,11 @@ class Accumulator:
             yield space.rows(chunk)
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Residuals and rows of the Jacobian, both times the square root of their weight; scored samples or not.
+        """Compute residuals and Jacobian, both multiplied by the square root of the weight, for all samples.
 
-        Shapes (samples x outputs) and (samples x outputs, free), in the order of the samples.
+        Returns:
+            Shapes (samples * outputs,) and (samples * outputs, free), in the order of the samples, with zeros for
+            samples that are not scored.
         """
         values = self._visit_states(values)
         space = self._workspaces[0]
@@ -205,50 +219,50 @@ class Accumulator:
         return residual, jacobian
 
     def rows_at(self, values: Float, visits: Int) -> Float:
-        """Rows of the Jacobian at some visits, as `rows` has them; shape (visits, outputs, free). `visits` rise."""
+        """Compute the rows of the Jacobian at increasing `visits` as in `rows`, shape (visits, outputs, free)."""
         values = self._visit_states(values)
         space, m = self._workspaces[0], len(self.kernel.outputs)
         space.use(values)
-        found = np.zeros((visits.size, m, self.kernel.values.free))
+        counts = np.zeros((visits.size, m, self.kernel.values.free))
         for run in (run for share in self._shares for run in share):
             first, last = np.searchsorted(visits, [run[0].first, run[-1].last])
             needed = [chunk for chunk in run if last > first and chunk.first <= visits[last - 1]]
             for chunk, (_, jacobian) in zip(needed, self._row_blocks(space, needed), strict=True):
                 at = np.arange(*np.searchsorted(visits, [chunk.first, chunk.last]))
-                found[at] = jacobian.reshape(chunk.length, m, -1)[visits[at] - chunk.first]
-        return found
+                counts[at] = jacobian.reshape(chunk.length, m, -1)[visits[at] - chunk.first]
+        return counts
 
     def touched(self, values: Float, owners: Int | None = None) -> Int:
-        """For each free value, the scored samples whose step depends on it.
+        """Count for each free value the scored samples whose step depends on it, shape (free,).
 
-        Without states only what a scored output depends on counts. `owners` says for each sample of which scored one it
-        is a part, by number and never falling, -1 for none: a scored sample counts once for all its parts.
+        Without states only values on which a scored output depends count. `owners` assigns samples to scored samples,
+        by non-decreasing numbers, -1 for none: a scored sample then counts once for all samples assigned to it.
         """
         values = self._visit_states(values)
         space, columns = self._workspaces[0], self.kernel.values.free
         space.use(values)
-        found = np.zeros(columns, dtype=np.int64)
+        counts = np.zeros(columns, dtype=np.int64)
         before = np.zeros(0, dtype=np.int64)
         for chunk in self.chunks:
             self._linearise(space, chunk)
             if owners is None:
-                found += space.touched(chunk)
+                counts += space.touched(chunk)
                 continue
             met = space.met(chunk, owners[chunk.first : chunk.last])
-            found += np.bincount(np.setdiff1d(met, before, assume_unique=True) % columns, minlength=columns)
+            counts += np.bincount(np.setdiff1d(met, before, assume_unique=True) % columns, minlength=columns)
             both = np.union1d(before, met)
             before = both[both // columns == both[-1] // columns] if met.size else before
-        return found
+        return counts
 
 
 def _check(kernel: Kernel, samples: Samples) -> None:
-    """Refuse samples that the kernel would read beyond their rows."""
+    """Raise `ArgumentError` if the kernel would read beyond the rows of the samples."""
     for message, rows, needed in (
         ("inputs", samples.inputs, len(kernel.layout.inputs)),
         ("targets", samples.wanted, len(kernel.outputs)),
     ):
         if len(rows.parts) != needed:
-            raise ArgumentError(f"{len(rows.parts)} rows of {message} for a kernel with {needed}")
+            raise ArgumentError(f"the kernel reads {needed} rows of {message}, got {len(rows.parts)}")
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

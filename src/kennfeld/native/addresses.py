@@ -1,9 +1,9 @@
-"""Addresses of arrays, as compiled code takes them.
+"""Addresses of arrays for compiled code, with checks of type, layout and size.
 
-Compiled code reads memory at an address without knowing what lies there: numbers of another type would be taken for
-doubles, and an array that is too short would be read beyond its end. All pointers are therefore taken here, where the
-array is checked. Nothing is converted: a converted copy would be gone before the code runs, and what the code writes
-into it would be lost. Arrays are brought to their types where the objects that hold them are made.
+Compiled code reads memory at an address without knowing its contents: numbers of another type would be read as doubles,
+and a short array would be read beyond its end. All pointers are therefore taken here. Nothing is converted: a converted
+copy would be freed before the code runs, and values written to it would be lost. Arrays are converted where the objects
+that hold them are made.
 """
 
 from typing import Any
@@ -26,12 +26,12 @@ Array = NDArray[Any]
 
 
 def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
-    """Return where the elements of an array begin.
+    """Return the address of the first element of an array.
 
     Args:
-        array: elements of the type `kind` in native byte order, one after the other in C order, aligned.
-        size: how many elements the code reads or writes at least.
-        kind: the type that the code takes the elements for.
+        array: elements of the type `kind` in native byte order, contiguous in C order, aligned.
+        size: minimum number of elements that the code reads or writes.
+        kind: element type that the code expects.
 
     Raises:
         ArgumentError: the array has another type or layout, or fewer elements.
@@ -43,11 +43,11 @@ def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
 
 
 def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
-    """Return where a matrix of doubles begins, and how many doubles lie from one of its rows to the next.
+    """Return the address of a matrix of doubles, and the number of doubles from one row to the next.
 
     Args:
         matrix: doubles whose rows may lie apart, each contiguous; see `is_strided`.
-        size: how many rows and columns the code reads or writes at least.
+        size: minimum number of rows and columns that the code reads or writes.
 
     Raises:
         ArgumentError: the array has another type or layout, or fewer rows or columns.
@@ -59,7 +59,7 @@ def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
 
 
 def is_strided(matrix: Float) -> bool:
-    """Return whether `strided` takes this matrix."""
+    """Return True if `strided` accepts this matrix."""
     if matrix.dtype != DOUBLE or matrix.ndim != 2 or not matrix.flags.aligned:
         return False
     between, within = matrix.strides

@@ -1,9 +1,8 @@
-"""A pull-back as part of a model's code: its tables, its memory, and the call of the loop that runs it.
+"""Execution of an `AdjointProgram` in compiled code, several rows at a time, each in one lane of a vector.
 
-The loop that runs a pull-back: several rows at a time, each a lane of a vector.
-
-It knows nothing of the model, which hands it tables of who passes on to whom, times which factor, and, sample by
-sample, the factors. It is compiled once for each number of lanes.
+For each product of the program, adjoint[onto][row] += adjoint[of][row] * factor. The loop does not depend on the model:
+it reads tables of (of, onto, factor) and, for each sample, the values of the factors. It is compiled once per number of
+lanes.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,7 +19,7 @@ ZERO = literal(0.0)
 
 PARAMETERS = (
     ("i64", "rows"),
-    ("ptr", "roots"),  # i32[rows], where the adjoint of a row starts
+    ("ptr", "roots"),  # i32[rows], the node at which the adjoint of a row starts
     ("ptr", "seeds"),  # double[rows], and with what
     ("i64", "pull_count"),
     ("ptr", "pulls"),  # i32[pulls][3]: of, onto, factor
@@ -33,7 +32,7 @@ PARAMETERS = (
     ("ptr", "sources"),  # i32[entries], whose adjoint each is to be multiplied with
     ("ptr", "weights"),  # double[entries], and with what
     ("ptr", "slope"),  # double[entries][rows]
-    ("ptr", "ends"),  # i32[rows + 1], where the cells of a row end, from 0 on
+    ("ptr", "ends"),  # i32[rows + 1], 0 and the end of each row's cells
     ("ptr", "cells"),  # i32[cells][2]: the adjoint of a state, and its place in the matrix
     ("i64", "outputs"),
     ("ptr", "c"),  # slopes of the first rows with respect to states
@@ -45,7 +44,7 @@ CACHE_LINE = 64  # bytes
 
 
 def _pull(lanes: int) -> FunctionWriter:
-    """`pull(...)`: all rows of one sample, `lanes` at a time; the last block overlaps the one before."""
+    """Write `pull(...)`: all rows of one sample, `lanes` at a time; the last block overlaps the previous one."""
     f = FunctionWriter("pull", PARAMETERS)
     v = _Vectors(f, lanes)
     blocks = f.new(f"sdiv i64 {f.add('%rows', lanes - 1)}, {lanes}")
@@ -61,7 +60,7 @@ def _pull(lanes: int) -> FunctionWriter:
 
 
 def _sweep(f: FunctionWriter, v: "_Vectors", row: str, product: Callable[[str, str], str]) -> None:
-    """All adjoints of the rows from `row` on."""
+    """Write the adjoints of the rows from `row` on."""
     f.do(f"call void @llvm.memset.p0.i64(ptr %adjoints, i8 0, i64 {f.mul('%slots', 8 * v.lanes)}, i1 false)")
     for lane in range(v.lanes):
         own = f.add(row, lane)
@@ -74,17 +73,19 @@ def _sweep(f: FunctionWriter, v: "_Vectors", row: str, product: Callable[[str, s
 
 
 def _wild(f: FunctionWriter, v: "_Vectors") -> str:
-    """Whether a slope is not finite: then zeros may have met what is not, which is rare and takes longer to do well."""
+    """Return the condition that a slope is not finite: zeros may then have met infinity, and a guarded sweep
+    follows.
+    """
     total = f.slot(v.kind)
     f.do(f"store {v.kind} zeroinitializer, ptr {total}")
     with f.loop(0, "%leaf_count") as leaf:
         adjoint = v.load("%adjoints", _index(f, "%leaves", leaf))
         nothing = f.new(f"fmul {v.kind} {adjoint}, zeroinitializer")
         v.store(v.sum(v.load(total, "0"), nothing), total, "0")
-    found = ZERO
+    result = ZERO
     for lane in range(v.lanes):
-        found = f.new(f"fadd double {found}, {v.lane(v.load(total, '0'), lane)}")
-    return f.new(f"fcmp uno double {found}, {found}")
+        result = f.new(f"fadd double {result}, {v.lane(v.load(total, '0'), lane)}")
+    return f.new(f"fcmp uno double {result}, {result}")
 
 
 def _index(f: FunctionWriter, table: str, at: str) -> str:
@@ -129,17 +130,17 @@ class _Vectors:
         return self.f.new(f"extractelement {self.kind} {vector}, i64 {number}")
 
     def spread(self, number: str) -> str:
-        """A vector that holds a number in all lanes."""
+        """Return a vector with a number in all lanes."""
         first = self.f.new(f"insertelement {self.kind} poison, double {number}, i64 0")
         zeros = f"<{self.lanes} x i32> zeroinitializer"
         return self.f.new(f"shufflevector {self.kind} {first}, {self.kind} poison, {zeros}")
 
     def product(self, vector: str, number: str) -> str:
-        """The product with a number."""
+        """Return the product with a number."""
         return self.f.new(f"fmul contract {self.kind} {vector}, {self.spread(number)}")
 
     def guarded_product(self, vector: str, number: str) -> str:
-        """The product with a number; 0 where either is 0, whatever the other."""
+        """Return the product with a number; 0 if either factor is 0, whatever the other."""
         f, factors = self.f, (vector, self.spread(number))
         some = [f.new(f"fcmp une {self.kind} {factor}, zeroinitializer") for factor in factors]
         both = f.new(f"and <{self.lanes} x i1> {', '.join(some)}")
@@ -155,12 +156,11 @@ PULL = {lanes: _shared(lanes) for lanes in (1, 2, 4)}  # by lanes; more would no
 
 
 class PullProgram:
-    """The pull-back of a native function `name`.
+    """Tables and memory of an adjoint program for a native function `name`.
 
-    `source` tells where the adjoint of an atom lies, `scales` what it is multiplied with, `factors` numbers the nodes
-    whose values the code has to provide.
-    `cells` are for each row the nodes whose slopes go into a matrix, each with its place there, `entries` is the most
-    entries that a sample can have.
+    `source` maps an atom to the index of its adjoint, `scales` to the factor applied to it; `factors` numbers the nodes
+    whose values the code has to provide. `cells` holds for each row the nodes whose slopes go into a matrix, with their
+    places there; `entries` is the maximum number of entries per sample.
     """
 
     def __init__(
@@ -185,11 +185,13 @@ class PullProgram:
         }
 
     def tables(self) -> str:
-        """The tables as constants of the module."""
+        """Return the tables as constants of the module."""
         return "".join(_table(f"{self.name}_{message}", numbers) for message, numbers in self._tables.items())
 
     def memory(self, f: FunctionWriter) -> dict[str, str]:
-        """Memory for the run of a native function, by the names of the loop's parameters; `free` gives it back."""
+        """Allocate memory for a run of a native function, by the names of the loop's parameters; release it
+        by `free`.
+        """
         sizes = {
             "adjoints": self._slots * self._lanes,
             "factors": len(self.factors),
@@ -215,12 +217,11 @@ class PullProgram:
             "leaf_count": len(self._tables["leaves"]),
         }
         tables = {message: f"@{self.name}_{message}" for message in self._tables}
-        given: dict[str, str | int] = {**sizes, **tables, **memory, **places}
-        arguments = ", ".join(f"{kind} {given[name]}" for kind, name in PARAMETERS)
+        values: dict[str, str | int] = {**sizes, **tables, **memory, **places}
+        arguments = ", ".join(f"{kind} {values[name]}" for kind, name in PARAMETERS)
         f.do(f"call void {PULL[self._lanes]}({arguments})")
 
     def free(self, f: FunctionWriter, memory: Mapping[str, str]) -> None:
-        """Give the memory back."""
         f.do(f"call void {_c('free')}(ptr {memory['room']})")
 
 

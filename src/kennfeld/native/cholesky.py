@@ -1,10 +1,15 @@
-"""Cholesky factorisation of a symmetric matrix within its envelope, and solves with the factor.
+"""Envelope Cholesky factorisation of a sparse symmetric matrix, and solves with the factor.
 
-A matrix of lookups is sparse: a row of data ties the few grid points around it. What the factor fills is known from
-the order of the values (see `envelope`); a dense factorisation would work on the zeros outside as well.
-Blocks of eight rows are stored column by column, so that all work is on vectors of eight.
+In a model with tables, a sample couples only the few grid points around it, so J'WJ is sparse. The order of the values
+determines the fill-in of the factor (see `envelope`); a dense factorisation would process its zeros as well. Matrices
+are stored in block rows of eight rows each, column by column, from the first block column of the envelope on, so that
+all work is on vectors of eight.
 
-Code on matrices stored in block rows: eight rows each, column by column, from a first block column on.
+With L the factor and i, j block indices (A. George, J. Liu: Computer Solution of Large Sparse Positive Definite
+Systems, 1981):
+
+    L[i,j] L[j,j]' = H[i,j] - sum over k < j of L[i,k] L[j,k]'     for j < i
+    L[i,i] L[i,i]' = H[i,i] - sum over k < i of L[i,k] L[i,k]'
 """
 
 from collections.abc import Callable
@@ -13,7 +18,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int, aligned
+from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT64, address, is_strided, strided
 from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
@@ -31,63 +36,9 @@ ROWS = (("ptr", "rows"), ("i64", "count"))
 ONE = literal(1.0)
 
 
-def panel_of(f: FunctionWriter, block: str) -> str:
-    """The address of column 0 of a block row; only those from its first on exist."""
-    return f.at("%panels", f.load("%start", block, "i64"))
-
-
-def first_of(f: FunctionWriter, block: str) -> str:
-    """The first column of a block row."""
-    return f.mul(f.load("%first", block, "i64"), BLOCK)
-
-
-def column_of(f: FunctionWriter, panel: str, column: str) -> str:
-    """The address of a column of a block row."""
-    return f.at(panel, column, EIGHT)
-
-
-def reduced_block(f: FunctionWriter, panel: str, other: str, first: str, end: str) -> list[str]:
-    """The eight columns of a block, less the product of the columns from `first` on; `other` is the block column's."""
-    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
-    for c, column in enumerate(rest):
-        f.store(f.load(column_of(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
-    with f.loop(first, end) as k:
-        own = f.load(column_of(f, panel, k), kind=EIGHT)
-        scalars = column_of(f, other, k)
-        for c, column in enumerate(rest):
-            f.store(subtract_outer(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
-    return [f.load(column, kind=EIGHT) for column in rest]
-
-
-def subtract_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
-    """The column less vector times scalar."""
-    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
-    return f.new(f"fsub contract {EIGHT} {column}, {product}")
-
-
-def add_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
-    """The column and vector times scalar."""
-    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
-    return f.new(f"fadd contract {EIGHT} {column}, {product}")
-
-
-def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -> None:
-    """Columns of the block: X L' = rest with the diagonal block L of block row j."""
-    at = f.mul(j, BLOCK)
-    done: list[str] = []
-    for c in range(BLOCK):
-        column = rest[c]
-        for d, solved in enumerate(done):
-            column = subtract_outer(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
-        scale = f.splat(f.load("%inverse", f.add(at, c)))
-        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
-    for c, column in enumerate(done):
-        f.store(column, column_of(f, panel, f.add(at, c)), kind=EIGHT)
-
-
 @dataclass(frozen=True)
 class Factor:
-    """L of L L' = P H P', where P puts the values in the envelope's order."""
+    """Cholesky factor L of L L' = P H P', where P permutes the values into the order of the envelope."""
 
     envelope: Envelope
     panels: Float  # the blocks of the envelope
@@ -95,21 +46,21 @@ class Factor:
 
     @classmethod
     def of(cls, lower: Float) -> "Factor":
-        """A lower triangle as a factor.
+        """Return a lower triangular matrix as a factor.
 
         >>> Factor.of(np.array([[2.0, 0.0], [1.0, 1.0]])).solve(np.array([4.0, 4.0]))
         array([0., 2.])
         """
         size = len(lower)
         envelope = Envelope.full(size)
-        made = cls(envelope, _empty(envelope), np.ones(envelope.blocks * BLOCK))
-        made.load(lower, np.zeros(size))
-        made.inverse[:size] = 1 / np.diag(lower)
-        return made
+        result = cls(envelope, _empty(envelope), np.ones(envelope.blocks * BLOCK))
+        result.load(lower, np.zeros(size))
+        result.inverse[:size] = 1 / np.diag(lower)
+        return result
 
     @classmethod
     def part(cls, matrix: Float, which: Int, diagonal: Float) -> "Factor | None":
-        """That of some rows and columns of a symmetric matrix + diag(diagonal); None where not positive definite.
+        """Factor some rows and columns of a symmetric matrix + diag(diagonal); None if not positive definite.
 
         >>> matrix = np.array([[4.0, 9.0, 2.0], [9.0, 9.0, 9.0], [2.0, 9.0, 1.0]])
         >>> factor = Factor.part(matrix, np.array([0, 2]), np.array([0.0, 0.0, 1.0]))
@@ -117,37 +68,37 @@ class Factor:
         array([1., 1.])
         """
         envelope = Envelope.full(which.size)
-        made = cls(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
-        replace(made, envelope=Envelope(which, envelope.first)).load(matrix, diagonal)
-        return made if made.factor() else None
+        result = cls(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
+        replace(result, envelope=Envelope(which, envelope.first)).load(matrix, diagonal)
+        return result if result.factor() else None
 
     def load(self, matrix: Float, diagonal: Float) -> bool:
-        """Take the lower triangle of matrix + diag(diagonal); whether all its non-zeros lie in the envelope."""
+        """Load the lower triangle of matrix + diag(diagonal); return True if all its non-zeros lie in the envelope."""
         counts = np.zeros(2, dtype=np.int64)
         size = self.envelope.size
         if not is_strided(matrix):
             matrix = np.require(matrix, np.float64, ["C", "A"])
         diagonal = np.require(diagonal, np.float64, ["C", "A"])
-        given = (*strided(matrix, size), address(diagonal, size))
+        pointers = (*strided(matrix, size), address(diagonal, size))
         order = (address(self.envelope.order, size, INT64), size)
-        _functions()["load"](*self.pointers, *given, *order, address(counts, 2, INT64))
+        _functions()["load"](*self.pointers, *pointers, *order, address(counts, 2, INT64))
         return bool(counts[0] == counts[1])
 
     def factor(self) -> bool:
-        """Replace what was loaded by its factor; whether it is positive definite."""
+        """Replace the loaded matrix by its factor; return True if it is positive definite."""
         failed = np.zeros(1, dtype=np.int64)
         _functions()["factor"](*self.pointers, address(failed, 1, INT64))
         return not failed[0]
 
     def solve_lower(self, right: Float) -> Float:
-        """X of L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
+        """Solve L x = P b for each row b of `right`, a vector or (rows, size); x is padded to whole blocks."""
         rows = np.zeros((*right.shape[:-1], self.inverse.size))
         rows[..., : self.envelope.size] = right[..., self.envelope.order]
         _functions()["forward"](*self.pointers, address(rows), rows.size // max(self.inverse.size, 1))
         return rows
 
     def solve_upper(self, right: Float) -> Float:
-        """X of L' P x = b for each row b of `right`, of the shape that `solve_lower` returns."""
+        """Solve L' P x = b for each row b of `right`, of the shape that `solve_lower` returns."""
         rows = np.array(right, dtype=np.float64, order="C")
         _functions()["backward"](*self.pointers, address(rows), rows.size // max(self.inverse.size, 1))
         solved = np.empty((*rows.shape[:-1], self.envelope.size))
@@ -155,26 +106,22 @@ class Factor:
         return solved
 
     def solve(self, right: Float) -> Float:
-        """X of H x = b for each row b of `right`."""
+        """Solve H x = b for each row b of `right`, shape (size,) or (rows, size)."""
         return self.solve_upper(self.solve_lower(right))
 
     @cached_property
     def pointers(self) -> tuple[int, ...]:
-        """What generated code takes as `panels.FACTOR`."""
+        """The arguments `FACTOR` of generated code."""
         start, first, blocks = self.envelope.start, self.envelope.first, self.envelope.blocks
         panels = address(self.panels, int(start[-1]))
         places = (address(start, blocks + 1, INT64), address(first, blocks, INT64))
         return (panels, *places, address(self.inverse, blocks * BLOCK), blocks)
 
 
-def _empty(envelope: Envelope) -> Float:
-    return aligned(int(envelope.start[-1]))
-
-
 class Cholesky:
-    """Factors symmetric matrices of one size, in memory of its own: fresh memory would take as long as the work.
+    """Factorisation of symmetric matrices of one size in reused memory; allocating it would take as long as the work.
 
-    It learns where they have non-zeros: the envelope is made anew when a matrix has one outside.
+    The envelope adapts to the non-zeros: it is extended if a matrix has one outside.
     """
 
     def __init__(self, size: int) -> None:
@@ -185,23 +132,28 @@ class Cholesky:
 
     @property
     def size(self) -> int:
-        """How many rows its matrices have."""
+        """Number of rows of the matrices."""
         return self._factor.envelope.size
 
     def _take(self, envelope: Envelope) -> None:
         self._factor = Factor(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
 
     def _widened(self) -> Envelope:
-        """The envelope of all non-zeros so far; a new order is looked for only where the old one has become poor."""
+        """Return the envelope of all non-zeros so far; the order is recomputed only if the old one has become poor."""
         kept = Envelope.ordered(self._pattern, self._factor.envelope.order)
         if kept.work <= POOR * self._least:
             return kept
-        found = Envelope.of(self._pattern)
-        self._least = found.work
-        return found
+        result = Envelope.of(self._pattern)
+        self._least = result.work
+        return result
 
     def factor(self, matrix: Float, diagonal: Float) -> Factor | None:
-        """Factor matrix + diag(diagonal), until the next call; None where that is not positive definite.
+        """Factor matrix + diag(diagonal); return None if it is not positive definite. The factor is valid until the
+        next call.
+
+        Args:
+            matrix: symmetric, shape (size, size); only its lower triangle is read.
+            diagonal: shape (size,).
 
         >>> factor = Cholesky(2).factor(np.array([[4.0, 2.0], [2.0, 1.0]]), np.array([0.0, 1.0]))
         >>> factor.solve(np.array([6.0, 4.0]))
@@ -215,6 +167,66 @@ class Cholesky:
         return self._factor if self._factor.factor() else None
 
 
+def panel_of(f: FunctionWriter, block: str) -> str:
+    """Return the address of column 0 of a block row; only the columns from its first on exist."""
+    return f.at("%panels", f.load("%start", block, "i64"))
+
+
+def first_of(f: FunctionWriter, block: str) -> str:
+    """Return the first column of a block row."""
+    return f.mul(f.load("%first", block, "i64"), BLOCK)
+
+
+def column_of(f: FunctionWriter, panel: str, column: str) -> str:
+    """Return the address of a column of a block row."""
+    return f.at(panel, column, EIGHT)
+
+
+def reduced_block(f: FunctionWriter, panel: str, other: str, first: str, end: str) -> list[str]:
+    """Return the eight columns of a block minus the product of the columns from `first` on; `other` is the block
+    column's.
+    """
+    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
+    for c, column in enumerate(rest):
+        f.store(f.load(column_of(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
+    with f.loop(first, end) as k:
+        own = f.load(column_of(f, panel, k), kind=EIGHT)
+        scalars = column_of(f, other, k)
+        for c, column in enumerate(rest):
+            f.store(subtract_outer(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
+    return [f.load(column, kind=EIGHT) for column in rest]
+
+
+def subtract_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
+    """Return the column minus vector times scalar."""
+    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
+    return f.new(f"fsub contract {EIGHT} {column}, {product}")
+
+
+def add_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
+    """Return the column plus vector times scalar."""
+    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
+    return f.new(f"fadd contract {EIGHT} {column}, {product}")
+
+
+def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -> None:
+    """Solve X L' = rest for the columns X of the block, with the diagonal block L of block row j."""
+    at = f.mul(j, BLOCK)
+    done: list[str] = []
+    for c in range(BLOCK):
+        column = rest[c]
+        for d, solved in enumerate(done):
+            column = subtract_outer(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
+        scale = f.splat(f.load("%inverse", f.add(at, c)))
+        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
+    for c, column in enumerate(done):
+        f.store(column, column_of(f, panel, f.add(at, c)), kind=EIGHT)
+
+
+def _empty(envelope: Envelope) -> Float:
+    return aligned_zeros(int(envelope.start[-1]))
+
+
 @cache
 def _functions() -> dict[str, Callable[..., None]]:
     written = [_load(), _factor(), _forward(), _backward()]
@@ -223,7 +235,9 @@ def _functions() -> dict[str, Callable[..., None]]:
 
 
 def _load() -> FunctionWriter:
-    """`load(factor, matrix, counts)`: fill the panels; counts non-zeros below the diagonal, and those in the panels."""
+    """Write `load(factor, matrix, counts)`: fill the panels; count non-zeros below the diagonal, and those in
+    the panels.
+    """
     f = FunctionWriter("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
     with f.loop(0, "%size") as i:
         row = f.at("%matrix", f.mul(i, "%stride"))
@@ -251,7 +265,7 @@ def _load() -> FunctionWriter:
 
 
 def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:
-    """Add to a count the non-zeros of a row."""
+    """Write code that adds to a count the non-zeros of a row."""
     total = f.slot("i64")
     f.store("0", total, kind="i64")
     with f.loop(first, end) as k:
@@ -261,7 +275,9 @@ def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Calla
 
 
 def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
-    """Add to the first count the non-zeros of the first `end` entries of a row, a multiple of eight."""
+    """Write code that adds to the first count the non-zeros of the first `end` entries of a row, a multiple
+    of eight.
+    """
     with f.walk(end) as (k, position):
         entries = f.load(f.at(row, k), kind=EIGHT)
         there = f.new(f"fcmp une {EIGHT} {entries}, zeroinitializer")
@@ -272,7 +288,7 @@ def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
 
 
 def _factor() -> FunctionWriter:
-    """`factor(factor, failed)`: block row by block row, each block from those left of it."""
+    """Write `factor(factor, failed)`: block row by block row, each block from those left of it."""
     f = FunctionWriter("factor", [*FACTOR, ("ptr", "failed")])
     with f.loop(0, "%blocks") as i:
         panel, first = panel_of(f, i), f.load("%first", i, "i64")
@@ -287,7 +303,7 @@ def _factor() -> FunctionWriter:
 
 
 def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> None:
-    """The diagonal block: one column after the other, taken out of those that follow."""
+    """Write the factorisation of the diagonal block: column by column, each subtracted from those that follow."""
     at = f.mul(i, BLOCK)
     for c in range(BLOCK):
         pivot = f.new(f"extractelement {EIGHT} {rest[c]}, i64 {c}")
@@ -307,7 +323,7 @@ def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> Non
 
 
 def _forward() -> FunctionWriter:
-    """`forward(factor, rows)`: L x = b in place, from the first block of b that is not zero."""
+    """Write `forward(factor, rows)`: solve L x = b in place, from the first non-zero block of b."""
     f = FunctionWriter("forward", [*FACTOR, *ROWS])
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
@@ -332,7 +348,7 @@ def _forward() -> FunctionWriter:
 
 
 def _backward() -> FunctionWriter:
-    """`backward(factor, rows)`: L' x = b in place."""
+    """Write `backward(factor, rows)`: solve L' x = b in place."""
     f = FunctionWriter("backward", [*FACTOR, *ROWS])
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))

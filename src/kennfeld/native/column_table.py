@@ -1,8 +1,7 @@
-"""Rows of samples, read where they lie, and the code that reads them.
+"""Tables of column addresses, through which compiled code reads samples without copying them.
 
-Compiled code is handed tables of addresses: `table[row][block]` is where the samples of a block begin, so that a
-measurement is not copied to be read. The table of the inputs has one row more at its head, whose first entry is the
-order in which the samples are visited, uint32[samples], or null where they are visited as they come.
+`table[row][block]` is the address of the samples of a block. The table of the inputs has one more row at its head,
+whose first entry is the order in which the samples are visited, uint32[samples], or null for the stored order.
 """
 
 from collections.abc import Iterable, Sequence
@@ -30,7 +29,10 @@ Row = Float | Sequence[Float]  # one array, or several that follow each other
 class ColumnTable:
     """Rows of `count` samples each; only blocks in which two arrays of a row meet are copied.
 
-    Without a `count`, the first row tells. Raises `ArgumentError` where a row has more or fewer samples.
+    By default, `count` is that of the first row.
+
+    Raises:
+        ArgumentError: a row has more or fewer samples.
 
     >>> ColumnTable([[np.zeros(5), np.ones(3)]]).take(np.array([4, 5, 7]))
     array([[0., 1., 1.]])
@@ -42,10 +44,12 @@ class ColumnTable:
         self._seams: list[tuple[Float, Sequence[Float], Int]] = []
         blocks = max(-(-self.count // BLOCK), 1)
         self.addresses: Addresses = np.zeros((len(self.parts), blocks), dtype=np.uintp)
-        for found, parts in zip(self.addresses, self.parts, strict=True):
+        for result, parts in zip(self.addresses, self.parts, strict=True):
             if sum(part.size for part in parts) != self.count:
-                raise ArgumentError(f"rows of {self.count} and of {sum(part.size for part in parts)} samples")
-            self._locate(found, parts)
+                raise ArgumentError(
+                    f"rows differ in length: {self.count} and {sum(part.size for part in parts)} samples"
+                )
+            self._locate(result, parts)
         self.reread()
 
     def _locate(self, found: Addresses, parts: Sequence[Float]) -> None:
@@ -63,24 +67,24 @@ class ColumnTable:
             self._seams.append((copied, parts, samples))
 
     def reread(self) -> None:
-        """Copy again what is copied, after the arrays were changed in place."""
+        """Update the copied blocks after the arrays were changed in place."""
         for copied, parts, samples in self._seams:
             copied[:] = _taken(parts, samples)
 
     def take(self, samples: Int | Order) -> Float:
-        """The values at some samples, shape (rows, samples)."""
+        """Return the values at some samples, shape (rows, samples)."""
         return np.array([_taken(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
 
     def headed(self, order: Order | None) -> Addresses:
-        """The table of inputs as compiled code is handed it."""
+        """Return the addresses with the row of the visiting order at the head, as compiled code expects the inputs."""
         head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)
         head[0, 0] = 0 if order is None else address(order, kind=UINT32)
         return np.concatenate([head, self.addresses])
 
 
 def _parts(row: Row) -> list[Float]:
-    given = [row] if isinstance(row, np.ndarray) else row
-    return [np.require(part, np.float64, ["C", "A"]) for part in given]
+    arrays = [row] if isinstance(row, np.ndarray) else row
+    return [np.require(part, np.float64, ["C", "A"]) for part in arrays]
 
 
 def _taken(parts: Sequence[Float], samples: Int | Order) -> Float:
@@ -96,15 +100,15 @@ def _taken(parts: Sequence[Float], samples: Int | Order) -> Float:
 
 
 def find(f: FunctionWriter, sample: str) -> tuple[str, str]:
-    """The block that holds a sample, and its place in it."""
+    """Return the block that holds a sample, and its index in the block."""
     return f.new(f"lshr i64 {sample}, {SHIFT}"), f.new(f"and i64 {sample}, {BLOCK - 1}")
 
 
 def visit(f: FunctionWriter, order: str, k: str, rows: Sequence[tuple[str, int]]) -> tuple[str, str]:
-    """The block and the place of the sample that is visited as number `k`, before `%last`; `order` is a pointer.
+    """Return block and index of the sample that is visited as number `k`, before `%last`; `order` is a pointer.
 
-    An order leaps about in the measurement, where no cache foresees what comes: `rows`, (table, row) pairs, are
-    fetched some visits ahead, which makes it as fast as going straight on.
+    A visiting order jumps about in the measurement, which hardware prefetching does not follow. `rows`, (table, row)
+    pairs, are therefore prefetched some visits ahead, which makes it as fast as the stored order.
     """
     sample = f.slot("i64")
     f.store(k, sample, kind="i64")
@@ -127,5 +131,5 @@ def _start(f: FunctionWriter, table: str, row: int) -> str:
 
 
 def load_sample(f: FunctionWriter, table: str, row: int, place: str) -> str:
-    """The value of a row at a place of the block that `table` points to."""
+    """Return the value of a row at an index of the block to which `table` points."""
     return f.load(_start(f, table, row), place)

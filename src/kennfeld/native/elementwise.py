@@ -1,8 +1,7 @@
-"""LLVM IR of the elementwise operations, to agree with `graph.operations` bit for bit where IEEE 754 allows.
+"""LLVM IR of the elementwise operations; agrees with `graph.operations` bit for bit if IEEE 754 defines the result.
 
-The elementary functions of the C library, as generated code calls them: by address.
-
-LLVM translates a call of an address four times as fast as one of a name, which may lie anywhere.
+Elementary functions are those of the C library, called by address: LLVM translates a call of an address four times as
+fast as one of a name, which may be located anywhere.
 """
 
 import ctypes
@@ -29,22 +28,22 @@ CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge"
 
 @cache
 def c_library() -> ctypes.CDLL:
-    """The C library with the elementary functions, by each system's own name."""
+    """Load the C library, under the name it has on this system."""
     return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
 @cache
 def c_function(name: str) -> int:
-    """The address of a function of the C library."""
+    """Return the address of a function of the C library."""
     address = ctypes.cast(getattr(c_library(), name), ctypes.c_void_p).value
     assert address is not None
     return address
 
 
 def call_elementary(f: FunctionWriter, name: str, arguments: Sequence[str]) -> str:
-    """A double from one of `ELEMENTARY`."""
-    given = ", ".join(f"double {argument}" for argument in arguments)
-    return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({given}) nounwind memory(none)")
+    """Return the result of one of the functions in `ELEMENTARY`."""
+    operands = ", ".join(f"double {argument}" for argument in arguments)
+    return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({operands}) nounwind memory(none)")
 
 
 def _binary(instruction: str) -> Callable[..., str]:
@@ -60,7 +59,7 @@ def _elementary(name: str) -> Callable[..., str]:
 
 
 def _extreme(comparison: str) -> Callable[..., str]:
-    """The first argument where it wins, ties or is NaN, else the second; NaN if either is."""
+    """Return the first argument if it wins, ties or is NaN, else the second; NaN if either is NaN."""
 
     def emit(f: FunctionWriter, a: str, b: str) -> str:
         first = f.select(f.new(f"fcmp {comparison} double {a}, {b}"), a, b)
@@ -70,7 +69,7 @@ def _extreme(comparison: str) -> Callable[..., str]:
 
 
 def _mod(f: FunctionWriter, a: str, b: str) -> str:
-    """The remainder with the sign of the divisor; the number itself where that is zero."""
+    """Return the remainder with the sign of the divisor; the dividend if the divisor is zero."""
     whole = f.new(f"call double @llvm.floor.f64(double {f.new(f'fdiv double {a}, {b}')})")
     rest = f.new(f"fsub double {a}, {f.new(f'fmul double {whole}, {b}')}")
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
@@ -87,7 +86,7 @@ def _abs(f: FunctionWriter, x: str) -> str:
 
 
 def _round(f: FunctionWriter, x: str) -> str:
-    """The nearest whole number; halves go away from zero."""
+    """Round to the nearest integer; halves away from zero."""
     whole = f.new(f"call double @llvm.trunc.f64(double {x})")
     rest = f.new(f"call double @llvm.fabs.f64(double {f.new(f'fsub double {x}, {whole}')})")
     away = f.new(f"fadd double {whole}, {f.new(f'call double @llvm.copysign.f64(double {ONE}, double {x})')}")
@@ -100,7 +99,7 @@ def _sign(f: FunctionWriter, x: str) -> str:
 
 
 def power(f: FunctionWriter, base: str, exponent: int) -> str:
-    """A whole power by repeated squaring."""
+    """Compute an integer power by repeated squaring."""
     if exponent < 0:
         return f.new(f"fdiv double {ONE}, {power(f, base, -exponent)}")
     result, square = "", base

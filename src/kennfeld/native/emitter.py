@@ -1,7 +1,7 @@
-"""Nodes of a lowered graph to LLVM IR: one step of the model as straight-line code.
+"""LLVM IR of one step of the model: the nodes of a lowered graph as straight-line code.
 
-The code is a list of items, nodes first, in order. Long lists are cut into functions, because LLVM's passes grow
-faster than the length of a block; values that cross a cut travel through a frame in memory.
+The code is a list of items, nodes first, in order. Long lists are split into several functions, because the run time of
+LLVM's passes grows faster than the length of a block; values used across functions are kept in a frame in memory.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +38,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True)
 class MemoryLayout:
-    """Where things lie in the arrays that the compiled code is given."""
+    """Offsets of inputs, values, axes and states in the arrays that the compiled code receives."""
 
     inputs: Mapping[str, int]
     offsets: Mapping[str, int]  # first value of each parameter
@@ -57,25 +57,25 @@ class MemoryLayout:
 
     @property
     def breakpoints(self) -> Float:
-        """All axes one after the other, with room to read whole vectors at the end."""
+        """All axes one after the other, padded so that whole vectors can be read at the end."""
         return np.concatenate([*self.axes, np.zeros(LANES)])
 
     @property
     def memory(self) -> int:
-        """Doubles that the states need."""
+        """Number of doubles for the states."""
         return sum(self.latencies)
 
     @property
     def hints(self) -> int:
-        """Integers that ring buffers and searches need, known once everything is emitted."""
+        """Number of integers for ring buffers and searches, known once everything is emitted."""
         return len(self.latencies) + len(self.searches)
 
     def hint(self, x: int, axis: AxisRef) -> int:
-        """Where the search of node `x` in an axis remembers its last cell."""
+        """Return the index at which the search of node `x` in an axis stores its last cell."""
         return len(self.latencies) + self.searches.setdefault((x, axis.number), len(self.searches))
 
     def strides(self, table: str) -> list[int]:
-        """Distance of neighbours along each axis of a table, in values."""
+        """Return the distance of neighbours along each axis of a table, in values."""
         shape = self.shapes[table]
         return [int(np.prod(shape[i + 1 :])) for i in range(len(shape))]
 
@@ -86,7 +86,7 @@ def _before(sizes: Sequence[int]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class CodeItem:
-    """A piece of code: a node, or a tail action that uses the values of the nodes `needs`."""
+    """A piece of code: a node, or an action at the end that uses the values of the nodes `needs`."""
 
     needs: tuple[int, ...]
     emit: "Callable[[StepEmitter], None]"
@@ -94,14 +94,14 @@ class CodeItem:
 
 
 class Condition(NamedTuple):
-    """An i1, or what it is not: a negation costs nothing where something is chosen by it."""
+    """An i1, possibly negated: the negation costs nothing in a select."""
 
     register: str
     negated: bool = False
 
 
 class StepEmitter:
-    """Code under construction for one sample, at place `%k` of its block, within one function."""
+    """Code under construction within one function, for the sample at index `%k` of its block."""
 
     def __init__(
         self, f: FunctionWriter, nodes: Sequence[Node], layout: MemoryLayout, frame: Mapping[int, int]
@@ -117,7 +117,7 @@ class StepEmitter:
         self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
 
     def value(self, node: int) -> str:
-        """The double of a node, computed before."""
+        """Return the double of a node computed before."""
         if node not in self._values:
             if node in self._truths:
                 self._values[node] = self.choose(node, literal(1.0), literal(0.0))
@@ -131,12 +131,12 @@ class StepEmitter:
         return self._truths[node]
 
     def condition(self, node: int) -> str:
-        """The truth of a node, as an i1; NaN is true."""
+        """Return the truth of a node as an i1; NaN is true."""
         register, negated = self._truth(node)
         return self.f.new(f"xor i1 {register}, true") if negated else register
 
     def choose(self, node: int, a: str, b: str) -> str:
-        """The double a where a node is true, else b."""
+        """Return the double a if a node is true, else b."""
         register, negated = self._truth(node)
         return self.f.select(register, b, a) if negated else self.f.select(register, a, b)
 
@@ -156,7 +156,7 @@ class StepEmitter:
             self._values[node] = self._double(node, op, args, payload)
 
     def product(self, slope: str, weight: str) -> str:
-        """A product that is 0 where its first factor is: a branch not taken, a grid point that does not count."""
+        """Return a product that is 0 if its first factor is 0: a branch not taken, or a grid point of weight 0."""
         return VALUES["guard"](self.f, slope, weight)
 
     def _double(self, node: int, op: str, args: tuple[int, ...], payload: object) -> str:
@@ -193,7 +193,7 @@ class StepEmitter:
         return int(payload) if op == "const" and float(payload).is_integer() and abs(payload) <= 16 else None
 
     def ring(self, state: int) -> str:
-        """Index of the memory cell that holds the state's value of now."""
+        """Return the index of the memory cell that holds the current value of a state."""
         base = self.layout.memory_offsets[state]
         if self.layout.latencies[state] == 1:
             return str(base)
@@ -215,7 +215,7 @@ class StepEmitter:
         return cell
 
     def _points(self, axis: AxisRef) -> str:
-        """Where the breakpoints of an axis begin."""
+        """Return the address of the breakpoints of an axis."""
         if axis.key is not None:
             return self.f.at("%values", self.layout.moving[axis.key])
         return self.f.at("%axes", self.layout.axis_offsets[axis.number])
@@ -236,7 +236,7 @@ class StepEmitter:
         return f.select(above, f.select(below, slope, literal(0.0)), literal(0.0))
 
     def sides(self, table: TableRef, args: Sequence[int]) -> list[Cell | Window]:
-        """The grid points around the coordinate, an entry an axis."""
+        """Return the grid points around the coordinate, one entry per axis."""
         shape = self.layout.shapes[table.name]
         return [
             self._window(a, axis) if smoothed else self._cell(a, count)
@@ -244,7 +244,7 @@ class StepEmitter:
         ]
 
     def cell(self, position: int) -> Cell:
-        """The breakpoints around a position."""
+        """Return the breakpoints around a position."""
         return self._cell(position, self.layout.axes[self.nodes[position].payload.number].size)
 
     def _cell(self, node: int, count: int) -> Cell:
@@ -269,7 +269,7 @@ class StepEmitter:
         return self._windows[x, axis]
 
     def _expansion(self, ref: ExpansionRef, args: tuple[int, ...]) -> str:
-        """Where an expansion's value and its slopes along the inputs stand."""
+        """Return the address of an expansion's value, followed by its slopes along the inputs."""
         if (ref.name, args) not in self._expansions:
             reciprocal = self.layout.offsets[ref.name] >= self.layout.free
             out = self.f.slot("double", 1 + ref.inputs)
@@ -278,7 +278,7 @@ class StepEmitter:
         return self._expansions[ref.name, args]
 
     def expansion_weights(self, ref: ExpansionRef, args: tuple[int, ...]) -> tuple[int, str]:
-        """How many values an expansion has, and where its slopes with respect to them stand."""
+        """Return the number of values of an expansion, and the address of its slopes with respect to them."""
         count = int(np.prod(self.layout.shapes[ref.name]))
         out = self.f.slot("double", count)
         self._call_expansion(value_slopes(ref.inputs), ref, args, out)
@@ -308,9 +308,9 @@ class StepEmitter:
 def emit_items(
     name: str, passed: Sequence[tuple[str, str]], items: Sequence[CodeItem], nodes: Sequence[Node], layout: MemoryLayout
 ) -> str:
-    """A function `name` that runs the items for the sample at `%k`; long lists become several functions.
+    """Write a function `name` that runs the items for the sample at `%k`; long lists become several functions.
 
-    `passed` are its parameters besides `k`.
+    `passed` are its parameters in addition to `k`.
     """
     segments = [items[i : i + SEGMENT] for i in range(0, len(items), SEGMENT)] or [[]]
     whole = FunctionWriter(name, [*passed, ("i64", "k")], "alwaysinline")
@@ -319,7 +319,7 @@ def emit_items(
         return whole.text()
     frame = _crossing(segments)
     room = whole.slot("double", max(len(frame), 1))
-    given = [(kind, f"%{parameter}") for kind, parameter in whole.parameters] + [("ptr", room)]
+    arguments = [(kind, f"%{parameter}") for kind, parameter in whole.parameters] + [("ptr", room)]
     texts = []
     for number, segment in enumerate(segments):
         part = FunctionWriter(f"{name}_{number}", [*whole.parameters, ("ptr", "frame")], "noinline")
@@ -329,7 +329,7 @@ def emit_items(
             if item.node is not None and item.node in frame:
                 part.store(step.value(item.node), "%frame", frame[item.node])
         texts.append(part.text())
-        whole.call(part.name, given)
+        whole.call(part.name, arguments)
     return "".join(texts) + whole.text()
 
 
@@ -341,7 +341,7 @@ def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
 
 
 def _crossing(segments: Sequence[Sequence[CodeItem]]) -> dict[int, int]:
-    """Frame slots of the nodes that are used in a later segment than their own."""
+    """Assign frame slots to the nodes that are used in a later segment than their own."""
     home: dict[int, int] = {}
     frame: dict[int, int] = {}
     for number, segment in enumerate(segments):

@@ -1,4 +1,4 @@
-"""LLVM IR text to callable machine code, compiled in memory."""
+"""Compilation of LLVM IR to callable machine code in memory."""
 
 import ctypes
 import threading
@@ -42,9 +42,9 @@ declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 
 
 class Engine:
-    """Machine code of one module; it lives as long as this object and the functions it handed out.
+    """Machine code of one module, kept alive by this object and the functions it returned.
 
-    `loops` tells that there are loops over doubles for LLVM to work on; the code of a model runs as fast without.
+    `loops` enables optimisation of loops over doubles; the code of a model runs as fast without.
     """
 
     def __init__(self, text: str, *, loops: bool = False) -> None:
@@ -59,21 +59,21 @@ class Engine:
             self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """Where a compiled function begins."""
+        """Return the address of a compiled function."""
         return int(self._engine.get_function_address(name))
 
     def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> Callable[..., None]:
-        """The compiled function with these (type, name) parameters; arrays are passed by their address."""
-        made: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(self.address(name))
-        made.engine = self
-        called: Callable[..., None] = made
+        """Return the compiled function with these (type, name) parameters; arrays are passed by address."""
+        result: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(self.address(name))
+        result.engine = self
+        called: Callable[..., None] = result
         return called
 
 
 class SharedFunction:
-    """A function that knows no model, as generated code calls it: compiled once, when it is first needed.
+    """A model-independent function called by generated code, compiled once, when first needed.
 
-    `write` gives its text, after that of what it calls.
+    `write` returns its text, after that of the functions it calls.
     """
 
     def __init__(self, name: str, write: Callable[[], str]) -> None:
@@ -100,7 +100,7 @@ def _initialise() -> None:
 def _target_machine(effort: int) -> Any:
     _initialise()
     target = llvm.Target.from_default_triple()
-    # Code model "jitdefault" reaches the C library wherever the system has put it.
+    # Code model "jitdefault" reaches the C library at any address.
     return target.create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=llvm.get_host_cpu_features().flatten(),
@@ -110,7 +110,7 @@ def _target_machine(effort: int) -> Any:
 
 
 def _tidy(module: Any, machine: Any) -> None:
-    """The few passes that pay on long straight-line code, which then runs within a tenth of its best speed."""
+    """Run the few passes that pay off on long straight-line code; it then runs within 10 % of its best speed."""
     builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()

@@ -1,8 +1,8 @@
-"""Which part of a symmetric matrix its Cholesky factor fills: rows from their first non-zero to the diagonal.
+"""Envelope of the Cholesky factor of a symmetric matrix: each row from its first non-zero to the diagonal.
 
-The order of the rows decides how much that is. Values that most others touch come last, the rest level by level from
-one end of their graph to the other (E. Cuthill, J. McKee: Reducing the bandwidth of sparse symmetric matrices, 1969,
-reversed as A. George found better). Rows are taken in blocks, as `cholesky` works on them.
+The order of the rows determines its size. Rows with the most neighbours come last, the others in reverse Cuthill-McKee
+order (E. Cuthill, J. McKee: Reducing the bandwidth of sparse symmetric matrices, 1969; reversed as proposed by A.
+George, 1971). Rows are grouped in blocks, as in `cholesky`.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a 
 
 @dataclass(frozen=True)
 class Envelope:
-    """An order of the rows, and the part of the lower triangle that is kept.
+    """An order of the rows, and the part of the lower triangle that is stored.
 
-    Row i of the ordered matrix is row `order[i]` of the given one. Block row b is kept from block column `first[b]` on,
-    and stored column by column: column k begins at `start[b] + BLOCK * k`.
+    Row i of the ordered matrix is row `order[i]` of the original one. Block row b is stored from block column
+    `first[b]` on, column by column: column k begins at `start[b] + BLOCK * k`.
     """
 
     order: Int  # Int[size]
@@ -31,18 +31,18 @@ class Envelope:
 
     @classmethod
     def full(cls, size: int) -> "Envelope":
-        """The whole triangle in the given order."""
+        """Return the envelope of the whole triangle in the original order."""
         return cls(np.arange(size), np.zeros(-(-size // BLOCK), dtype=np.int64))
 
     @classmethod
     def of(cls, pattern: Bool) -> "Envelope":
-        """A small envelope of a symmetric pattern."""
-        found = [cls.ordered(pattern, order) for order in _orders(pattern)]
-        return min(found, key=lambda envelope: envelope.work)
+        """Return a small envelope of a symmetric pattern, bool (size, size)."""
+        envelopes = [cls.ordered(pattern, order) for order in _orders(pattern)]
+        return min(envelopes, key=lambda envelope: envelope.work)
 
     @classmethod
     def ordered(cls, pattern: Bool, order: Int) -> "Envelope":
-        """The envelope of a symmetric pattern in a given order."""
+        """Return the envelope of a symmetric pattern in a given order."""
         ordered = pattern[np.ix_(order, order)]
         np.fill_diagonal(ordered, True)
         columns = ordered.argmax(axis=1) // BLOCK
@@ -50,29 +50,29 @@ class Envelope:
 
     @property
     def size(self) -> int:
-        """How many rows the matrix has."""
+        """Number of rows of the matrix."""
         return self.order.size
 
     @property
     def blocks(self) -> int:
-        """How many block rows it has."""
+        """Number of block rows."""
         return self.first.size
 
     @property
     def work(self) -> float:
-        """What a factorisation costs, up to a factor."""
+        """Cost of a factorisation, up to a factor."""
         return float(np.sum(np.square(np.arange(1.0, self.blocks + 1) - self.first)))
 
     @cached_property
     def start(self) -> Int:
-        """Where each block row begins, less its first column; one more element tells the length of all."""
+        """Offset of each block row minus its first column; the last element is the total length."""
         lengths = BLOCK * BLOCK * (np.arange(1, self.blocks + 1) - self.first)
         ends = np.cumsum(lengths)
         return np.append(ends - lengths - BLOCK * BLOCK * self.first, lengths.sum())
 
 
 def _orders(pattern: Bool) -> list[Int]:
-    """Orders worth trying, with fewer or more values put last."""
+    """Return candidate orders, with fewer or more values at the end."""
     degree = np.count_nonzero(pattern, axis=1)
     orders, seen = [], set()
     for busy in BUSY:
@@ -86,7 +86,7 @@ def _orders(pattern: Bool) -> list[Int]:
 
 
 def _by_levels(pattern: Bool) -> Int:
-    """Reverse Cuthill-McKee: each connected part from a row at its rim, neighbours after neighbours."""
+    """Return the reverse Cuthill-McKee order: each connected component from a peripheral row, level by level."""
     degree = np.count_nonzero(pattern, axis=1)
     left = np.ones(degree.size, dtype=bool)
     parts = []
@@ -99,7 +99,7 @@ def _by_levels(pattern: Bool) -> Int:
 
 
 def _levels(pattern: Bool, degree: Int, seed: int) -> Int:
-    """The rows connected to a seed, by distance, then by their first neighbour nearer to it, then by degree."""
+    """Return the rows connected to a seed, by distance, then by their first neighbour closer to it, then by degree."""
     unseen = np.ones(degree.size, dtype=bool)
     unseen[seed] = False
     level = np.array([seed])

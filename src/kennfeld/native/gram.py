@@ -1,7 +1,7 @@
-"""Products A H^-1 A' of sparse rows A, which need only the forward half V = A P' L^-T of each solve with H.
+"""Products A H^-1 A' of sparse rows A, computed as V V' from the forward half V = A P' L^-T of each solve with H.
 
-V are the rows that would follow H in a factorisation of [[H, A'], [A, 0]], so they are computed as such: in blocks of
-eight, each from its first non-zero on. Rows that begin late are little work, and are put together.
+V consists of the rows that would follow H in a factorisation of [[H, A'], [A, 0]], and is computed as such: in blocks
+of eight rows, each from its first non-zero on. Rows with a late first non-zero are cheap and are grouped together.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ __all__ = ["Gram"]
 
 
 class Gram:
-    """A H^-1 A' for rows A that become more. The factor of H must not change meanwhile.
+    """Matrix A H^-1 A' for a growing set of rows A. The factor of H must not change meanwhile.
 
     >>> gram = Gram(Factor.of(np.array([[2.0, 0.0], [0.0, 1.0]])))
     >>> gram.add(np.array([[0, 1]]), np.array([[1.0, -1.0]]))
@@ -38,11 +38,11 @@ class Gram:
         self._products = np.zeros((1, 1))  # row and column 0 are what fills up blocks
 
     def add(self, columns: Int, coefficients: Float) -> None:
-        """More rows of A, by their columns and the coefficients there, both of shape (rows, width)."""
+        """Append rows of A, given by their columns and the coefficients there, both of shape (rows, width)."""
         place = self._place[columns]
         begin = np.where(coefficients != 0, place // BLOCK, self._factor.envelope.blocks).min(axis=1)
         order = np.argsort(begin, kind="stable")
-        halves = _scattered(place[order], coefficients[order], self._factor.inverse.size)
+        halves = _scatter(place[order], coefficients[order], self._factor.inverse.size)
         known, before = self._begins.size, len(self._products)
         numbers = np.zeros(len(halves) * BLOCK, dtype=np.int64)
         numbers[: order.size] = before + order
@@ -55,7 +55,7 @@ class Gram:
         self._compute(known)
 
     def _compute(self, known: int) -> None:
-        """The block rows after those known, and their products with all."""
+        """Compute the new block rows of V, and their products with all."""
         blocks = self._begins.size
         halves = address(self._halves, blocks * BLOCK * self._factor.inverse.size)
         rows = (halves, address(self._begins, kind=INT64), known, blocks)
@@ -66,12 +66,12 @@ class Gram:
 
     @property
     def products(self) -> Float:
-        """A H^-1 A', rows and columns in the order they were given."""
+        """A H^-1 A', rows and columns in the order in which they were added."""
         return self._products[1:, 1:]
 
 
-def _scattered(columns: Int, coefficients: Float, size: int) -> Float:
-    """Sparse rows as block rows, stored column by column."""
+def _scatter(columns: Int, coefficients: Float, size: int) -> Float:
+    """Return sparse rows as block rows, stored column by column."""
     full = np.zeros((-(-len(columns) // BLOCK), size, BLOCK))
     rows, entries = np.nonzero(coefficients)
     places = (rows // BLOCK * size + columns[rows, entries]) * BLOCK + rows % BLOCK
@@ -90,17 +90,17 @@ def _functions() -> dict[str, Callable[..., None]]:
 
 
 def _row(f: FunctionWriter, block: str, blocks: str) -> str:
-    """The address of column 0 of a block row of V."""
+    """Return the address of column 0 of a block row of V."""
     return f.at("%halves", f.mul(f.mul(block, blocks), BLOCK * BLOCK))
 
 
 def _begin(f: FunctionWriter, block: str) -> str:
-    """The first column of a block row of V."""
+    """Return the first column of a block row of V."""
     return f.mul(f.load("%begins", block, "i64"), BLOCK)
 
 
 def _halve() -> FunctionWriter:
-    """`halve(factor, rows)`: V L' = A P' in place, one block after the other."""
+    """Write `halve(factor, rows)`: solve V L' = A P' in place, block by block."""
     f = FunctionWriter("halve", [*FACTOR, *ROWS])
     with f.loop("%known", "%count") as b:
         panel = _row(f, b, "%blocks")
@@ -112,7 +112,7 @@ def _halve() -> FunctionWriter:
 
 
 def _multiply() -> FunctionWriter:
-    """`multiply(rows, blocks, numbers, products, stride)`: V V' of the block rows after those known with all."""
+    """Write `multiply(rows, blocks, numbers, products, stride)`: V V' of the new block rows with all."""
     result = (("ptr", "numbers"), ("ptr", "products"), ("i64", "stride"))
     f = FunctionWriter("multiply", [*ROWS, ("i64", "blocks"), *result])
     with f.loop("%known", "%count") as b, f.loop(0, f.add(b, 1)) as c:
@@ -131,7 +131,7 @@ def _multiply() -> FunctionWriter:
 
 
 def _spread(f: FunctionWriter, block: list[str], b: str, c: str) -> None:
-    """The columns of a block into the symmetric matrix of products, on both sides of its diagonal."""
+    """Write the columns of a block into the symmetric matrix of products, on both sides of its diagonal."""
     stored = f.slot(EIGHT, BLOCK)
     for lane, vector in enumerate(block):
         f.store(vector, stored, lane, EIGHT)

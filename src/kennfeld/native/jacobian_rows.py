@@ -1,9 +1,8 @@
-"""Code that writes the entries of a tape: the columns that a sample touches, and what belongs to each.
+"""LLVM IR that writes the derivatives of one sample to the tape: entries (column and slopes) and state matrices.
 
-A lookup touches the grid points around its coordinate; a position on a free axis the breakpoints around it; an
-expansion all of its values.
-
-Code for the rows of slopes of one sample: each written out, or prepared for a pull-back.
+A lookup touches the grid points around its coordinate, a position on a free axis the breakpoints around it, an
+expansion all of its values. The slopes of the rows are either written out as nodes (`WrittenRows`) or computed by an
+adjoint program (`PulledRows`).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -14,7 +13,7 @@ from kennfeld.graph.lookup_lowering import ExpansionRef
 from kennfeld.native.adjoint_loop import PullProgram
 from kennfeld.native.emitter import CodeItem, MemoryLayout, StepEmitter
 from kennfeld.native.ir import literal
-from kennfeld.native.sample_loop import Output, counts
+from kennfeld.native.sample_loop import Output, is_counted
 from kennfeld.native.table_lookup import Corner, corners
 from kennfeld.native.tape_layout import TapeLayout
 
@@ -28,14 +27,14 @@ ZERO = literal(0.0)
 
 @dataclass(frozen=True)
 class Entries:
-    """How many entries a tape has room for; `fixed` if every sample writes exactly as many."""
+    """Maximum number of entries per sample; `fixed` if every sample writes exactly as many."""
 
     room: int
     fixed: bool
 
 
 def entries_of(line: Linearization, layout: MemoryLayout, atoms: Sequence[int]) -> Entries:
-    """Room for the grid points that the atoms of one sample touch."""
+    """Return the number of entries for the grid points that the atoms of one sample touch."""
     room, fixed = 0, True
     for atom in atoms:
         points = 1
@@ -60,9 +59,9 @@ def entry_items(
     writer: Callable[[StepEmitter, int], EntryWriter],
     needs: Callable[[int], Iterable[int]],
 ) -> list[CodeItem]:
-    """Items that go through the grid points of each atom, one after the other, and write their columns.
+    """Return items that go through the grid points of each atom in turn and write their columns.
 
-    `writer(step, atom)` says how to write the rest, `needs(atom)` are the nodes it uses.
+    `writer(step, atom)` returns a function that writes the rest; `needs(atom)` are the nodes it uses.
     """
     entries = entries_of(line, layout, atoms)
 
@@ -79,7 +78,7 @@ def entry_items(
 
 @dataclass(frozen=True)
 class _Points:
-    """The grid points of one atom; the first is entry `first` where all samples have as many."""
+    """The grid points of one atom; the first is entry `first` if all samples have the same number."""
 
     line: Linearization
     layout: MemoryLayout
@@ -143,7 +142,7 @@ def _all_values(step: StepEmitter, ref: ExpansionRef, args: tuple[int, ...]) -> 
 
 @dataclass(frozen=True)
 class SlopeRow:
-    """A row of slopes as the tape holds it: times `factor` where it `counts`, else 0, whatever the slopes are."""
+    """A row of slopes on the tape: multiplied by `factor` if it `counts`, else 0, whatever the slopes are."""
 
     counts: Callable[[StepEmitter], str]  # an i1
     factor: float = 1.0
@@ -151,14 +150,14 @@ class SlopeRow:
 
 
 def output_row(at: int, output: Output) -> SlopeRow:
-    """The slopes of a residual, which count where the sample is scored."""
-    return SlopeRow(lambda step: counts(step.f, at), 1.0 / output.scale)
+    """Return the slopes of a residual, which count if the sample is scored."""
+    return SlopeRow(lambda step: is_counted(step.f, at), 1.0 / output.scale)
 
 
 def state_row(node: int) -> SlopeRow:
-    """The slopes of a state, whose value is `node`.
+    """Return the slopes of a state, whose value is `node`.
 
-    They count where the state is finite: elsewhere only a condition can keep it from the outputs.
+    They count if the state is finite; otherwise only a condition can keep it from the outputs.
     """
 
     def finite(step: StepEmitter) -> str:
@@ -180,7 +179,7 @@ class WrittenRows:
         return (node for _, slopes in self._rows for node in slopes.values())
 
     def needs(self, leaf: int) -> Iterable[int]:
-        """The nodes that the slopes with respect to an atom or a state use."""
+        """Return the nodes that the slopes with respect to an atom or a state use."""
         return (node for row, slopes in self._rows if leaf in slopes for node in (slopes[leaf], *row.needs))
 
     def _slope(self, step: StepEmitter, row: int, leaf: int) -> str:
@@ -192,7 +191,7 @@ class WrittenRows:
         return step.f.select(counted.counts(step), scaled, ZERO)
 
     def writer(self, step: StepEmitter, atom: int) -> EntryWriter:
-        """Writes the slopes of all rows at a grid point of an atom."""
+        """Return a function that writes the slopes of all rows at a grid point of an atom."""
         slopes = [self._slope(step, row, atom) for row in range(len(self._rows))]
 
         def write(entry: str, place: str, weight: str) -> None:
@@ -203,7 +202,7 @@ class WrittenRows:
         return write
 
     def matrix_items(self, seeds: Sequence[int], pattern: TapeLayout) -> list[CodeItem]:
-        """Items that write the slopes with respect to states: of the first rows to `%c`, of the others to `%a`."""
+        """Return items that write the slopes with respect to states: first rows to `%c`, others to `%a`."""
         return [self._matrix_row(row, seeds, pattern) for row in range(len(self._rows))]
 
     def _matrix_row(self, row: int, seeds: Sequence[int], pattern: TapeLayout) -> CodeItem:
@@ -221,14 +220,14 @@ class WrittenRows:
 
 
 class PulledRows:
-    """Rows whose slopes a pull-back finds, once the code has left its factors and seeds and the entries' weights."""
+    """Rows whose slopes an adjoint program computes, given the factors, the seeds and the weights of the entries."""
 
     def __init__(self, rows: Sequence[SlopeRow], program: PullProgram) -> None:
         self._rows, self._scales = tuple(rows), program.scales
         self.program = program
 
     def factor_items(self) -> dict[int, CodeItem]:
-        """For each node that is a factor an item that keeps it."""
+        """Return for each node that is a factor an item that stores it."""
 
         def keep(node: int, at: int) -> CodeItem:
             return CodeItem((node,), lambda step: step.f.store(step.value(node), "%factors", at))
@@ -236,7 +235,7 @@ class PulledRows:
         return {node: keep(node, at) for node, at in self.program.factors.items()}
 
     def seed_items(self) -> list[CodeItem]:
-        """Items that write where each row's adjoint starts."""
+        """Return items that write the start of each row's adjoint."""
 
         def start(at: int, row: SlopeRow) -> CodeItem:
             def emit(step: StepEmitter) -> None:
@@ -247,11 +246,11 @@ class PulledRows:
         return [start(at, row) for at, row in enumerate(self._rows)]
 
     def needs(self, atom: int) -> Collection[int]:
-        """The nodes that `writer` uses."""
+        """Return the nodes that `writer` uses."""
         return (self._scales[atom],) if atom in self._scales else ()
 
     def writer(self, step: StepEmitter, atom: int) -> EntryWriter:
-        """Leaves the weight of a grid point, and whose adjoint it is to be multiplied with."""
+        """Return a function that stores the weight of a grid point, and the adjoint by which it is multiplied."""
         source = str(self.program.source[atom])
         scale = step.value(self._scales[atom]) if atom in self._scales else ""
 

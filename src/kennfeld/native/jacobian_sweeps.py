@@ -1,7 +1,8 @@
-"""Rows of the Jacobian where many states carry free values: loops over the states, past slopes that are zero.
+"""Sensitivities of many states: S[k+1] = A[k] S[k] + B[k] by loops over the states that skip structural zeros of A.
 
-Of the slopes between a hundred states most are zero in most models: only those that can differ from zero are looked
-at. A state that takes over what another was, as in a shift register, takes over its row of S.
+S [states, width] are the derivatives of the states with respect to the columns that can reach a state. Of the slopes
+between a hundred states most are structural zeros in most models: only the others are read. If a state takes over the
+previous value of another one, as in a shift register, it takes over its row of S.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ STRIP = 4  # vectors of columns at a time: as many sums as hide the time that on
 
 
 def many_tables(pattern: TapeLayout) -> str:
-    """The constants that `ManyStates` reads."""
+    """Return the constants that `ManyStates` reads."""
     latencies = pattern.latencies
     tables = {
         "bases": [0, *accumulate(latencies[:-1])],
@@ -37,9 +38,9 @@ def _table(name: str, numbers: Sequence[int]) -> str:
 
 
 class ManyStates:
-    """The sensitivities S of all states within one sample: a row of `%width` columns a state, in `%sensitivities`.
+    """The sensitivities S of all states within one sample, in `%sensitivities`: rows of `%width` columns.
 
-    A state of latency d has d rows there, of which `%rings` says the oldest. `%next` has room for the rows of the next
+    A state of latency d has d rows, of which `%rings` gives the oldest. `%next` has room for the rows of the next
     sample.
     """
 
@@ -48,14 +49,14 @@ class ManyStates:
         self._rows, self._factors = f.slot("ptr", self.count), f.slot("double", self.count)
 
     def begin(self) -> None:
-        """Find the rows of a sample."""
+        """Locate the rows of a sample."""
         f = self.f
         with f.loop(0, self.count) as i:
             place = f.add(f.load("%rings", i, "i64"), self._number("bases", i))
             f.store(f.at("%sensitivities", f.mul("%width", place)), self._rows, i, "ptr")
 
     def add_output(self, target: str, output: int, factor: str, slopes: str) -> None:
-        """Target += factor times the row of S of an output; `slopes` points to its row of c."""
+        """Add factor times the row of S of an output to the target, C S; `slopes` points to its row of c."""
         f, seen = self.f, self.pattern.seen
         states = f.at("@many_seen", sum(map(len, seen[:output])), "i32")
         with f.loop(0, len(seen[output])) as i:
@@ -64,7 +65,7 @@ class ManyStates:
         self._combine(target, states, self._factors, str(len(seen[output])))
 
     def step(self, slopes: str) -> None:
-        """The next S without the entries' part; `slopes` points to the sample's cells of a."""
+        """Compute A S, the next S without the entries' part; `slopes` points to the sample's cells of a."""
         f = self.f
         bytes_ = f.mul("%width", 8 * self.count)
         f.do(f"call void @llvm.memset.p0.i64(ptr %next, i8 0, i64 {bytes_}, i1 false)")
@@ -78,13 +79,13 @@ class ManyStates:
             self._combine(self._next(self._number("kept", row)), states, factors, f.new(f"sub i64 {end}, {begin}"))
 
     def add_entry(self, column: str, slopes: str) -> None:
-        """Add the slopes of the kept states with respect to one value."""
+        """Add B, the slopes of the kept states with respect to one value."""
         f = self.f
         with f.loop(0, len(self.pattern.kept)) as row:
             f.increase(f.load(slopes, row), self._next(self._number("kept", row)), column)
 
     def turn(self) -> None:
-        """Put the next rows in the place of the oldest, and move on to what is the oldest then."""
+        """Replace the oldest rows by the next ones, and advance the rings."""
         f = self.f
         with f.loop(0, self.count) as i:
             self._copy(f.load(self._rows, i, "ptr"), self._next(i))
@@ -99,18 +100,19 @@ class ManyStates:
         return self.f.at("%next", self.f.new(f"mul i64 {state}, %width"))
 
     def _copy(self, target: str, source: str) -> None:
-        given = f"ptr {target}, ptr {source}, i64 {self.f.mul('%width', 8)}, i1 false"
-        self.f.do(f"call void @llvm.memcpy.p0.p0.i64({given})")
+        arguments = f"ptr {target}, ptr {source}, i64 {self.f.mul('%width', 8)}, i1 false"
+        self.f.do(f"call void @llvm.memcpy.p0.p0.i64({arguments})")
 
     def _combine(self, target: str, states: str, factors: str, count: str) -> None:
-        given = [("ptr", target), ("ptr", self._rows), ("ptr", states), ("ptr", factors), ("i64", count)]
-        self.f.call("add_combination", [*given, ("i64", "%width")])
+        arguments = [("ptr", target), ("ptr", self._rows), ("ptr", states), ("ptr", factors), ("i64", count)]
+        self.f.call("add_combination", [*arguments, ("i64", "%width")])
 
 
 def add_combination(most: int) -> FunctionWriter:
-    """`add_combination(target, rows, states, factors, count, width)`: adds factors[i] times the row of states[i].
+    """Write `add_combination(target, rows, states, factors, count, width)`: target += factors[i] times the row of
+    states[i].
 
-    What is multiplied by zero does not count, even where it is not finite. `count` is `most` at most.
+    Rows multiplied by zero are skipped, even if not finite. `count` is at most `most`.
     """
     head = [("ptr noalias", "target"), ("ptr", "rows"), ("ptr", "states"), ("ptr", "factors")]
     f = FunctionWriter("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline")
@@ -133,7 +135,7 @@ def add_combination(most: int) -> FunctionWriter:
 
 
 def _add(f: FunctionWriter, column: str, vectors: int, rows: str, weights: str, number: str) -> None:
-    """The sums of some vectors of columns from `column` on."""
+    """Write the sums of some vectors of columns from `column` on."""
     columns = [f.add(column, i * LANES) for i in range(vectors)]
     sums = [f.slot(EIGHT) for _ in columns]
     for total, at in zip(sums, columns, strict=True):

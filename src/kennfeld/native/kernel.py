@@ -1,4 +1,4 @@
-"""A model compiled for one set of free parameters: cost, gradient and Gauss-Newton matrix as native functions."""
+"""`Kernel`: a lowered graph compiled for one set of outputs and free parameters."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.jacobian_rows import entries_of
-from kennfeld.native.sample_loop import Output, compiled, cost_code
+from kennfeld.native.sample_loop import Output, compile_functions, cost_code
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape import start_code, tape_code
 from kennfeld.native.tape_layout import TapeLayout
@@ -18,9 +18,9 @@ __all__ = ["Kernel", "input_rows"]
 
 
 class Kernel:
-    """The native functions of a lowered graph, for given outputs and free parameters.
+    """Native functions of a lowered graph, for given outputs and free parameters.
 
-    Making one compiles it. A kernel holds no data and can be used by several threads at once.
+    Construction compiles it. A kernel holds no data and can be used by several threads at once.
     """
 
     def __init__(self, lowered: LoweredGraph, outputs: Sequence[Output], parameters: ParameterSet, free: Free) -> None:
@@ -45,21 +45,21 @@ class Kernel:
         codes = [cost_code(self.line, self.layout, self.outputs), tape_code(self.line, self.layout, self.outputs)]
         if self.line.states:
             codes.append(start_code(self.line, self.layout))
-        self.cost, self.tape, *rest = compiled(*codes)
+        self.cost, self.tape, *rest = compile_functions(*codes)
         self.start = rest[0] if rest else None
 
     @property
     def hints(self) -> int:
-        """Integers that a run needs for ring buffers and searches."""
+        """Number of integers that a run needs for ring buffers and searches."""
         return max(self.layout.hints, 1)
 
     @property
     def accumulates(self) -> bool:
-        """Whether backward and forward sweeps are cheaper than rows, with states."""
+        """True if backward and forward sweeps are cheaper than rows, with states."""
         pattern = self.pattern
         return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
 
 
 def input_rows(nodes: Sequence[Node]) -> dict[str, int]:
-    """The row of each input in the data."""
+    """Return the row of each input in the data."""
     return {name: i for i, name in enumerate(dict.fromkeys(n.payload for n in nodes if n.op == "input"))}

@@ -1,6 +1,7 @@
-"""LLVM IR of expansions in Gaussian bells: the value with its slopes along the inputs, and the slopes of the values.
+"""LLVM IR of expansions in Gaussian radial basis functions: value, slopes along the inputs, slopes of the values.
 
-Eight centres are worked on at once. The functions know the number of inputs, not the model, and are compiled once each.
+y = c + sum_d b_d x_d + sum_i w_i exp(-1/2 sum_d ((x_d - z_id) / s_id)^2), see `kennfeld.rbf`. Eight centres are
+processed at once. The functions depend on the number of inputs, not on the model, and are compiled once each.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
 __all__ = ["evaluation", "value_slopes"]
 
 FARTHEST = 1e3  # widths from a centre, as in `kennfeld.rbf`
-LEAST = -700.0  # the exponent where a bell counts as gone
+LEAST = -700.0  # exponent below which a basis function is treated as 0
 ALL = f"<{', '.join(['i1 true'] * LANES)}>"
 PARAMETERS = (
     ("ptr", "values"),  # double[...], offset, slopes, weights, centres, widths; see `kennfeld.rbf`
@@ -24,16 +25,16 @@ PARAMETERS = (
 
 @cache
 def evaluation(inputs: int, *, reciprocal: bool) -> SharedFunction:
-    """`expand(values, centres, x, out)`: the value into out[0], its slopes along the inputs behind it.
+    """Return `expand(values, centres, x, out)`: writes the value to out[0], followed by its slopes along the inputs.
 
-    With `reciprocal` one over the widths stands in their place.
+    If `reciprocal`, the widths are stored as their reciprocals.
     """
     return SharedFunction("expand", lambda: _evaluation(inputs, reciprocal).text())
 
 
 @cache
 def value_slopes(inputs: int) -> SharedFunction:
-    """`bells(values, centres, x, out)`: the derivatives with respect to the values, in their order."""
+    """Return `bells(values, centres, x, out)`: writes the derivatives with respect to the values, in their order."""
     return SharedFunction("bells", lambda: _value_slopes(inputs).text())
 
 
@@ -72,7 +73,7 @@ def _value_slopes(inputs: int) -> FunctionWriter:
 
 
 def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
-    """Emit the body for eight centres after the other, and once more for those left over."""
+    """Emit the body for eight centres at a time, and once more for the remaining ones."""
     whole = f.new(f"and i64 %centres, -{LANES}")
     with f.walk(whole) as (first, position):
         yield _EightCentres(f, x, first, ALL, reciprocal)
@@ -87,13 +88,13 @@ def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["
 
 
 class _EightCentres:
-    """The bells of eight centres at a point; lanes that the mask leaves out have weight 0."""
+    """The basis functions of eight centres at a point; lanes that the mask excludes have weight 0."""
 
     def __init__(self, f: FunctionWriter, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
         self._f, self._v, self._first, self._mask = f, Vector(f), first, mask
         self._divide = "fmul" if reciprocal else "fdiv"
         inputs = len(x)
-        self.weights = str(1 + inputs)  # where their values begin
+        self.weights = str(1 + inputs)  # offset of their values
         self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
         self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
         self._width = [self._load(at, 1.0) for at in self.widths]
@@ -102,7 +103,7 @@ class _EightCentres:
         self.weighted_bells = self._v("fmul", self._load(self.weights, 0.0), self.bells)
 
     def along(self, weighted: str) -> list[str]:
-        """What the centres' own slopes are, along each input."""
+        """Return the slopes of the basis functions along each input."""
         v = self._v
         return [v(self._divide, v("fmul", weighted, t), w) for t, w in zip(self.distances, self._width, strict=True)]
 
@@ -124,7 +125,7 @@ class _EightCentres:
         return self._f.new(f"call {EIGHT} @llvm.masked.load.v8f64.p0(ptr {at}, i32 8, {mask}, {other})")
 
     def _distance(self, x: str, d: int) -> str:
-        """In widths, of which a thousand are as far as any number."""
+        """Return the distance in widths, limited to +-`FARTHEST`."""
         v = self._v
         t = v(self._divide, v("fsub", x, self._load(self.centres[d], 0.0)), self._width[d])
         return self._extreme("minnum", self._extreme("maxnum", t, -FARTHEST), FARTHEST)

@@ -1,7 +1,4 @@
-"""The compiled functions of one model: what they are made of, and those that simulate and sum the cost.
-
-How the outputs of a model count: residuals and losses in LLVM IR.
-"""
+"""Compiled loops over samples: simulation of chosen nodes, and the cost with residuals and losses."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,6 +8,7 @@ from types import MappingProxyType
 from kennfeld.criteria import Loss
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
+from kennfeld.graph.traversal import ancestors
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
 from kennfeld.native.engine import Engine
@@ -22,17 +20,17 @@ __all__ = [
     "FunctionSource",
     "Output",
     "SampleCursor",
-    "compiled",
+    "apply_weight",
+    "compile_functions",
     "cost_code",
-    "counts",
     "each_sample",
+    "is_counted",
     "loop_code",
     "loss_of",
     "node_items",
     "scaled_residual",
     "step_items",
     "values_code",
-    "weighted",
 ]
 
 ZERO = literal(0.0)
@@ -47,7 +45,7 @@ Arguments = Sequence[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Output:
-    """How the difference between a node and its target counts; node `weight` is a factor on the loss of each sample."""
+    """Contribution of a node to the cost: loss of (node - target) / scale, times the node `weight` of each sample."""
 
     node: int
     scale: float = 1.0
@@ -57,12 +55,12 @@ class Output:
 
     @property
     def nodes(self) -> tuple[int, ...]:
-        """The nodes that its loss needs."""
+        """The nodes that the loss needs."""
         return (self.node,) if self.weight is None else (self.node, self.weight)
 
 
 def scaled_residual(step: StepEmitter, at: int, output: Output) -> tuple[str, str]:
-    """(value - target) / scale, and whether the sample is scored: a target of NaN is not."""
+    """Return (value - target) / scale, and the condition that the sample is scored, i.e. its target is not NaN."""
     f = step.f
     target, scored = _target(f, at)
     difference = f.new(f"fsub double {step.value(output.node)}, {target}")
@@ -70,24 +68,24 @@ def scaled_residual(step: StepEmitter, at: int, output: Output) -> tuple[str, st
 
 
 def _target(f: FunctionWriter, at: int) -> tuple[str, str]:
-    """The target of an output, and whether there is one."""
+    """Return the target of an output, and the condition that there is one."""
     target = load_sample(f, "%targets", at, "%k")
     return target, f.new(f"fcmp ord double {target}, {target}")
 
 
-def counts(f: FunctionWriter, at: int) -> str:
-    """Whether an output has a target and a weight: what is switched off does not count, even where it is not finite."""
+def is_counted(f: FunctionWriter, at: int) -> str:
+    """Return the condition that an output has a target and a weight; without, it does not count even if not finite."""
     weighted = f.new(f"fcmp one double {f.load('%scores', at)}, {ZERO}")
     return f.new(f"and i1 {_target(f, at)[1]}, {weighted}")
 
 
-def weighted(step: StepEmitter, factor: str, output: Output) -> str:
-    """A factor of the loss, times the weight of the sample."""
+def apply_weight(step: StepEmitter, factor: str, output: Output) -> str:
+    """Return a factor of the loss times the weight of the sample."""
     return factor if output.weight is None else step.f.fmul(factor, step.value(output.weight))
 
 
 def loss_of(f: FunctionWriter, r: str, output: Output) -> tuple[str, str]:
-    """The loss of a residual, and its slope over 2 r, the weight of the equivalent square."""
+    """Return the loss of a residual r, and its slope over 2 r, the weight of the equivalent square."""
     square = f.fmul(r, r)
     delta = literal(output.delta)
     match output.loss:
@@ -110,26 +108,14 @@ def loss_of(f: FunctionWriter, r: str, output: Output) -> tuple[str, str]:
             return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)
 
 
-def needed_nodes(nodes: Sequence[Node], roots: Sequence[int]) -> list[int]:
-    """The nodes that the roots need, in order."""
-    seen = set(roots)
-    stack = list(seen)
-    while stack:
-        for a in nodes[stack.pop()].args:
-            if a not in seen:
-                seen.add(a)
-                stack.append(a)
-    return sorted(seen)
-
-
 def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, CodeItem] = NOTHING) -> list[CodeItem]:
-    """An item for each node that the roots need; those of `behind` follow their node at once."""
+    """Return an item for each node that the roots need; those of `behind` follow their node at once."""
 
     def compute(node: int) -> Callable[[StepEmitter], None]:
         return lambda step: step.compute(node)
 
     items: list[CodeItem] = []
-    for n in needed_nodes(nodes, [*roots, *behind]):
+    for n in ancestors(nodes, [*roots, *behind]):
         items.append(CodeItem(nodes[n].args, compute(n), n))
         if n in behind:
             items.append(behind[n])
@@ -145,8 +131,8 @@ class FunctionSource:
     text: str
 
 
-def compiled(*codes: FunctionSource) -> list[Callable[..., None]]:
-    """The functions, compiled as one module."""
+def compile_functions(*codes: FunctionSource) -> list[Callable[..., None]]:
+    """Compile the functions as one module."""
     engine = Engine("".join(code.text for code in codes))
     return [engine.function(code.name, code.parameters) for code in codes]
 
@@ -154,7 +140,7 @@ def compiled(*codes: FunctionSource) -> list[Callable[..., None]]:
 def step_items(
     line: Linearization, layout: MemoryLayout, tail: Items, behind: Mapping[int, CodeItem] = NOTHING
 ) -> list[CodeItem]:
-    """The nodes that `tail` and the states need, `tail`, and the states' step; see `node_items` for `behind`."""
+    """Return items for the nodes that `tail` and the states need, for `tail`, and for the states' step."""
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
     return [*node_items(line.nodes, roots, behind), *tail, *_advance(line, layout)]
 
@@ -162,26 +148,26 @@ def step_items(
 def loop_code(
     name: str, extra: Arguments, tail: Items, line: Linearization, layout: MemoryLayout, outputs: int = 0
 ) -> FunctionSource:
-    """A function that runs the step and `tail` for each sample of a range; see `each_sample`."""
+    """Write a function that runs the step and `tail` for each sample of a range; see `each_sample`."""
     own = [*PARAMETERS, *extra]
     step = emit_items(f"{name}_step", [*own, ROW], step_items(line, layout, tail), line.nodes, layout)
     f = FunctionWriter(name, [*own, *RANGE])
     with each_sample(f, line, layout, outputs) as sample:
-        f.call(f"{name}_step", [*sample.given(own), *sample.place])
+        f.call(f"{name}_step", [*sample.arguments(own), *sample.place])
     return FunctionSource(f.name, f.parameters, step + f.text())
 
 
 @dataclass(frozen=True)
 class SampleCursor:
-    """Where a native function stands: at number `row` of its range, which lies in a block of the measurement."""
+    """Position of a native function: number `row` of its range, in a block of the measurement."""
 
     f: FunctionWriter
     row: str
     block: str
     at: str
 
-    def given(self, parameters: Arguments) -> Arguments:
-        """The function's own parameters as arguments of its step, tables moved on to the block."""
+    def arguments(self, parameters: Arguments) -> Arguments:
+        """Return the function's own parameters as arguments of its step, with tables advanced to the block."""
         tables = ("data", "targets")
         return [(kind, self.f.at(f"%{n}", self.block, "ptr") if n in tables else f"%{n}") for kind, n in parameters]
 
@@ -197,7 +183,7 @@ def each_sample(
 ) -> Iterator[SampleCursor]:
     """Run the body for each sample from `%first` to before `%last`.
 
-    Without states, sums over `outputs` targets visit the samples in their order.
+    Without states, sums over `outputs` targets visit the samples in their visiting order.
     """
     read = [("%data", HEAD + row) for row in layout.inputs.values()] + [("%targets", row) for row in range(outputs)]
     order = f.load("%data", kind="ptr")
@@ -207,7 +193,7 @@ def each_sample(
 
 
 def _advance(line: Linearization, layout: MemoryLayout) -> list[CodeItem]:
-    """Write the next value of every state, after all reads."""
+    """Return the item that writes the next value of every state, after all reads."""
 
     def emit(step: StepEmitter) -> None:
         f = step.f
@@ -222,7 +208,7 @@ def _advance(line: Linearization, layout: MemoryLayout) -> list[CodeItem]:
 
 
 def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> FunctionSource:
-    """`values(..., out, out_stride, first, last)`: the roots of each sample, out[root][sample - first]."""
+    """Write `values(..., out, out_stride, first, last)`: out[root][sample - first] = value of the root."""
 
     def write(at: int, root: int) -> CodeItem:
         def emit(step: StepEmitter) -> None:
@@ -236,14 +222,14 @@ def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int])
 
 
 def cost_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
-    """`cost(..., targets, sums, first, last)`: adds each output's sum of losses to sums[output]."""
+    """Write `cost(..., targets, sums, first, last)`: sums[output] += losses of the range."""
 
     def add(at: int, output: Output) -> CodeItem:
         def emit(step: StepEmitter) -> None:
             f = step.f
             residual, scored = scaled_residual(step, at, output)
             loss, _ = loss_of(f, residual, output)
-            f.increase(f.select(scored, weighted(step, loss, output), ZERO), "%sums", at)
+            f.increase(f.select(scored, apply_weight(step, loss, output), ZERO), "%sums", at)
 
         return CodeItem(output.nodes, emit)
 

@@ -1,4 +1,4 @@
-"""The measurement as the kernels read it: one row a channel, pieces one after the other."""
+"""Measurement data as the kernels read it: one row per channel, one piece after the other."""
 
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -16,7 +16,7 @@ __all__ = ["Chunk", "Piece", "Samples", "shares"]
 
 @dataclass(frozen=True)
 class Piece:
-    """A range of samples over which the states run on, and the weight of each output in it."""
+    """A range of samples through which the states run, and the weight of each output in it."""
 
     first: int
     last: int
@@ -28,7 +28,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Chunk:
-    """A part of a piece that one native call works on."""
+    """A part of a piece that one native call processes."""
 
     number: int
     piece: int
@@ -37,16 +37,22 @@ class Chunk:
 
     @property
     def length(self) -> int:
-        """How many samples it has."""
+        """Number of samples."""
         return self.last - self.first
 
 
 class Samples:
-    """Inputs and targets of all samples, read where they lie; a target of NaN is not scored.
+    """Inputs and targets of all samples, read without copying; a target of NaN is not scored.
 
-    A row may be several arrays that follow each other. Without memory, samples may be visited in another `order` than
-    they come, and left out of it; pieces and chunks count the samples that are visited.
-    Raises `ArgumentError` where rows differ in length, or pieces or the order go beyond the samples.
+    Args:
+        data: rows of the inputs, each one or several arrays that follow each other.
+        targets: rows of the targets, one per output, in the unit of the output.
+        pieces: ranges of visits without interruption, with their weights.
+        order: for models without memory, the samples in the order in which they are visited; others are left out.
+            Pieces and chunks then count visits.
+
+    Raises:
+        ArgumentError: rows differ in length, or pieces or the order exceed the samples.
     """
 
     def __init__(
@@ -62,37 +68,37 @@ class Samples:
     def _check(self) -> None:
         order, outputs = self.order, len(self.wanted.parts)
         if order is not None and order.size and int(order.max()) >= self.wanted.count:
-            raise ArgumentError(f"the order visits sample {int(order.max())} of {self.wanted.count}")
+            raise ArgumentError(f"the order visits sample {int(order.max())}, but there are {self.wanted.count}")
         for piece in self.pieces:
             if not 0 <= piece.first <= piece.last <= self.count:
-                raise ArgumentError(f"a piece from {piece.first} to {piece.last} of {self.count} samples")
+                raise ArgumentError(f"piece from {piece.first} to {piece.last} exceeds the {self.count} samples")
             if piece.scores.shape != (outputs,):
-                raise ArgumentError(f"scores of shape {piece.scores.shape} for {outputs} outputs")
+                raise ArgumentError(f"scores must have shape ({outputs},), got {piece.scores.shape}")
 
     @property
     def count(self) -> int:
-        """How many samples are visited."""
+        """Number of visited samples."""
         return self.wanted.count if self.order is None else self.order.size
 
     def targets_of(self, visits: Int) -> Float:
-        """The targets at some visits, shape (outputs, visits)."""
+        """Return the targets at some visits, shape (outputs, visits)."""
         return self.wanted.take(visits if self.order is None else self.order[visits])
 
     def inputs_of(self, visits: Int) -> Float:
-        """The inputs at some visits, shape (inputs, visits)."""
+        """Return the inputs at some visits, shape (inputs, visits)."""
         return self.inputs.take(visits if self.order is None else self.order[visits])
 
     def scored(self, piece: Piece) -> Int:
-        """How many samples of a piece each output is scored at."""
-        found = np.zeros(len(self.targets), dtype=np.int64)
+        """Count the scored samples of a piece, shape (outputs,)."""
+        counts = np.zeros(len(self.targets), dtype=np.int64)
         for first in range(piece.first, piece.last, BLOCK):
-            found += np.isfinite(self.targets_of(np.arange(first, min(first + BLOCK, piece.last)))).sum(axis=1)
-        return found
+            counts += np.isfinite(self.targets_of(np.arange(first, min(first + BLOCK, piece.last)))).sum(axis=1)
+        return counts
 
     def thinned(self, most: int) -> "Samples":
-        """Evenly picked samples of each piece, about `most` in all, weighing as much as all of them.
+        """Return about `most` evenly spaced samples of all pieces, with the total weight of all samples.
 
-        Pieces must be without memory.
+        Only for pieces without memory.
         """
         if self.count <= most:
             return self
@@ -109,17 +115,17 @@ class Samples:
         return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
 
     def reweighted(self, factors: Float) -> "Samples":
-        """The same samples with the weight of each output times a factor."""
-        made = copy(self)
-        made.pieces = tuple(replace(piece, scores=piece.scores * factors) for piece in self.pieces)
-        return made
+        """Return the samples with the weight of each output multiplied by a factor; `factors` has shape (outputs,)."""
+        result = copy(self)
+        result.pieces = tuple(replace(piece, scores=piece.scores * factors) for piece in self.pieces)
+        return result
 
     def with_inputs(self, rows: Sequence[int]) -> "Samples":
-        """The same samples with these rows of the inputs."""
+        """Return the samples with these rows of the inputs."""
         return Samples([self.inputs.parts[row] for row in rows], self.wanted.parts, self.pieces, self.order)
 
     def _last_scored(self, piece: Piece) -> int:
-        """One past the last sample of a piece that counts."""
+        """Return the index after the last sample of a piece that counts."""
         for last in range(piece.last, piece.first, -BLOCK):
             visits = np.arange(max(last - BLOCK, piece.first), last)
             scored = np.flatnonzero(np.isfinite(self.targets_of(visits)[piece.scores != 0]).any(axis=0))
@@ -128,9 +134,9 @@ class Samples:
         return piece.first
 
     def chunks(self, length: int) -> list[Chunk]:
-        """The pieces up to their last scored sample, cut into chunks of at most `length`.
+        """Cut the pieces, up to their last scored sample, into chunks of at most `length`.
 
-        What follows cannot matter, and a model may diverge there.
+        Later samples cannot affect the cost, and a model may diverge there.
         """
         cuts = []
         for number, piece in enumerate(self.pieces):
@@ -140,7 +146,7 @@ class Samples:
 
 
 def shares(work: Sequence[int], count: int) -> list[range]:
-    """Neighbouring items dealt into at most `count` shares of about equal work; the same for the same input."""
+    """Deal consecutive items into at most `count` shares of about equal work, deterministically."""
     total = np.cumsum([0, *work])
     edges = np.searchsorted(total, np.linspace(0, total[-1], count + 1)[1:-1])
     cuts = sorted({0, *(int(e) for e in edges), len(work)})

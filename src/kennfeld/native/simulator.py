@@ -1,4 +1,4 @@
-"""A compiled model that only computes: the values of chosen nodes over all samples."""
+"""Simulation of a compiled model: the values of chosen nodes over all samples."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,7 +13,7 @@ from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.kernel import input_rows
-from kennfeld.native.sample_loop import compiled, values_code
+from kennfeld.native.sample_loop import compile_functions, values_code
 from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet
 
@@ -23,7 +23,7 @@ CHUNK = 65536  # samples a native call, so that it ends within milliseconds
 
 
 class Simulator:
-    """Computes the nodes `roots` of a lowered graph."""
+    """Simulation of the nodes `roots` of a lowered graph."""
 
     def __init__(self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet) -> None:
         self._line = differentiate(lowered.graph, roots, ())
@@ -41,25 +41,31 @@ class Simulator:
         codes = [values_code(self._line, self._layout, roots)]
         if self._line.states:
             codes.append(start_code(self._line, self._layout))
-        self._run, *rest = compiled(*codes)
+        self._run, *rest = compile_functions(*codes)
         self._start = rest[0] if rest else None
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The rows of the data that `run` expects."""
+        """The rows of data that `run` expects."""
         return tuple(self._layout.inputs)
 
     def run(self, parameters: ParameterSet, data: Float, starts: Sequence[int] = (0,)) -> Float:
-        """The nodes' values, shape (roots, samples), from `data` of shape (inputs, samples).
+        """Compute the values of the nodes, shape (roots, samples).
 
-        States start anew at the samples `starts`.
+        Args:
+            parameters: the parameters that the graph looks up.
+            data: inputs, shape (inputs, samples), in the order of `inputs`.
+            starts: samples at which the states start anew.
+
+        Raises:
+            ArgumentError: the data do not match the inputs.
         """
         return self._run_rows(parameters, ColumnTable(data, data.shape[1]), starts)
 
     def over(
         self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int] = (0,)
     ) -> Float:
-        """The same, from columns of `count` samples by name, which are read where they are."""
+        """Compute the values of the nodes from columns of `count` samples by name, which are not copied."""
         return self._run_rows(parameters, ColumnTable([columns[name] for name in self.inputs], count), starts)
 
     def _run_rows(self, parameters: ParameterSet, rows: ColumnTable, starts: Sequence[int]) -> Float:
@@ -82,8 +88,8 @@ class Simulator:
         return out
 
     def _check(self, rows: ColumnTable, starts: Sequence[int]) -> None:
-        """Refuse data that the compiled code would read beyond their end."""
+        """Raise `ArgumentError` if the compiled code would read beyond the end of the data."""
         if len(rows.parts) != len(self.inputs):
-            raise ArgumentError(f"{len(rows.parts)} rows of data for the {len(self.inputs)} inputs of the model")
+            raise ArgumentError(f"the model has {len(self.inputs)} inputs, got {len(rows.parts)} rows of data")
         if any(not 0 <= start <= rows.count for start in starts):
             raise ArgumentError(f"starts={list(starts)} must lie within the {rows.count} samples")

@@ -1,7 +1,27 @@
-"""Sums over a tape of linearised steps: gradient and Gauss-Newton matrix, or the Jacobian's rows.
+"""Sums over a tape of linearised steps: gradient and Gauss-Newton matrix, or rows of the Jacobian.
 
-They know the numbers of outputs m and of carried states n, and nothing of the model. Every sum goes into a matrix G
-with H = G + G', which takes repeated columns as they come: `fold` makes H of it.
+They depend on the number of outputs m and of carried states n, not on the model. With free values p [free], states s
+[n] and outputs y [m], the tape linearises each sample k:
+
+    dy[k]   = C[k] ds[k] + D[k] dp        C [m, n], D [m, free] sparse, stored as entries
+    ds[k+1] = A[k] ds[k] + B[k] dp        A [n, n], B [n, free] sparse, stored as entries
+
+With sensitivities S[k] = ds[k]/dp [n, free], the Jacobian is J[k] = C[k] S[k] + D[k]. For residuals r [m] and weights W
+[m], substituting J into gradient J'Wr and Gauss-Newton matrix H = J'WJ, and collecting what later samples contribute in
+Q [n, n] and L [n], gives the exact sums without the rows of J:
+
+    backward, from Q = 0, L = 0 after the last sample:
+        Q[k] = A' Q[k+1] A + C' W C
+        L[k] = A' L[k+1] + C' W r
+    forward, from S[0] = ds[0]/dp:
+        gradient += D' W r + B' L[k+1]
+        G += S' (A' Q[k+1] B + C' W D) + 1/2 (D' W D + B' Q[k+1] B)
+        S[k+1] = A S[k] + B
+    start: gradient += S[0]' L[0],  G += 1/2 S[0]' Q[0] S[0]
+    end: H = G + G'
+
+This takes O(samples * (n^2 + n nnz) * free) operations, with nnz the entries of a sample, instead of O(samples *
+free^2). G accepts repeated columns in any order; `fold` computes H from it.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -24,52 +44,47 @@ SUMS = (("ptr", "matrix"), ("i64", "columns"), ("ptr", "gradient"))  # columns f
 
 
 class Sweeps:
-    """The native sweeps for tapes of one pattern, each compiled when it is first used."""
+    """Native sweeps for tapes of one layout, each compiled when first used."""
 
     def __init__(self, pattern: TapeLayout) -> None:
         self.pattern = pattern
 
     @cached_property
     def normal(self) -> Callable[..., None]:
-        """See `_normal`."""
-        return _compiled(_normal(self.pattern))
+        return _compile(_normal(self.pattern))
 
     @cached_property
     def backward(self) -> Callable[..., None]:
-        """See `_backward`."""
-        return _compiled(_backward(self.pattern))
+        return _compile(_backward(self.pattern))
 
     @cached_property
     def forward(self) -> Callable[..., None]:
-        """See `_forward`."""
-        return _compiled(*_forward(self.pattern))
+        return _compile(*_forward(self.pattern))
 
     @cached_property
     def rows(self) -> Callable[..., None]:
-        """See `_rows`."""
         many = self.pattern.carried > MANY
-        return _compiled(*_rows(self.pattern), tables=many_tables(self.pattern) if many else "")
+        return _compile(*_rows(self.pattern), tables=many_tables(self.pattern) if many else "")
 
     @cached_property
     def fold(self) -> Callable[..., None]:
-        """See `_fold`."""
-        return _compiled(_fold(), loops=False)
+        return _compile(_fold(), loops=False)
 
 
 @cache
 def sweeps(pattern: TapeLayout) -> Sweeps:
-    """The sweeps of a pattern; kernels that share it share them."""
+    """Return the sweeps of a layout; kernels of the same layout share them."""
     return Sweeps(pattern)
 
 
-def _compiled(*functions: FunctionWriter, loops: bool = True, tables: str = "") -> Callable[..., None]:
-    """The last of the functions, which may call the others; without `loops` where to optimise them costs more time."""
+def _compile(*functions: FunctionWriter, loops: bool = True, tables: str = "") -> Callable[..., None]:
+    """Compile functions and return the last, which may call the others; without `loops`, LLVM skips loop passes."""
     f = functions[-1]
     return Engine(tables + "".join(g.text() for g in functions), loops=loops).function(f.name, f.parameters)
 
 
 def _row(f: FunctionWriter, array: str, k: str, size: int, present: Collection[int] | None = None) -> Rows:
-    """The `size` doubles of sample k; zero where they are not `present`."""
+    """Return the `size` doubles of sample k, with zero for those not `present`."""
     base = f.mul(k, size)
     return [f.load(array, f.add(base, i)) if present is None or i in present else ZERO for i in range(size)]
 
@@ -85,7 +100,7 @@ def _times(f: FunctionWriter, a: str, b: str) -> str:
 def _entries(
     f: FunctionWriter, k: str, width: int, wanted: int | None = None
 ) -> tuple[str, Callable[[str], tuple[str, Rows]]]:
-    """How many entries sample k has, and a reader of their column and slopes, or of the first `wanted` slopes."""
+    """Return the number of entries of sample k, and a reader of an entry's column and (first `wanted`) slopes."""
     count = f.new(f"sext i32 {f.load('%count', k, 'i32')} to i64")
     start = f.mul(k, "%room")
 
@@ -99,7 +114,9 @@ def _entries(
 
 
 def _normal(pattern: TapeLayout) -> FunctionWriter:
-    """`normal(length, residual, weight, entries, sums)`: without states, sparse rows go straight into the sums."""
+    """Write `normal(length, residual, weight, entries, sums)` for models without states: gradient += D'Wr, H
+    += D'WD.
+    """
     m = pattern.outputs
     head = [("i64", "length"), ("ptr", "residual"), ("ptr", "weight")]
     f = FunctionWriter("normal", [*head, *ENTRIES, *SUMS])
@@ -122,7 +139,7 @@ def _pairs(
     product: Callable[[Rows], str],
     own: Rows,
 ) -> None:
-    """Products of an entry with itself, halved, and with those before it."""
+    """Add the products of an entry with itself, halved, and with those before it."""
     row = f.at("%matrix", f.mul(column, "%columns"))
     f.increase(f.fmul(HALF, product(own)), row, column)
     with f.loop(0, e) as other:
@@ -131,9 +148,12 @@ def _pairs(
 
 
 def _backward(pattern: TapeLayout) -> FunctionWriter:
-    """`backward(length, residual, weight, c, a, q, l, q_next, l_next)`: Q and L, the later steps' share of the cost.
+    """Write `backward(length, residual, weight, c, a, q, l, q_next, l_next)`.
 
-    `q`, `l` come in as of after the last sample and leave as of the first; `q_next[k]`, `l_next[k]` are those after k.
+        Q[k] = A' Q[k+1] A + C' W C,   L[k] = A' L[k+1] + C' W r
+
+    `q` [n, n] and `l` [n] hold the values after the last sample and return those at the first; `q_next[k]` and
+    `l_next[k]` receive Q[k+1] and L[k+1].
     """
     m, n = pattern.outputs, pattern.carried
     names = ("residual", "weight", "c", "a", "q", "l", "q_next", "l_next")
@@ -150,21 +170,26 @@ def _backward(pattern: TapeLayout) -> FunctionWriter:
         wc = [[_times(f, weight[o], c[o * n + i]) for i in range(n)] for o in range(m)]
         qa = [[_dot(f, q[i * n : i * n + n], a[j::n]) for j in range(n)] for i in range(n)]
         for i in range(n):
-            for j in range(n):
+            for j in range(n):  # Q[k] = A' (Q[k+1] A) + C' W C
                 later = _dot(f, a[i::n], [qa[x][j] for x in range(n)])
                 now = _dot(f, [wc[o][i] for o in range(m)], [c[o * n + j] for o in range(m)])
                 f.store(f.fadd(later, now), "%q", i * n + j)
-            now = _dot(f, [wc[o][i] for o in range(m)], residual)
+            now = _dot(f, [wc[o][i] for o in range(m)], residual)  # L[k] = A' L[k+1] + C' W r
             f.store(f.fadd(_dot(f, a[i::n], l), now), "%l", i)
     return f
 
 
 def _forward(pattern: TapeLayout) -> list[FunctionWriter]:
-    """`forward(length, ..., sensitivities, width, reach, entries, sums)`: sums, from S at the first sample to S after.
+    """Write `forward(length, ..., sensitivities, width, reach, entries, sums)`: sums over a chunk, with S carried over
+    it.
 
-    `sensitivities` holds S, n rows of `width`, the columns that can reach a state, with room for `batch` more of them;
-    `reach` has room for `batch` n doubles an entry. Neighbouring samples mostly touch the same columns: several at once
-    load and store the matrix once.
+        gradient += D' W r + B' L[k+1]
+        G += S' (A' Q[k+1] B + C' W D) + 1/2 (D' W D + B' Q[k+1] B)
+        S[k+1] = A S[k] + B
+
+    `sensitivities` holds S [n, width] for the columns that can reach a state, with room for `batch` more of them;
+    `reach` has room for `batch` * n doubles per entry, its row of B' Q A + D' W C. Consecutive samples mostly touch the
+    same columns: a batch of them loads and stores the matrix once.
     """
     n, batch = pattern.carried, pattern.batch
     names = ("residual", "weight", "c", "a", "q_next", "l_next", "sensitivities")
@@ -214,14 +239,14 @@ def _add_batch(f: FunctionWriter, pattern: TapeLayout, k: str, size: int) -> Non
     count = terms[0].count
     with f.loop(0, count) as e:
         column = terms[0].column(e)
-        found = [term.of_entry(e) for term in terms]
-        f.increase(f.sum([entry.gradient for entry in found]), "%gradient", column)
+        entries = [term.of_entry(e) for term in terms]
+        f.increase(f.sum([entry.gradient for entry in entries]), "%gradient", column)
         row = f.at("%matrix", f.mul(column, "%columns"))
-        f.increase(f.fmul(HALF, f.sum([_dot(f, entry.weighted, entry.slopes) for entry in found])), row, column)
+        f.increase(f.fmul(HALF, f.sum([_dot(f, entry.weighted, entry.slopes) for entry in entries])), row, column)
         with f.loop(0, e) as other:
-            products = [_dot(f, en.weighted, term.slopes(other)) for en, term in zip(found, terms, strict=True)]
+            products = [_dot(f, en.weighted, term.slopes(other)) for en, term in zip(entries, terms, strict=True)]
             f.increase(f.sum(products), row, terms[0].column(other))
-        for i, entry in enumerate(found):
+        for i, entry in enumerate(entries):
             for number, factor in enumerate(entry.reach):
                 f.store(factor, "%reach", f.add(f.mul(e, size * n), i * n + number))
     if size > 1:
@@ -237,7 +262,7 @@ def _add_batch(f: FunctionWriter, pattern: TapeLayout, k: str, size: int) -> Non
 
 @dataclass(frozen=True)
 class _TapeEntry:
-    """What one entry adds: slopes, slopes times weight or Q, its part of the gradient, and the factors of S."""
+    """Terms of one entry: slopes, slopes times W or Q, part of the gradient, and its row of B'QA + D'WC."""
 
     slopes: Rows
     weighted: Rows
@@ -257,17 +282,18 @@ class _Terms:
         self.count, self._read = _entries(f, k, m + n)
 
     def column(self, e: str) -> str:
-        """Column of entry e."""
+        """Return the column of entry e."""
         return self._read(e)[0]
 
     def slopes(self, e: str) -> Rows:
-        """Slopes of entry e: of the outputs, then of the next states."""
+        """Return the slopes of entry e: its column of D, then of B."""
         return self._read(e)[1]
 
     def of_entry(self, e: str) -> _TapeEntry:
-        """Everything that entry e adds to the sums."""
+        """Return all terms that entry e adds to the sums."""
         f, m, n = self.f, self.m, self.n
         slopes = self.slopes(e)
+        # D' W r + B' L of the entry's column, and its row of B' Q A + D' W C
         wd = [f.fmul(w, d) for w, d in zip(self.weight, slopes[:m], strict=True)]
         qb = [_dot(f, self.q[i * n : i * n + n], slopes[m:]) for i in range(n)]
         gradient = f.fadd(_dot(f, slopes[m:], self.l), _dot(f, wd, self.residual))
@@ -276,17 +302,17 @@ class _Terms:
 
 
 def _whole(f: FunctionWriter) -> str:
-    """The width, told to be whole vectors, so that loops over it have no rest to do one by one."""
+    """Return the width as a multiple of whole vectors, so that LLVM adds no remainder loop."""
     return f.new(f"and i64 %width, -{VECTOR}")
 
 
 def _sensitivity(f: FunctionWriter, n: int, slot: int, state: int) -> str:
-    """The row of S of one state, `slot` samples after the first."""
+    """Return the row of S of one state, `slot` samples after the first."""
     return f.at("%sensitivities", f.mul("%width", slot * n + state))
 
 
 def _step_sensitivities(f: FunctionWriter, term: _Terms, n: int, from_: int, to: int) -> None:
-    """S of the next sample, A S + B."""
+    """Compute S of the next sample, A S + B."""
     old_rows, new_rows = ([_sensitivity(f, n, slot, i) for i in range(n)] for slot in (from_, to))
     with f.loop(0, _whole(f)) as j:
         old = [f.load(row, j) for row in old_rows]
@@ -300,7 +326,7 @@ def _step_sensitivities(f: FunctionWriter, term: _Terms, n: int, from_: int, to:
 
 
 def _add_sensitivities(f: FunctionWriter, term: _Terms, factors: int) -> None:
-    """Add rows of S times `%reach` to the rows of the matrix, two rows at a time where they differ."""
+    """Add rows of S times `%reach` to the rows of the matrix, two at a time if they differ."""
 
     def add(rows: Rows, e: str) -> None:
         reach = f.at("%reach", f.mul(e, factors))
@@ -326,23 +352,23 @@ def _add_sensitivities(f: FunctionWriter, term: _Terms, factors: int) -> None:
 
 
 def _add_rows_function(count: int, factors: int) -> FunctionWriter:
-    """`add_rows_COUNT_FACTORS(rows..., sensitivities, width, factors)`: rows += factors times rows of S."""
+    """Write `add_rows_COUNT_FACTORS(rows..., sensitivities, width, factors)`: rows += factors times rows of S."""
     rows = [f"row{i}" for i in range(count)]
     pointers = [("ptr noalias", name) for name in (*rows, "sensitivities")]
     f = FunctionWriter(
         f"add_rows_{count}_{factors}", [*pointers, ("i64", "width"), ("ptr noalias", "factors")], "noinline"
     )
-    given = [[f.load("%factors", i * factors + t) for t in range(factors)] for i in range(count)]
+    coefficients = [[f.load("%factors", i * factors + t) for t in range(factors)] for i in range(count)]
     sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(factors)]
     with f.loop(0, _whole(f)) as j:
         values = [f.load(source, j) for source in sources]
-        for name, own in zip(rows, given, strict=True):
+        for name, own in zip(rows, coefficients, strict=True):
             f.increase(_dot(f, own, values), f"%{name}", j)
     return f
 
 
 def _add_rows(f: FunctionWriter, target: str, rows: Rows, factors: Rows) -> None:
-    """target[:width] += sum of factors times rows."""
+    """Write target[:width] += sum of factors times rows."""
     if all(factor == ZERO for factor in factors):
         return
     with f.loop(0, _whole(f)) as j:
@@ -350,9 +376,11 @@ def _add_rows(f: FunctionWriter, target: str, rows: Rows, factors: Rows) -> None
 
 
 def _rows(pattern: TapeLayout) -> list[FunctionWriter]:
-    """`rows(length, weight, c, a, sensitivities, width, rings, entries, jacobian, columns)`: sqrt(w) times rows of J.
+    """Write `rows(length, weight, c, a, sensitivities, width, rings, entries, jacobian, columns)`.
 
-    A state of latency d has d rows of S in a ring; `rings[i]` is where its oldest one stands.
+        jacobian[k] = sqrt(W) (C S[k] + D),   S[k+1] = A S[k] + B
+
+    A state of latency d has d rows of S in a ring buffer; `rings[i]` is the index of the oldest.
     """
     m, n = pattern.outputs, pattern.carried
     names = ("weight", "c", "a", "sensitivities")
@@ -371,7 +399,7 @@ def _rows(pattern: TapeLayout) -> list[FunctionWriter]:
 
 
 def _few_rows(f: FunctionWriter, pattern: TapeLayout, k: str, roots: Rows, out: Rows) -> None:
-    """The rows of one sample and the next S, all written out."""
+    """Write the rows of one sample and the next S, unrolled."""
     m, n, latencies = pattern.outputs, pattern.carried, pattern.latencies
     places = [f.add(f.load("%rings", i, "i64"), sum(latencies[:i])) for i in range(n)]
     s = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
@@ -396,7 +424,7 @@ def _few_rows(f: FunctionWriter, pattern: TapeLayout, k: str, roots: Rows, out: 
 
 
 def _many_rows(f: FunctionWriter, pattern: TapeLayout, k: str, states: ManyStates, roots: Rows, out: Rows) -> None:
-    """The same by loops over the states."""
+    """Write the rows of one sample and the next S as loops over the states."""
     m, n = pattern.outputs, pattern.carried
     states.begin()
     for o in range(m):
@@ -419,7 +447,7 @@ def _clear_row(f: FunctionWriter, row: str) -> None:
 
 
 def _next_rows(f: FunctionWriter, s: Rows, a: Rows) -> None:
-    """The next S, A S, without the entries' part."""
+    """Write A S, the next S without the entries' part."""
     n = len(s)
     with f.loop(0, _whole(f)) as j:
         old = [f.load(row, j) for row in s]
@@ -428,7 +456,7 @@ def _next_rows(f: FunctionWriter, s: Rows, a: Rows) -> None:
 
 
 def _turn_rings(f: FunctionWriter, latencies: Sequence[int]) -> None:
-    """Move on to what is the oldest row of each state now."""
+    """Advance each state to its oldest row."""
     for i, latency in enumerate(latencies):
         if latency > 1:
             following = f.add(f.load("%rings", i, "i64"), 1)
@@ -437,7 +465,7 @@ def _turn_rings(f: FunctionWriter, latencies: Sequence[int]) -> None:
 
 
 def _fold() -> FunctionWriter:
-    """`fold(matrix, columns, count)`: G of `count` columns becomes H = G + G', in blocks that fit a cache."""
+    """Write `fold(matrix, columns, count)`: H = G + G' in place for `count` columns, in blocks that fit the cache."""
     f = FunctionWriter("fold", [("ptr", "matrix"), ("i64", "columns"), ("i64", "count")])
     block = 32
     blocks = f.new(f"sdiv i64 {f.add('%count', block - 1)}, {block}")

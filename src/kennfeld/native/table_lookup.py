@@ -1,15 +1,10 @@
-"""LLVM IR of smoothed lookups: the weights of the grid points around a coordinate, and their slopes.
+"""LLVM IR of table lookups: search in an axis, weights of the grid points around a coordinate, value and slopes.
 
-The interpolation along an axis is a sum of ramps that start at the breakpoints; convolved with a Gaussian of width s,
-a ramp becomes t Phi(t/s) + s phi(t/s) (see graph.interpolation). Eight breakpoints are worked on at once, so the
-exponential and the normal distribution are polynomials here and not calls of the C library.
-
-Native functions along an axis, compiled once for all models: the cell that holds a coordinate, a smoothed window.
-
-LLVM IR of table lookups: weights of the grid points around a coordinate, value and slopes.
-
-A lookup is a list of sides, one an axis. A side knows the weights of the grid points around the coordinate: the two
-ends of a cell, or, for a smoothed axis, a window of weights computed at run time (see `smoothing`).
+A lookup has one side per axis, with the weights of the grid points around the coordinate: the two ends of a cell, or,
+for a smoothed axis, a window of weights computed at run time. Smoothed interpolation is a sum of ramps that start at
+the breakpoints, each convolved with a Gaussian of width s: t Phi(t/s) + s phi(t/s), with the distance t from its start
+(see `graph.interpolation`). Eight breakpoints are processed at once, so exponential and normal distribution are
+polynomials here and not calls of the C library. Search and window do not depend on the model and are compiled once.
 """
 
 import math
@@ -34,8 +29,82 @@ MILLS = (
 ONE, ZERO = literal(1.0), literal(0.0)
 
 
+@dataclass(frozen=True)
+class Cell:
+    """A cell of an axis: its first grid point (i64) and the fraction of the way to the second."""
+
+    index: str
+    fraction: str
+    single: bool = False  # an axis of one breakpoint
+
+    def weights(self, f: FunctionWriter) -> list[tuple[str, str]]:
+        """Return (grid point, weight) pairs."""
+        if self.single:
+            return [(self.index, f.fadd(ONE, f.fmul(self.fraction, ZERO)))]
+        rest = f.new(f"fsub double {ONE}, {self.fraction}")
+        return [(self.index, rest), (f.add(self.index, 1), self.fraction)]
+
+    def slopes(self, f: FunctionWriter) -> list[tuple[str, str]]:
+        """Return (grid point, slope of the weight) pairs."""
+        if self.single:
+            return [(self.index, ZERO)]
+        return [(self.index, literal(-1.0)), (f.add(self.index, 1), ONE)]
+
+
+@dataclass(frozen=True)
+class Window:
+    """The grid points from `start` to before `end` of a smoothed axis, with their weights and slopes."""
+
+    start: str
+    end: str
+    weight: str
+    slope: str
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A grid point of a table: its flat index and its weight."""
+
+    index: str
+    weight: str
+
+
+def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
+    """Return the cell, x minus its left end, and its width. `hint` stores the cell, since the next x is mostly near."""
+    guess = f.load(hint, kind="i64")
+    after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
+    before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
+    with f.unless(after, before):
+        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+    cell = f.load(hint, kind="i64")
+    left = f.load(points, cell)
+    right = f.load(points, f.add(cell, 1))
+    return cell, f.new(f"fsub double {x}, {left}"), f.new(f"fsub double {right}, {left}")
+
+
+def corners(
+    f: FunctionWriter, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
+) -> Iterator[Corner]:
+    """Emit the body for each grid point around the coordinate; `slope` is the axis to differentiate along.
+
+    Cells are unrolled; windows become loops around the rest, so a body is emitted 2^cells times.
+    """
+    yield from _walk(f, list(zip(sides, strides, strict=True)), slope, "0", "")
+
+
+def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str, linear: bool) -> Window:
+    """Return the window of weights of a smoothed axis around x."""
+    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
+    bounds = f.slot("i64", 2)
+    f.do(
+        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
+        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
+    )
+    return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
+
+
 def smooth() -> FunctionWriter:
-    """`smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
+    """Write `smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
 
     `points`, `weights` and `slopes` have room for `LANES` more.
     """
@@ -63,7 +132,7 @@ def smooth() -> FunctionWriter:
 
 
 def _ramps(f: FunctionWriter, first: str, end: str) -> None:
-    """The smoothed ramp that starts at each breakpoint into the weights, its slope into the slopes."""
+    """Write the smoothed ramp that starts at each breakpoint to the weights, its slope to the slopes."""
     positive = f.new(f"call double @llvm.maxnum.f64(double %width, double {literal(1e-300)})")
     inverse = f.new(f"fdiv double {literal(1.0)}, {positive}")
     f_x, f_inverse, f_width = f.splat("%x"), f.splat(inverse), f.splat("%width")
@@ -78,7 +147,7 @@ def _ramps(f: FunctionWriter, first: str, end: str) -> None:
 
 
 def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
-    """Smoothed ramps and their slopes at distances t = u width from their start."""
+    """Return smoothed ramps and their slopes at distances t = u width from their start."""
     above, below = v.compare("oge", u, WINDOW), v.compare("ole", u, -WINDOW)
     u = v.where(above, v.all(WINDOW), v.where(below, v.all(-WINDOW), u))
     size = v.f.new(f"call {EIGHT} @llvm.fabs.v8f64({EIGHT} {u})")
@@ -92,7 +161,7 @@ def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
 
 
 def _straight_ends(f: FunctionWriter) -> None:
-    """With linear extrapolation the lookup does not bend at its first and last breakpoint."""
+    """Extend the first and last cell linearly: with linear extrapolation the ends have no kink."""
     last = f.add("%count", -1)
     f.store(f.new(f"fsub double %x, {f.load('%points')}"), "%weights")
     f.store(literal(1.0), "%slopes")
@@ -101,7 +170,7 @@ def _straight_ends(f: FunctionWriter) -> None:
 
 
 def _differences(f: FunctionWriter, first: str, end: str) -> None:
-    """Weights from ramps, in place: a grid point's weight is the share climbed before it less that after it."""
+    """Convert ramps to weights in place: the fraction passed before a grid point minus that after it."""
     arrays = ("%weights", "%slopes")
     climbed = f.slot("double", 4)  # ramp and its slope at the left end; share and its slope of the interval before
     for at, (array, before) in enumerate(zip(arrays, (1.0, 0.0), strict=True)):
@@ -120,9 +189,9 @@ def _differences(f: FunctionWriter, first: str, end: str) -> None:
 
 
 def _search() -> FunctionWriter:
-    """`search(breakpoints, count, x, result)`: the cell that holds x, 0 for NaN.
+    """Write `search(breakpoints, count, x, result)`: the cell that holds x, 0 for NaN.
 
-    Bisection by selects: which half it is cannot be foretold, and a branch foretold wrongly costs more than the rest.
+    Bisection by selects: the branch would be unpredictable, and a misprediction costs more than the rest.
     """
     f = FunctionWriter("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
     cells, low = f.add("%count", -1), f.slot("i64")
@@ -140,69 +209,6 @@ def _search() -> FunctionWriter:
 
 SEARCH = SharedFunction("search", lambda: _search().text())
 SMOOTH = SharedFunction("smooth", lambda: _search().text() + smooth().text())
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell of an axis: its first grid point (i64) and the fraction of the way to the second."""
-
-    index: str
-    fraction: str
-    single: bool = False  # an axis of one breakpoint
-
-    def weights(self, f: FunctionWriter) -> list[tuple[str, str]]:
-        """(grid point, weight) pairs."""
-        if self.single:
-            return [(self.index, f.fadd(ONE, f.fmul(self.fraction, ZERO)))]
-        rest = f.new(f"fsub double {ONE}, {self.fraction}")
-        return [(self.index, rest), (f.add(self.index, 1), self.fraction)]
-
-    def slopes(self, f: FunctionWriter) -> list[tuple[str, str]]:
-        """(grid point, slope of the weight) pairs."""
-        if self.single:
-            return [(self.index, ZERO)]
-        return [(self.index, literal(-1.0)), (f.add(self.index, 1), ONE)]
-
-
-@dataclass(frozen=True)
-class Window:
-    """The grid points `start` to before `end` of a smoothed axis, with arrays of weights and slopes by grid point."""
-
-    start: str
-    end: str
-    weight: str
-    slope: str
-
-
-@dataclass(frozen=True)
-class Corner:
-    """A grid point of a table: its flat index and its weight."""
-
-    index: str
-    weight: str
-
-
-def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> tuple[str, str, str]:
-    """Cell, x minus its left end, and its width. `hint` remembers the cell, as the next sample is mostly near."""
-    guess = f.load(hint, kind="i64")
-    after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
-    before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
-    with f.unless(after, before):
-        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
-    cell = f.load(hint, kind="i64")
-    left = f.load(points, cell)
-    right = f.load(points, f.add(cell, 1))
-    return cell, f.new(f"fsub double {x}, {left}"), f.new(f"fsub double {right}, {left}")
-
-
-def corners(
-    f: FunctionWriter, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
-) -> Iterator[Corner]:
-    """Emit the body once for each grid point around the coordinate, `slope` naming the axis to differentiate along.
-
-    Cells are unrolled; windows become loops around the rest, so a body is emitted 2^cells times.
-    """
-    yield from _walk(f, list(zip(sides, strides, strict=True)), slope, "0", "")
 
 
 def _walk(
@@ -226,14 +232,3 @@ def _walk(
     else:
         with f.loop(side.start, side.end) as point:
             yield from step(point, f.load(side.slope if along else side.weight, point))
-
-
-def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str, linear: bool) -> Window:
-    """The window of weights of a smoothed axis around x."""
-    weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
-    bounds = f.slot("i64", 2)
-    f.do(
-        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
-        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
-    )
-    return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)

@@ -1,17 +1,17 @@
-"""Native functions that write the tape of linearised steps, and what it begins with.
+"""Native functions that write the tape of linearised steps, and the states at its start.
 
-The tape holds, for each sample, what the sums over samples need and nothing of the model's form:
+The tape holds for each sample what the sums over samples need, independently of the model:
 
-| array | holds |
+| array | contents |
 |---|---|
-| residual, weight | [outputs], 0 where a sample is not scored |
+| residual, weight | [outputs], 0 for samples that are not scored |
 | c | [outputs][carried], slopes of outputs with respect to states |
-| a | slopes of next states with respect to states, see `Pattern` |
+| a | slopes of next states with respect to states, see `TapeLayout` |
 | index, slope | [entries], [entries][rows]: column and slopes of each value that the step touches |
-| count | how many entries |
+| count | number of entries |
 
-Rows are those of the outputs and of the states that the pattern keeps. An entry is a grid point of a lookup; one column
-may occur in several entries.
+Rows are those of the outputs and of the states kept by the layout. An entry is a grid point of a lookup; several
+entries may have the same column.
 """
 
 from collections.abc import Sequence
@@ -29,14 +29,14 @@ from kennfeld.native.sample_loop import (
     FunctionSource,
     Output,
     SampleCursor,
-    counts,
+    apply_weight,
     each_sample,
+    is_counted,
     loop_code,
     loss_of,
     node_items,
     scaled_residual,
     step_items,
-    weighted,
 )
 from kennfeld.native.tape_layout import TapeLayout
 
@@ -48,7 +48,7 @@ ZERO = literal(0.0)
 
 
 def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
-    """`tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range, see the module.
+    """Write `tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range of samples.
 
     `scores[output]` is the weight of the dataset and criterion.
     """
@@ -69,14 +69,14 @@ def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Outpu
 
 
 def _residual(at: int, output: Output, outputs: int) -> CodeItem:
-    """Writes residual and weight of an output."""
+    """Return the item that writes residual and weight of an output."""
 
     def emit(step: StepEmitter) -> None:
         f = step.f
         residual, _ = scaled_residual(step, at, output)
-        scored = counts(f, at)
+        scored = is_counted(f, at)
         _, weight = loss_of(f, residual, output)
-        scored_weight = weighted(step, f.fmul(weight, f.load("%scores", at)), output)
+        scored_weight = apply_weight(step, f.fmul(weight, f.load("%scores", at)), output)
         place = f.add(f.mul("%row", outputs), at)
         f.store(f.select(scored, residual, ZERO), "%residual", place)
         f.store(f.select(scored, scored_weight, ZERO), "%weight", place)
@@ -87,7 +87,7 @@ def _residual(at: int, output: Output, outputs: int) -> CodeItem:
 def _pulled_tape(
     line: Linearization, layout: MemoryLayout, rows: PulledRows, tail: list[CodeItem], room: int, pattern: TapeLayout
 ) -> FunctionSource:
-    """The tape by a pull-back: the code of a sample leaves what that needs, a loop does the rest."""
+    """Write the tape by an adjoint program: the code of a sample stores its factors, a loop computes the slopes."""
     program, outputs = rows.program, pattern.outputs
     tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
     items = step_items(line, layout, tail, rows.factor_items())
@@ -97,7 +97,7 @@ def _pulled_tape(
     memory = program.memory(f)
     filled = [(kind, memory[name]) for kind, name in FILLED]
     with each_sample(f, line, layout, outputs) as sample:
-        f.call("tape_step", [*sample.given(own), *filled, *sample.place])
+        f.call("tape_step", [*sample.arguments(own), *filled, *sample.place])
         sizes = (("%c", outputs * pattern.carried), ("%a", pattern.cells))
         c, a = (f.at(matrix, f.mul(sample.row, size)) for matrix, size in sizes)
         slope = f.at("%slope", f.mul(sample.row, room * program.rows))
@@ -107,7 +107,9 @@ def _pulled_tape(
 
 
 def start_code(line: Linearization, layout: MemoryLayout) -> FunctionSource:
-    """`start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of their slopes."""
+    """Write `start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of
+    their slopes.
+    """
     rows = [state_row(line.starts[i]) for i in line.carried]
     if isinstance(line.start_slopes, AdjointProgram):
         room = entries_of(line, layout, line.start_atoms).room
@@ -122,12 +124,12 @@ def start_code(line: Linearization, layout: MemoryLayout) -> FunctionSource:
     step = emit_items("start_step", [*own, ROW], items, line.nodes, layout)
     f = FunctionWriter("start", [*own, ("i64", "k")])
     sample = SampleCursor(f, "0", *find(f, "%k"))
-    f.call("start_step", [*sample.given(own), *sample.place])
+    f.call("start_step", [*sample.arguments(own), *sample.place])
     return FunctionSource(f.name, f.parameters, step + f.text())
 
 
 def _pulled_start(line: Linearization, layout: MemoryLayout, rows: PulledRows) -> FunctionSource:
-    """The start by a pull-back."""
+    """Write the start by an adjoint program."""
     program = rows.program
     items = node_items(line.nodes, line.starts, rows.factor_items())
     items += [*rows.seed_items(), *entry_items(line, layout, line.start_atoms, rows.writer, rows.needs)]
@@ -137,14 +139,14 @@ def _pulled_start(line: Linearization, layout: MemoryLayout, rows: PulledRows) -
     f = FunctionWriter("start", [*own, ("i64", "k")])
     memory, sample = program.memory(f), SampleCursor(f, "0", *find(f, "%k"))
     filled = [(kind, memory[name]) for kind, name in FILLED]
-    f.call("start_step", [*sample.given(own), *filled, *sample.place])
+    f.call("start_step", [*sample.arguments(own), *filled, *sample.place])
     program.run(f, memory, entries=_entry_count(f, "0"), slope="%slope", outputs=0, c="null", a="null")
     program.free(f, memory)
     return FunctionSource(f.name, f.parameters, program.tables() + step + f.text())
 
 
 def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
-    """Writes the first value of every state to all its cells."""
+    """Return the item that writes the first value of every state to all its cells."""
 
     def emit(step: StepEmitter) -> None:
         f = step.f
@@ -160,5 +162,5 @@ def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
 
 
 def _entry_count(f: FunctionWriter, row: str) -> str:
-    """How many entries a sample has."""
+    """Return the number of entries of a sample."""
     return f.new(f"sext i32 {f.load('%count', row, 'i32')} to i64")

@@ -1,4 +1,4 @@
-"""What a tape of linearised steps holds of the slopes between states, and where it stands."""
+"""Layout of the slopes between states on a tape of linearised steps."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ MANY = 8  # states beyond which loops over them are faster than code for each
 
 @dataclass(frozen=True)
 class TapeLayout:
-    """Sizes of a tape and where its matrices can differ from zero.
+    """Sizes of a tape, and the structural non-zeros of its matrices.
 
-    `copies` are pairs of states, of which the first takes over what the second was: their rows of `a` need no tape.
-    Up to `MANY` states, there are none, and `a` is held whole; beyond, only those of its cells that can differ from
-    zero are held, in the order of their flat indices.
+    `copies` are pairs of states of which the first takes over the previous value of the second: their rows of `a` need
+    no tape. Up to `MANY` states there are no copies, and `a` is stored in full; beyond, only its structural non-zeros
+    are stored, in the order of their flat indices.
     """
 
     outputs: int
@@ -29,7 +29,7 @@ class TapeLayout:
 
     @classmethod
     def of(cls, line: Linearization) -> "TapeLayout":
-        """The pattern of a step."""
+        """Return the layout for a step."""
         m, n = len(line.outputs), len(line.seeds)
         number = {seed: i for i, seed in enumerate(line.seeds)}
         nexts = [number.get(line.states[i].next) for i in line.carried] if n > MANY else []
@@ -43,48 +43,48 @@ class TapeLayout:
 
     @property
     def carried(self) -> int:
-        """How many states carry the influence of a free value."""
+        """Number of states that carry the influence of a free value."""
         return len(self.latencies)
 
     @property
     def batch(self) -> int:
-        """Samples in a row with the same columns that are added at once: as many as registers hold the factors of."""
+        """Number of consecutive samples with the same columns that are added at once, limited by the registers."""
         return max(1, TERMS // max(self.carried, 1))
 
     @property
     def accumulates(self) -> bool:
-        """Whether the backward and forward sweeps exist: a delay's memory is too long for Q."""
+        """True if the backward and forward sweeps exist: a long delay has too much memory for Q."""
         return 0 < self.carried <= MANY and set(self.latencies) == {1}
 
     @cached_property
     def kept(self) -> tuple[int, ...]:
-        """The states whose slopes a tape holds."""
+        """The states whose slopes the tape holds."""
         copied = {row for row, _ in self.copies}
         return tuple(i for i in range(self.carried) if i not in copied)
 
     @property
     def rows(self) -> int:
-        """The rows of slopes that a tape holds: of the outputs, then of the kept states."""
+        """Number of rows of slopes on the tape: of the outputs, then of the kept states."""
         return self.outputs + len(self.kept)
 
     @cached_property
     def seen(self) -> tuple[tuple[int, ...], ...]:
-        """The states that each output sees."""
+        """The states on which each output depends."""
         return _columns(self.c, range(self.outputs), self.carried)
 
     @cached_property
     def sources(self) -> tuple[tuple[int, ...], ...]:
-        """The states that the next value of each kept state sees."""
+        """The states on which the next value of each kept state depends."""
         return _columns(self.a, self.kept, self.carried)
 
     @property
     def cells(self) -> int:
-        """The doubles of a sample's `a` on a tape."""
+        """Number of doubles of a sample's `a` on the tape."""
         return self.carried**2 if self.carried <= MANY else sum(map(len, self.sources))
 
     @cached_property
     def places(self) -> tuple[tuple[tuple[int, int], ...], ...]:
-        """For each row of a tape the states that it sees, and where their slopes stand in a sample's `c` or `a`."""
+        """For each row of the tape its states, and the index of their slopes in a sample's `c` or `a`."""
         n = self.carried
         seen = (tuple((i, row * n + i) for i in columns) for row, columns in enumerate(self.seen))
         if n <= MANY:
@@ -97,9 +97,9 @@ class TapeLayout:
 
 
 def _columns(flat: Collection[int], rows: Collection[int], count: int) -> tuple[tuple[int, ...], ...]:
-    """The columns of flat indices in some rows of `count`, rising."""
-    found: dict[int, list[int]] = {row: [] for row in rows}
+    """Return the columns of flat indices in some rows of `count`, increasing."""
+    result: dict[int, list[int]] = {row: [] for row in rows}
     for index in sorted(flat):
-        if index // count in found:
-            found[index // count].append(index % count)
-    return tuple(map(tuple, found.values()))
+        if index // count in result:
+            result[index // count].append(index % count)
+    return tuple(map(tuple, result.values()))

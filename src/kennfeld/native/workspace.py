@@ -1,11 +1,11 @@
-"""The arrays one thread works in, and the native calls on them."""
+"""Arrays of one thread, and the native calls on them."""
 
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int, aligned
+from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
@@ -15,7 +15,7 @@ __all__ = ["Workspace"]
 
 
 class Owner(Protocol):
-    """What a workspace belongs to."""
+    """The kernel and samples of a workspace."""
 
     kernel: Kernel
     samples: Samples
@@ -30,7 +30,7 @@ class Workspace:
         kernel, length = owner.kernel, owner.length
         pattern, entries = kernel.pattern, kernel.entries.room
         m, n = pattern.outputs, pattern.carried
-        columns, self.width = kernel.values.free, _whole(kernel.values.reach)
+        columns, self.width = kernel.values.free, _round_to_vectors(kernel.values.reach)
         self.kernel, self.samples, self.widths = kernel, owner.samples, owner.widths
         self.memory = np.zeros(kernel.layout.memory)
         self.hints = np.zeros(kernel.hints, dtype=np.int64)
@@ -46,10 +46,10 @@ class Workspace:
         self.q_next, self.l_next = np.zeros((length, swept, swept)), np.zeros((length, swept))
         self.latencies = pattern.latencies
         slots = max(sum(self.latencies), (pattern.batch + 1) * n)
-        self.sensitivities = _aligned(slots, self.width, self.width)
+        self.sensitivities = _aligned_zeros(slots, self.width, self.width)
         self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * pattern.batch * n)
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
-        self.gradient, self.matrix = np.zeros(columns), _aligned(columns, columns, _whole(columns))
+        self.gradient, self.matrix = np.zeros(columns), _aligned_zeros(columns, columns, _round_to_vectors(columns))
         self._jacobian: Float | None = None
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
         self._sums = (*strided(self.matrix, columns), address(self.gradient))
@@ -59,34 +59,34 @@ class Workspace:
         self._model: tuple[int, ...] = ()
 
     def use(self, values: Float) -> None:
-        """Take these values for the calls that follow; the array must live until then."""
+        """Set the values p [values] for the calls that follow; the array must live until then."""
         table = self.samples.data
         self._values = values
-        given = (address(table, kind=POINTER), table.shape[1], address(values, self.kernel.values.total))
-        self._model = (*given, *self._settings)
+        pointers = (address(table, kind=POINTER), table.shape[1], address(values, self.kernel.values.total))
+        self._model = (*pointers, *self._settings)
 
     def start(self, sample: int) -> None:
-        """First values of the states, and the entries of their slopes."""
+        """Compute the first values of the states, and the entries of their slopes."""
         if self.kernel.start is not None:
             self.kernel.start(*self._model, *_entry_addresses(*self._start), sample)
 
     def cost(self, chunk: Chunk, sums: Float) -> None:
-        """Add each output's losses over a chunk, before its weight."""
+        """Add the losses of each output over a chunk, without weights."""
         into = address(sums, len(self.kernel.outputs))
         self.kernel.cost(*self._model, self._targets, into, chunk.first, chunk.last)
 
     def tape(self, chunk: Chunk) -> None:
-        """Write the tape of a chunk, from the states as they stand."""
+        """Write the tape of a chunk, from the current states."""
         scores = self.samples.pieces[chunk.piece].scores
         head = (self._targets, address(scores, len(self.kernel.outputs)), *self._steps, *self._entries[:3])
         self.kernel.tape(*self._model, *head, chunk.first, chunk.last)
 
     def normal(self, chunk: Chunk) -> None:
-        """Add the tape to the sums, without states."""
+        """Add the tape to the sums, for models without states."""
         self.kernel.sweeps.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
 
     def fold(self) -> None:
-        """Make the Gauss-Newton matrix of what was summed."""
+        """Compute the Gauss-Newton matrix from the sums."""
         self.kernel.sweeps.fold(*self._sums[:2], self.kernel.values.free)
 
     @property
@@ -94,7 +94,7 @@ class Workspace:
         return address(self.samples.targets, kind=POINTER)
 
     def backward(self, chunk: Chunk) -> None:
-        """Q and L after each sample of the tape."""
+        """Compute Q and L after each sample of the tape."""
         ends = (address(array) for array in (self.q, self.l, self.q_next, self.l_next))
         self.kernel.sweeps.backward(chunk.length, *self._steps, *ends)
 
@@ -105,10 +105,10 @@ class Workspace:
         self.kernel.sweeps.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
-        """Residuals and Jacobian of the tape, times the square root of the weights; S is carried over it."""
+        """Compute residuals and Jacobian of the tape, times the square root of the weights; carries S over it."""
         columns, m = self.kernel.values.free, len(self.kernel.outputs)
         if self._jacobian is None:
-            self._jacobian = _aligned(len(self.count) * m, columns, columns)
+            self._jacobian = _aligned_zeros(len(self.count) * m, columns, columns)
         turn = address(self.turn, kind=INT64)
         carried = (address(self.sensitivities), self.width, turn, address(self.next))
         jacobian = (address(self._jacobian), columns)
@@ -118,9 +118,9 @@ class Workspace:
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
     def touched(self, chunk: Chunk) -> Int:
-        """For each column, the samples of the tape that count and have a slope in it.
+        """Count for each column the scored samples of the tape that have a slope in it.
 
-        Without states, it must be the slope of an output that counts.
+        Without states, only slopes of a scored output count.
         """
         length, columns = chunk.length, self.kernel.values.free
         counts = self.weight[:length] > 0
@@ -131,24 +131,24 @@ class Workspace:
         return np.bincount(met.ravel(), minlength=columns + 1)[:columns]
 
     def met(self, chunk: Chunk, owners: Int) -> Int:
-        """Owner times columns plus column, for each column in which a sample of an owner from 0 on has a slope.
+        """Return owner * columns + column for each column in which a sample of an owner >= 0 has a slope.
 
-        Sorted, each once.
+        Sorted, without duplicates.
         """
         used = self._used(chunk, None) & (owners >= 0)[:, None]
         numbers = owners[:, None] * self.kernel.values.free + self.index[: chunk.length]
         return np.unique(numbers[used])
 
     def _used(self, chunk: Chunk, counts: Bool | None) -> Bool:
-        """The entries of the tape with a slope; where it is said which outputs count, with one of theirs."""
+        """Return the entries of the tape with a slope; if the scored outputs are given, with a slope of one of them."""
         length = chunk.length
         slope = self.slope[:length] != 0
         some = (slope if counts is None else slope & counts[:, None]).any(axis=2)
-        found: Bool = some & (np.arange(self.index.shape[1]) < self.count[:length, None])
-        return found
+        result: Bool = some & (np.arange(self.index.shape[1]) < self.count[:length, None])
+        return result
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
-        """S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L of there."""
+        """Set S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L there."""
         self.sensitivities[:] = 0.0
         self.turn[:] = 0
         if not self.kernel.line.start_atoms:
@@ -167,14 +167,14 @@ class Workspace:
             self.gradient[used] += part.T @ self.l
 
 
-def _whole(columns: int) -> int:
-    """Columns rounded up to whole vectors."""
+def _round_to_vectors(columns: int) -> int:
+    """Round columns up to whole vectors."""
     return -(-columns // VECTOR) * VECTOR
 
 
-def _aligned(rows: int, columns: int, stride: int) -> Float:
-    """A matrix of zeros whose rows start on vectors if `stride` does, with room for a vector behind it."""
-    return aligned(rows * stride + VECTOR)[: rows * stride].reshape(rows, stride)[:, :columns]
+def _aligned_zeros(rows: int, columns: int, stride: int) -> Float:
+    """Return a matrix of zeros whose rows start on vectors if `stride` does, padded by one vector."""
+    return aligned_zeros(rows * stride + VECTOR)[: rows * stride].reshape(rows, stride)[:, :columns]
 
 
 def _entry_addresses(index: NDArray[np.int32], slope: Float, count: NDArray[np.int32]) -> tuple[int, int, int]:

@@ -1,4 +1,4 @@
-"""`calibrate` and `simulate` for those who write Python."""
+"""`calibrate` and `simulate`: the Python interface to calibration problems."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ from kennfeld.optimize.validation import check_limits, delay_findings, matrix_fi
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Scalar
 from kennfeld.preprocessing.binding import bind_inputs
-from kennfeld.preprocessing.coercion import Data, dataset_of
+from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded_samples, refine_step
 from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.time_shift import shift_channels
@@ -66,26 +66,29 @@ def calibrate(
             A function with a step of its own reads inputs interpolated onto that step.
         start: the current calibration, or numbers by name for models of scalars alone.
         target: the channel that the model's output shall follow, or a number; or give `criteria` instead.
-        node: the output meant, where the model has several.
+        node: the output that follows the target, if the model has several.
         criteria: several targets, with weights and losses.
-        test: data that are scored, never fitted.
-        free: glob patterns of the parameters to fit; the others are kept.
+        test: data that are scored but not fitted.
+        free: glob patterns of the parameters to fit; the others keep their start.
         free_axes: glob patterns of the axes whose breakpoints to fit: group axes by name, others as `Table.x`. Axes
             made with `Axis(..., free=True)` are fitted in any case.
-        smoothness: factor for all tables, or by parameter, or by parameter and axis; "auto" in place of a factor has
-            it chosen from the data.
+        smoothness: factor for all tables, or by parameter, or by parameter and axis; "auto" in place of a factor
+            chooses it from the data.
         limits: lower and upper bound by name: of all values of a parameter, in its unit, or of a node at every scored
             training sample, which may be an expression over nodes and channels; or a list of `Limit`.
-        pins: values that hold exactly at a coordinate.
+        pins: exact values at given coordinates.
         constraints: ranges of slope or curvature along an axis (`Shape`), and sums of values (`Equality`).
-        channels: the channel of a model input, where the names differ.
-        shift: moves channels of all data, value(t) = recorded(t - shift), in s, for steady-state points in samples;
-            "auto" finds the shift that fits best, for each training dataset.
+        channels: the channel of a model input, if the names differ.
+        shift: time shift of channels of all data, value(t) = recorded(t - shift), in s, or in samples for steady-state
+            points; "auto" estimates it for each training dataset.
         options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.
 
     Returns:
-        The result; a fit that fails is a result too. Raises `InputError` for unusable input, every problem at once.
+        The result; a fit that fails is a result too, see `Result.status`.
+
+    Raises:
+        InputError: the input cannot be used; lists all problems.
 
     >>> data = {"x": [0.0, 1.0, 2.0, 3.0], "y": [1.0, 3.0, 5.0, 7.0]}
     >>> result = calibrate("model = a + b * x", data, {"a": 0.0, "b": 0.0}, target="y")
@@ -130,7 +133,7 @@ def build_problem(
     channels: Mapping[str, str] | None = None,
     shift: Mapping[str, float | Literal["auto"]] | None = None,
 ) -> Problem:
-    """The problem that `calibrate` solves, with the same arguments. Raises `InputError` for unusable input."""
+    """Return the problem that `calibrate` solves; same arguments and errors."""
     if isinstance(free_axes, str):
         raise ArgumentError(f"free_axes={free_axes!r} must be a list of patterns: free_axes=[{free_axes!r}]")
     bounds, outputs = split_limits(limits or {}, given := with_free_axes(_parameters(start, model), free_axes))
@@ -145,7 +148,7 @@ def build_problem(
     if isinstance(free, str):
         raise ArgumentError(f"free={free!r} must be a list of patterns: free=[{free!r}]")
     tables = _factors(smoothness, parameters)
-    datasets, unknown = _moved((*training, *scored), shift or {})
+    datasets, unknown = _shift_datasets((*training, *scored), shift or {})
     datasets = _on_step(ready, datasets, inputs, unknown)
     problem = Problem(
         ready,
@@ -172,10 +175,13 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
         model: a model, or formula text.
         data: a dataset, or columns by name, as `calibrate` takes them.
         parameters: the calibration, or numbers by name.
-        channels: the channel of a model input, where the names differ.
+        channels: the channel of a model input, if the names differ.
+
+    Returns:
+        A channel for each named node, Float[samples].
 
     Raises:
-        InputError: something that the model needs is missing, or the data do not fit its step.
+        InputError: an input or a parameter of the model is missing, or the data do not fit its step.
 
     >>> simulate("y = 2 * x + k", {"x": [1.0, 2.0]}, {"k": 1.0})["y"].values
     array([3., 5.])
@@ -183,7 +189,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     values = _parameters(parameters, model)
     ready = bind_scalars(model if isinstance(model, Model) else formula(model, parameters=list(values)), values)
     inputs = {(channels or {}).get(name, name) for name in ready.graph.inputs}
-    dataset = dataset_of(data, "data", ready.graph, inputs)
+    dataset = to_dataset(data, "data", ready.graph, inputs)
     findings = check_inputs(ready.graph, [dataset], values, channels or {})
     findings += step_findings(ready, [dataset], ready.step, lambda data: f"dataset {data.name}")
     findings += delay_findings(ready, 0)
@@ -196,7 +202,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
 
 
 def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
-    """The model with the inputs that are scalar parameters of the set turned into lookups of them."""
+    """Turn inputs of the model that are scalar parameters of the set into lookups."""
     names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
     if not names:
         return model
@@ -207,14 +213,13 @@ def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
             return b.lookup(payload)
         return b.node(op, args, payload)
 
-    made = rewrite(model.graph, resolve)
-    return replace(model, graph=made)
+    return replace(model, graph=rewrite(model.graph, resolve))
 
 
 def _parameters(given: Start, model: Model | str) -> ParameterSet:
-    """The parameters as a set, with those that the model brings along.
+    """Return the parameters as a set, with those that come with the model.
 
-    Tables that Python makes say themselves how they go on beyond their ends, those of files do not.
+    Tables made in Python define their extrapolation, those read from files do not.
     """
     if not isinstance(given, ParameterSet):
         given = ParameterSet(p if isinstance(p, Parameter) else Scalar(name, p) for name, p in given.items())
@@ -226,7 +231,7 @@ def _parameters(given: Start, model: Model | str) -> ParameterSet:
 def split_limits(
     limits: Mapping[str, tuple[float, float]] | Sequence[Limit], parameters: ParameterSet
 ) -> tuple[dict[str, tuple[float, float]], tuple[Limit, ...]]:
-    """Bounds of parameters by name, and limits of outputs."""
+    """Split limits into bounds of parameters by name, and limits of outputs."""
     if not isinstance(limits, Mapping):
         return {}, tuple(limits)
     bounds = {name: pair for name, pair in limits.items() if name in parameters}
@@ -234,26 +239,26 @@ def split_limits(
 
 
 def _factors(given: Factor | Smoothness, parameters: ParameterSet) -> dict[str, tuple[Factor, ...]]:
-    """Smoothness factors of each axis of each table, checked."""
+    """Return the checked smoothness factors of each axis of each table."""
     by_name = given if isinstance(given, Mapping) else dict.fromkeys(parameters, given)
     factors: dict[str, tuple[Factor, ...]] = {}
     for name, value in by_name.items():
         if name not in parameters:
-            raise ArgumentError(f"smoothness: {name} is no parameter. {nearest(name, parameters)}".strip())
+            raise ArgumentError(f"smoothness: unknown parameter {name}. {nearest(name, parameters)}".strip())
         axes = len(parameters[name].axes)
         single = isinstance(value, str) or np.ndim(value) == 0
-        found = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
-        if len(found) != axes or None in found:
+        checked = [_factor(factor) for factor in ((value,) * axes if single else value)]  # type: ignore[union-attr]
+        if len(checked) != axes or None in checked:
             raise ArgumentError(
-                f"smoothness={value!r} of {name} must be a number from 0 on, or one for each of its {axes} axes, "
-                'or "auto" in their place'
+                f'smoothness of {name} must be >= 0 or "auto", or one such value for each of its {axes} axes, '
+                f"got {value!r}"
             )
-        factors[name] = tuple(factor for factor in found if factor is not None)
+        factors[name] = tuple(factor for factor in checked if factor is not None)
     return factors
 
 
 def _factor(given: Any) -> Factor | None:
-    """A factor as it is used; None where it is none."""
+    """Return a valid factor, else None."""
     if isinstance(given, str):
         return "auto" if given == "auto" else None
     try:
@@ -263,14 +268,14 @@ def _factor(given: Any) -> Factor | None:
     return factor if 0 <= factor < np.inf else None
 
 
-def _moved(
+def _shift_datasets(
     datasets: Sequence[Dataset], shift: Mapping[str, float | Literal["auto"]]
 ) -> tuple[tuple[Dataset, ...], dict[str, tuple[str, ...]]]:
-    """The datasets with known shifts applied, and the channels of each whose shift is to be found."""
+    """Apply known shifts; return the datasets, and by dataset the channels whose shift is to be estimated."""
     channels = {channel for data in datasets for channel in data}
     for name, by in shift.items():
         if name not in channels:
-            raise ArgumentError(f"shift: there is no channel {name}. {nearest(name, channels)}".strip())
+            raise ArgumentError(f"shift: unknown channel {name}. {nearest(name, channels)}".strip())
         if not _is_shift(by):
             raise ArgumentError(f'shift={by!r} of {name} must be a finite number or "auto"')
     known = {name: float(by) for name, by in shift.items() if by != "auto"}
@@ -287,36 +292,34 @@ def _is_shift(given: Any) -> bool:
 def _datasets(given: Data | Sequence[Data], use: Use, graph: Graph, asked: Collection[str]) -> list[Dataset]:
     several = isinstance(given, Sequence) and not isinstance(given, Mapping)
     parts: Sequence[Data] = given if several else [given]  # type: ignore[assignment,list-item]
-    return [replace(dataset_of(d, f"{use}{i or ''}", graph, asked), use=use) for i, d in enumerate(parts)]
+    return [replace(to_dataset(d, f"{use}{i or ''}", graph, asked), use=use) for i, d in enumerate(parts)]
 
 
 def _on_step(
     model: Model, datasets: Sequence[Dataset], inputs: Collection[str], unknown: Collection[str] = ()
 ) -> tuple[Dataset, ...]:
-    """The datasets on the model's own step, if it has one; `unknown` are those with a shift that is to be found."""
+    """Interpolate datasets onto the model's own step; `unknown` names those with a shift to be estimated."""
     if not is_timed(model.graph):
         return tuple(datasets)
     for data in datasets:
         warn(clock_findings(data, f"dataset {data.name}"))
     if model.step is None:
         return tuple(datasets)
-    made: list[Dataset] = []
+    refined: list[Dataset] = []
     findings: list[Finding] = []
     for data in datasets:
         place = f"dataset {data.name}"
         try:
-            made.append(refine_step(data, model.step, inputs, place))
+            refined.append(refine_step(data, model.step, inputs, place))
         except InputError as error:
             findings += error.findings
             continue
-        if made[-1] is not data and data.name in unknown:
-            message = (
-                f"a shift cannot be found while the model's step of {model.step:g} s is finer than that of the data"
-            )
-            findings.append(Finding(place, message, f"Resample the data to {model.step:g} s, or give the shift in s."))
+        if refined[-1] is not data and data.name in unknown:
+            message = f"cannot estimate a shift: the model's step of {model.step:g} s is finer than that of the data"
+            findings.append(Finding(place, message, f"Resample the data to {model.step:g} s, or set the shift in s."))
     if findings:
         raise InputError(findings)
-    return tuple(made)
+    return tuple(refined)
 
 
 def _output(model: Model, node: str | None) -> str:
@@ -324,7 +327,7 @@ def _output(model: Model, node: str | None) -> str:
     if node is not None:
         return node
     if len(outputs) != 1:
-        raise ArgumentError(f"the model has the outputs {', '.join(outputs)}; say which one with node=")
+        raise ArgumentError(f"the model has several outputs ({', '.join(outputs)}); select one with node=")
     return outputs[0]
 
 
@@ -334,7 +337,7 @@ def _check(problem: Problem) -> None:
     for name in problem.channels:
         if name not in problem.model.graph.inputs:
             remedy = nearest(name, problem.model.graph.inputs)
-            findings.append(Finding("channels", f"{name} is no input of the function", remedy))
+            findings.append(Finding("channels", f"unknown input {name}", remedy))
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.append(Finding(f"pin of {pin.parameter}", f"{pin.value} at {list(pin.at)} is not finite"))
@@ -349,7 +352,7 @@ def _check(problem: Problem) -> None:
         for node in (criterion.node, problem.target_node(criterion)):
             if node is not None and node not in names:
                 remedy = nearest(node, [*names, *channels])
-                findings.append(Finding("criterion", f"{node} is no node of the function and no channel", remedy))
+                findings.append(Finding("criterion", f"unknown node or channel {node}", remedy))
     findings += [] if findings else delay_findings(problem.model, problem.free_size)
     findings += [] if findings else matrix_findings("parameters", problem.free_size)
     findings += [] if findings else check_limits(problem)
@@ -360,19 +363,19 @@ def _check(problem: Problem) -> None:
 def check_inputs(
     graph: Graph, datasets: Sequence[Dataset], parameters: ParameterSet, channels: Mapping[str, str]
 ) -> list[Finding]:
-    """Inputs without a channel, lookups without a parameter, and tables with another number of axes."""
+    """Report inputs without a channel, lookups without a parameter, and tables with a different number of axes."""
     findings = []
     for name, count in graph.parameters.items():
         if name not in parameters:
             remedy = nearest(name, parameters)
-            findings.append(Finding("function", f"{name} is no parameter of the set", remedy))
+            findings.append(Finding("function", f"unknown parameter {name}", remedy))
         elif parameters[name].coordinates != count:
             has = parameters[name].coordinates
-            findings.append(Finding("function", f"{name} is given {count} coordinates, but has {has} axes"))
+            findings.append(Finding("function", f"{name} is looked up with {count} coordinates, but has {has} axes"))
     for dataset in datasets:
         for name in graph.inputs:
             channel = channels.get(name, name)
             if channel not in dataset:
                 remedy = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:12])}."
-                findings.append(Finding(f"dataset {dataset.name}", f"there is no channel {channel}", remedy))
+                findings.append(Finding(f"dataset {dataset.name}", f"no channel named {channel}", remedy))
     return findings

@@ -1,4 +1,4 @@
-"""A calibration problem: model, data, parameters and criteria; and its compiled form."""
+"""The compiled form of a calibration problem: kernel, samples and roughness."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -19,11 +19,11 @@ from kennfeld.optimize.restraint import Penalty, penalty_of
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
-from kennfeld.preprocessing.settling import fewer_pieces, restart_states, sample_ages
+from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 
 __all__ = ["CompiledProblem", "RejectedTrials", "smoothable"]
 
-MOST_SMOOTHED = 20_000  # samples used while lookups are smoothed
+MAX_SMOOTHED_SAMPLES = 20_000
 
 
 def _outputs(problem: Problem) -> list[str]:
@@ -31,37 +31,35 @@ def _outputs(problem: Problem) -> list[str]:
 
 
 def smoothable(problem: Problem) -> bool:
-    """Whether a lookup that the criteria need has a coordinate that depends on a free parameter; compiles nothing."""
+    """Return True if the coordinate of a lookup that the criteria need depends on a free parameter."""
     lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
     needed = partition_graph(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
 class RejectedTrials:
-    """Counts trial values whose cost is no finite number, and keeps the first few of them."""
+    """Counts trial values whose cost is not finite, and stores the first few."""
 
-    MOST = 8
+    MAX_STORED = 8
 
     def __init__(self) -> None:
         self.count = 0
         self.first: list[Float] = []
 
     def add(self, values: Float) -> None:
-        """Count these free values."""
         self.count += 1
-        if len(self.first) < self.MOST:
+        if len(self.first) < self.MAX_STORED:
             self.first.append(values.copy())
 
     def clear(self) -> None:
-        """Begin anew."""
         self.count, self.first = 0, []
 
 
 class CompiledProblem:
-    """A problem made ready to be evaluated: data-only parts computed, samples sorted, kernel compiled.
+    """A problem ready for evaluation: data-only parts computed, samples sorted, kernel compiled.
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
-    smoothed, and at most `MOST_SMOOTHED` samples of steady-state data are used.
+    smoothed, and at most `MAX_SMOOTHED_SAMPLES` samples of steady-state data are used.
     """
 
     def __init__(self, problem: Problem, smooth_like: "CompiledProblem | None" = None) -> None:
@@ -100,14 +98,14 @@ class CompiledProblem:
 
     @property
     def weights(self) -> float:
-        """Sum of the weights of all scored samples, over the squares of their scales: what makes a cost a mean."""
+        """Sum of weight / scale^2 over all scored samples; the cost divided by it is a mean square."""
         samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
         parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
         return float(sum(parts)) or 1.0
 
     def _counts(self, piece: Piece) -> Float:
-        """How many samples of a piece each output scores; weighted ones count as much as their weight."""
+        """Return the sum of sample weights that each output scores in a piece."""
         counts = self.samples.scored(piece).astype(np.float64)
         if self.weighting.inputs:
             visits = np.arange(piece.first, piece.last)
@@ -118,31 +116,31 @@ class CompiledProblem:
         return counts
 
     def reweighted(self, factors: Float) -> "CompiledProblem":
-        """The same with the weight of each criterion times a factor; nothing is compiled again."""
-        made = copy(self)
-        made.samples = self.samples.reweighted(factors)
-        made.accumulator = Accumulator(self.kernel, made.samples)
-        return made
+        """Multiply the weight of each criterion by a factor; nothing is compiled again."""
+        other = copy(self)
+        other.samples = self.samples.reweighted(factors)
+        other.accumulator = Accumulator(self.kernel, other.samples)
+        return other
 
     def reread_targets(self) -> None:
-        """Take over targets that were changed in place; those made by `reweighted` share them."""
+        """Read targets again that were changed in place; problems made by `reweighted` share them."""
         self.samples.wanted.reread()
 
     def set_width(self, spacings: float) -> None:
-        """Smooth by so many mean breakpoint spacings."""
+        """Set the width of the smoothing in mean breakpoint spacings."""
         self.accumulator.widths[:] = spacings * self.spacings
 
-    def moved(self, problem: Problem) -> "CompiledProblem":
-        """The same for other values of the free parameters; the fixed ones must be those that it was compiled with."""
+    def with_start(self, problem: Problem) -> "CompiledProblem":
+        """Return the same for other values of the free parameters; the fixed ones must be unchanged."""
         other = copy(self)
         other.problem, other.start = problem, self.values.pack(problem.parameters)
         return other
 
     def over(self, problem: Problem) -> "CompiledProblem":
-        """The same for a problem that differs in datasets and start alone, compiled anew only if their step does."""
+        """Return the same for a problem that differs in datasets and start only; compiled again if the step changes."""
         if _even_step(problem.training) != self._step:
             return CompiledProblem(problem)
-        other = self.moved(problem)
+        other = self.with_start(problem)
         other.weighting = SampleWeights.of(problem.criteria, problem.training)
         other.samples = other._gathered(self._lowered)
         other.accumulator = Accumulator(self.kernel, other.samples)
@@ -153,7 +151,7 @@ class CompiledProblem:
         sources = []
         for bound in problem.gathered:
             further = self.weighting.columns(bound) | (sample_ages(bound.hold, bound.count) if self._restarts else {})
-            starts = bound.starts if bound.hold is None else fewer_pieces(bound.starts)
+            starts = bound.starts if bound.hold is None else group_points(bound.starts)
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [
                 partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
@@ -166,7 +164,7 @@ class CompiledProblem:
         return np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
 
     def _shared(self, lowered: LoweredGraph, other: "CompiledProblem") -> Samples:
-        """The samples of another form of the problem, where its data-only part is the same."""
+        """Return the samples of another form of the problem if its data-only part is the same."""
         mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
         if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
             samples = self._gathered(lowered)
@@ -174,17 +172,17 @@ class CompiledProblem:
             samples = other.samples
         else:
             samples = other.samples.with_inputs([theirs[name] for name in mine])
-        return samples if self.kernel.line.states else samples.thinned(MOST_SMOOTHED)
+        return samples if self.kernel.line.states else samples.thinned(MAX_SMOOTHED_SAMPLES)
 
 
 def _even_step(bounds: Sequence[BoundDataset]) -> float | None:
-    """The step of all data, where they have the same even one."""
+    """Return the time step if it is the same everywhere, else None."""
     steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
     return steps.pop() if len(steps) == 1 else None
 
 
 def _with_step(graph: Graph, step: float | None) -> Graph:
-    """The graph with `dt` a constant where it is known."""
+    """Replace `dt` by a constant if it is known."""
     if step is None:
         return graph
 

@@ -1,4 +1,4 @@
-"""The two sides of limits of outputs: nodes of the model that shall not exceed a number."""
+"""Graph nodes for the sides of output limits: each must not exceed a number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ __all__ = ["LimitSide", "add_limit_nodes", "channels_of", "limit_sides"]
 
 @dataclass(frozen=True)
 class LimitSide:
-    """One side of a limit: `node`, made to be kept at or below `bound`."""
+    """One side of a limit: `node` must be <= `bound`."""
 
     limit: Limit
     number: int
@@ -23,17 +23,17 @@ class LimitSide:
 
     @property
     def node(self) -> str:
-        """A node that no formula text can name."""
+        """Name of the node, which no formula text can contain."""
         return f"\0limit {self.number} {'above' if self.sign > 0 else 'below'}"
 
     @property
     def where(self) -> str:
-        """The node of the condition."""
+        """Name of the node of the condition."""
         return f"\0limit {self.number} where"
 
     @property
     def bound(self) -> float:
-        """What the node shall not exceed."""
+        """Upper bound of the node."""
         return self.limit.upper if self.sign > 0 else -self.limit.lower
 
     def __str__(self) -> str:
@@ -42,13 +42,17 @@ class LimitSide:
 
 
 def limit_sides(limits: Sequence[Limit]) -> tuple[LimitSide, ...]:
-    """The sides that bound something."""
+    """Return the sides with a finite bound."""
     sides = [LimitSide(limit, number, sign) for number, limit in enumerate(limits, 1) for sign in (1, -1)]
     return tuple(side for side in sides if np.isfinite(side.bound))
 
 
 def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
-    """The model with a node for each side and each condition; raises `InputError` with all that is wrong."""
+    """Add a node for each side and each condition to a model.
+
+    Raises:
+        InputError: an expression cannot be used; lists all problems.
+    """
     texts: dict[str, str] = {}
     for side in limit_sides(limits):
         texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
@@ -58,7 +62,7 @@ def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
 
 
 def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
-    """The names in limits that are no names of the model: inputs that only the limits read."""
+    """Return the inputs that only the limits read; empty if the limits cannot be used."""
     try:
         inputs = add_limit_nodes(model, limits).graph.inputs
     except InputError:

@@ -1,7 +1,4 @@
-"""The limits of a problem as the solver takes them: bounds and linear rows over the free values.
-
-Breakpoints as values to be fitted: which axes move, and what they keep while they do.
-"""
+"""Bounds and linear rows over the free values: locks, pins, shapes, equalities, and the order of breakpoints."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -20,16 +17,15 @@ from kennfeld.parameters import Parameter
 
 __all__ = ["breakpoint_bounds", "breakpoint_order", "grid_points", "is_ordered", "linear_limits", "touching_pairs"]
 
-TOUCHING = 1e-6  # of the mean distance, within which two breakpoints stand at their least distance
-
+TOUCHING = 1e-6  # of the mean distance: tolerance within which breakpoints are at their minimum distance
 DIRECTIONS = "xyzw"
 
 
 def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, held: Sequence[Place] = ()) -> tuple[Float, Float]:
-    """Lower and upper bounds of the breakpoints, equal for those that stay.
+    """Return lower and upper bounds of the breakpoints of an axis, equal for those that are fixed.
 
-    The ends stay unless the axis has a range. So do breakpoints whose grid points are all locked, and those around the
-    places `held` by a pin: it is an equality between values as long as these stand still.
+    The ends are fixed unless the axis has a range. So are breakpoints whose grid points are all locked, and those
+    around places `held` by a pin, which is linear only if they do not move.
     """
     points = axis.axis.breakpoints
     stays = np.zeros(points.size, dtype=bool)
@@ -46,14 +42,14 @@ def breakpoint_bounds(axis: FreeAxis, parameters: ParameterSet, held: Sequence[P
 
 
 def _around(table: Parameter, which: int, x: float) -> Bool:
-    """The breakpoints that a lookup at x touches."""
+    """Mark the breakpoints that a lookup at x uses."""
     axis = table.axes[which]
     weights, _ = cell_weights(position(np.array([x]), axis.breakpoints, table.extrapolation), len(axis))
     return np.asarray(weights[0] != 0)
 
 
 def breakpoint_order(axes: Mapping[AxisKey, FreeAxis], values: ValueLayout) -> LinearRows:
-    """Limits that keep the order and the distance of neighbouring breakpoints of all axes."""
+    """Return rows for the order and the minimum distance of neighbouring breakpoints of all axes."""
     parts = []
     for key, axis in axes.items():
         at = values.moving.get(key, values.free)
@@ -67,35 +63,40 @@ def breakpoint_order(axes: Mapping[AxisKey, FreeAxis], values: ValueLayout) -> L
 
 
 def slopes_along(values: Int, points: Int, sides: tuple[float, float], names: tuple[str, ...]) -> LinearRows:
-    """Limits of the slope between neighbours whose breakpoints move: `lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1)`.
+    """Return rows for slopes over moving breakpoints: `lower (x2 - x1) <= z2 - z1 <= upper (x2 - x1)`.
 
     Linear in values and breakpoints together. `values` and `points` are the columns of z1, z2 and of x1, x2, both
     Int[rows, 2].
     """
     columns, parts = np.hstack([values, points]), []
-    nothing = np.zeros(len(columns))
+    zeros = np.zeros(len(columns))
     for side, (low, high) in zip(sides, ((0.0, np.inf), (-np.inf, 0.0)), strict=True):
         if np.isfinite(side):
             coefficients = np.broadcast_to([-1.0, 1.0, side, -side], columns.shape)
-            parts.append(LinearRows(columns, coefficients, nothing + low, nothing + high, names))
+            parts.append(LinearRows(columns, coefficients, zeros + low, zeros + high, names))
     return LinearRows.together(parts)
 
 
 def is_ordered(order: LinearRows, values: Float) -> bool:
-    """Whether breakpoints stand in their order, whatever rounding does to their distance."""
+    """Return True if breakpoints are in order; rounding of their distance is allowed."""
     return order.count == 0 or bool(np.all(order.times(values) >= 0.5 * order.lower))
 
 
 def touching_pairs(points: Float, least: float) -> Int:
-    """The breakpoints that stand as close to the next one as they may, by number."""
+    """Return the indices of breakpoints that are at the minimum distance from the next one."""
     gaps = np.diff(points)
     return np.flatnonzero(gaps <= least + TOUCHING * gaps.mean())
 
 
 def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
-    """Bounds, locks, shapes, pins and equalities of the free values.
+    """Return bounds, locks, shapes, pins and equalities of the free values.
 
-    Raises `InputError` where one of them concerns what is not free.
+    Args:
+        problem: with its constraints.
+        values: layout of the free values.
+
+    Raises:
+        InputError: a constraint concerns a parameter that is not free.
     """
     lower, upper = np.full(values.free, -np.inf), np.full(values.free, np.inf)
     tables = np.zeros(values.free, dtype=np.int64)
@@ -119,40 +120,40 @@ def linear_limits(problem: Problem, values: ValueLayout) -> LinearLimits:
 
 
 def _findings(problem: Problem) -> Iterator[Finding]:
-    """What is wrong with pins, shapes and equalities themselves."""
+    """Report pins, shapes and equalities that cannot be used."""
     for pin in problem.pins:
-        yield from _of_term(problem, f"pin of {pin.parameter}", Term(pin.parameter, pin.at))
+        yield from _check_term(problem, f"pin of {pin.parameter}", Term(pin.parameter, pin.at))
     for constraint in problem.constraints:
         if isinstance(constraint, Shape):
             message = f"{constraint.kind} of {constraint.parameter}"
-            yield from _of_term(problem, message, Term(constraint.parameter))
+            yield from _check_term(problem, message, Term(constraint.parameter))
             if constraint.parameter in problem.parameters:
-                yield from _of_curvature(problem, message, constraint)
+                yield from _check_curvature(problem, message, constraint)
                 axes = len(problem.parameters[constraint.parameter].index_axes)
                 if not 0 <= constraint.axis < axes:
-                    yield Finding(message, f"axis {constraint.axis} does not exist, the parameter has {axes}")
+                    yield Finding(message, f"axis {constraint.axis} does not exist, the parameter has {axes} axes")
         else:
             for term in constraint.terms:
-                yield from _of_term(problem, f"equality {constraint}", term)
+                yield from _check_term(problem, f"equality {constraint}", term)
 
 
-def _of_term(problem: Problem, message: str, term: Term) -> Iterator[Finding]:
+def _check_term(problem: Problem, message: str, term: Term) -> Iterator[Finding]:
     if term.parameter not in problem.free_names:
-        yield Finding(message, f"{term.parameter} is not free", "Free it, or drop the limit.")
+        yield Finding(message, f"{term.parameter} is not free", "Free it, or remove the limit.")
     elif term.at is not None:
         axes = problem.parameters[term.parameter].index_axes
         if len(term.at) != len(axes):
             yield Finding(message, f"{list(term.at)} has {len(term.at)} coordinates for {len(axes)} axes")
 
 
-def _of_curvature(problem: Problem, message: str, shape: Shape) -> Iterator[Finding]:
-    """A limit of the curvature is linear only while the breakpoints stand still."""
+def _check_curvature(problem: Problem, message: str, shape: Shape) -> Iterator[Finding]:
+    """Report limits of the curvature over free breakpoints, which are not linear."""
     if shape.kind == "curvature" and _moving(problem, shape) is not None:
-        yield Finding(message, "the breakpoints along this axis are free", "Keep them, or drop the limit.")
+        yield Finding(message, "the breakpoints along this axis are free", "Fix them, or remove the limit.")
 
 
 def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
-    """The axis that a shape lies along, if its breakpoints are fitted."""
+    """Return the axis of a shape if its breakpoints are fitted."""
     table = problem.parameters[shape.parameter]
     if not 0 <= shape.axis < len(table.axes):
         return None
@@ -161,18 +162,18 @@ def _moving(problem: Problem, shape: Shape) -> AxisKey | None:
 
 
 class _RowBuilder:
-    """Writes rows over the free values."""
+    """Builds rows over the free values."""
 
     def __init__(self, problem: Problem, values: ValueLayout) -> None:
         self.problem, self.values = problem, values
 
     def pins(self) -> LinearRows:
-        """Pins as equalities."""
+        """Return pins as equalities."""
         pins = [(_pin_name(pin), Term(pin.parameter, pin.at), pin.value) for pin in self.problem.pins]
         return LinearRows.together([self._equality(Equality([term], value), name) for name, term, value in pins])
 
     def constraints(self) -> Iterator[LinearRows]:
-        """Shapes and equalities, in their order."""
+        """Yield shapes and equalities in their order."""
         for constraint in self.problem.constraints:
             if isinstance(constraint, Shape):
                 yield self._shape(constraint)
@@ -206,10 +207,9 @@ def _pin_name(pin: Pin) -> str:
 
 
 def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
-    """Grid points of each difference along the axis, Int[steps, lines, points], and their coefficients [steps, points].
+    """Return grid points Int[steps, lines, points] of differences along an axis, and coefficients [steps, points].
 
-    The coefficients of a slope take (z2 - z1) / (x2 - x1); those of a curvature the slope's change over the mean of
-    the two distances.
+    A slope is (z2 - z1) / (x2 - x1), a curvature the change of the slope over the mean of the two distances.
     """
     x = parameter.index_axes[shape.axis].breakpoints
     gaps = np.diff(x)
@@ -227,7 +227,7 @@ def _differences(parameter: Parameter, shape: Shape) -> tuple[Int, Float]:
 
 
 def _places(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]:
-    """Each row in words: `slope of MapX along x between 1000 and 1500 at y = 20`."""
+    """Yield the label of each row: `slope of MapX along x between 1000 and 1500 at y = 20`."""
     axes = parameter.index_axes
     for first, *_, last in points.reshape(-1, points.shape[-1]):
         begin, end = (np.unravel_index(at, parameter.values.shape)[shape.axis] for at in (first, last))
@@ -243,7 +243,7 @@ def _places(parameter: Parameter, shape: Shape, points: Int) -> Iterator[str]:
 
 
 def grid_points(parameter: Parameter, at: tuple[float, ...] | None) -> tuple[Int, Float]:
-    """Flat grid points around a coordinate and their weights; all of them where there is none."""
+    """Return flat grid points around a coordinate and their weights; all grid points if it is None."""
     if at is None:
         return np.arange(parameter.size), np.ones(parameter.size)
     sides = [

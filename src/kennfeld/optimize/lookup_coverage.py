@@ -1,7 +1,4 @@
-"""Where in its tables a function looks up, over the data.
-
-Where in its tables a function looks up: coordinates, cells and weights of grid points, block by block.
-"""
+"""Coordinates, cells and grid points at which a function looks up its tables, over the data."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,24 +10,20 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
-from kennfeld.graph.traversal import dependent, extended
+from kennfeld.graph.traversal import dependents, with_names
 from kennfeld.native import Simulator
 from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["BLOCK", "Coverage", "Lookup", "Lookups", "cell_shape", "coordinates", "touched"]
-
-_BLOCK = 65536  # samples at once, so that memory does not grow with the data
-
-BLOCK = 65536  # samples at once, so that memory does not grow with the data
+__all__ = ["Coverage", "Lookup", "Lookups", "cell_shape", "coordinates", "touched"]
 
 
 @dataclass(frozen=True)
 class LookupBlock:
-    """Coordinates of one lookup over some samples; `first` is the number of the first of them."""
+    """Coordinates of one lookup over some samples; `first` is the number of the first sample."""
 
     name: str
     first: int
@@ -54,7 +47,7 @@ class Coverage:
         self._simulator = Simulator(lowered, self._roots, parameters) if self._roots else None
 
     def blocks(self, bound: BoundDataset) -> Iterator[LookupBlock]:
-        """The coordinates of every lookup, block by block."""
+        """Yield the coordinates of every lookup, block by block."""
         columns = bound.columns
         for first, last in self._ranges(bound):
             held = {name: values[first:last] for name, values in columns.items()}
@@ -65,8 +58,8 @@ class Coverage:
                 yield LookupBlock(name, first, tuple(found[at] for at in places))
 
     def _ranges(self, bound: BoundDataset) -> Iterator[tuple[int, int]]:
-        """Pieces where there are states, else blocks."""
-        firsts = bound.starts.tolist() if self._states else range(0, bound.count, _BLOCK)
+        """Yield pieces if there are states, else blocks."""
+        firsts = bound.starts.tolist() if self._states else range(0, bound.count, SAMPLES_PER_BLOCK)
         yield from pairwise([*firsts, bound.count])
 
 
@@ -74,7 +67,7 @@ def _lookups(lowered: LoweredGraph, names: Collection[str], of_data_alone: bool)
     nodes = lowered.graph.nodes
     moving: Collection[int] = ()
     if of_data_alone:
-        moving = dependent(lowered.graph, lambda node: node.op == "interpolate")
+        moving = dependents(lowered.graph, lambda node: node.op == "interpolate")
     found = []
     for node in nodes:
         if node.op == "interpolate" and node.args and node.payload.name in names:
@@ -87,7 +80,14 @@ def _lookups(lowered: LoweredGraph, names: Collection[str], of_data_alone: bool)
 def touched(
     coverage: Coverage, parameters: Mapping[str, Parameter], bound: BoundDataset, counts: Callable[[BoundDataset], Bool]
 ) -> dict[str, Bool]:
-    """For each table, the values that a sample's lookup gives a weight; `counts` says which samples do."""
+    """Mark in each table the values to which the lookup of a sample gives a weight.
+
+    Args:
+        coverage: the lookups.
+        parameters: tables by name.
+        bound: the dataset.
+        counts: the samples that count, Bool[samples].
+    """
     counting = counts(bound)
     seen: dict[str, Bool] = {}
     for block in coverage.blocks(bound):
@@ -113,7 +113,7 @@ def _mark(mask: Bool, table: Parameter, coordinates: list[Float]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Lookup:
-    """One lookup of a table over the samples from number `first` on: its cell along each axis, and how far across."""
+    """One lookup of a table over samples from number `first`: its cell along each axis, and the position in it."""
 
     table: Parameter
     first: int
@@ -123,7 +123,7 @@ class Lookup:
 
     @property
     def samples(self) -> slice:
-        """The samples of the dataset."""
+        """The range of samples in the dataset."""
         return slice(self.first, self.first + self.known.size)
 
     @property
@@ -132,7 +132,7 @@ class Lookup:
         return np.ravel_multi_index(self.cells, cell_shape(self.table))
 
     def corners(self) -> Iterator[tuple[Int, Float]]:
-        """Flat number of a grid point around each sample, and its weight; corner by corner."""
+        """Yield for each corner of the cell the flat grid point number and its weight, of each sample."""
         shape = self.table.values.shape
         sides = [
             ((cell, 1.0 - share), (np.minimum(cell + 1, count - 1), share))
@@ -144,22 +144,22 @@ class Lookup:
 
 
 def cell_shape(table: Parameter) -> tuple[int, ...]:
-    """How many cells lie between the breakpoints of each axis."""
+    """Return the number of cells along each axis."""
     return tuple(max(count - 1, 1) for count in table.values.shape)
 
 
 def coordinates(problem: Problem) -> dict[int, str]:
-    """The nodes of the problem's graph, with hidden names, that tables are looked up with and that are no inputs."""
+    """Return the nodes that are lookup coordinates but not inputs, with hidden names."""
     graph = problem.graph
     places = dict.fromkeys(at for node in graph.nodes if node.op == "lookup" for at in node.args)
     return {at: f"\0at {at}" for at in places if graph.nodes[at].op != "input"}
 
 
 class Lookups:
-    """The lookups of the tables that a criterion depends on, at given values.
+    """The lookups of the tables on which a criterion depends, at given parameters.
 
-    `computed` holds the values of the nodes `coordinates` for each dataset of the problem, where they are known;
-    else they are computed when they are needed.
+    `computed` holds the values of the nodes `coordinates` for each dataset of the problem; without it they are
+    simulated when needed.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet, computed: Sequence[Float] = ()) -> None:
@@ -177,37 +177,37 @@ class Lookups:
         self._values = dict(zip((d.name for d in problem.datasets), computed, strict=False))
         self._nodes: NodeSimulator | None = None
         if self._computed and not computed:
-            self._nodes = NodeSimulator(extended(graph, self._computed), parameters, list(self._computed.values()))
+            self._nodes = NodeSimulator(with_names(graph, self._computed), parameters, list(self._computed.values()))
         self._kept: dict[str, list[Lookup]] = {}
 
     def blocks(self, bound: BoundDataset) -> Iterable[Lookup]:
-        """Every lookup over the kept samples of a dataset."""
-        if bound.count > BLOCK:
+        """Return every lookup over the kept samples of a dataset."""
+        if bound.count > SAMPLES_PER_BLOCK:
             return self._blocks(bound)
         if bound.dataset.name not in self._kept:
             self._kept[bound.dataset.name] = list(self._blocks(bound))
         return self._kept[bound.dataset.name]
 
     def _blocks(self, bound: BoundDataset) -> Iterator[Lookup]:
-        given = bound.columns
+        inputs = bound.columns
         for here, values in self._coordinates(bound):
-            columns = {at: given[name][here] for at, name in self._inputs.items()}
+            columns = {at: inputs[name][here] for at, name in self._inputs.items()}
             columns |= zip(self._computed, values, strict=True)
             searched: dict[tuple[int, bytes, str], tuple[Bool, Int, Float]] = {}
             for name, args in self._lookups:
-                yield self._one(self._parameters[name], here.start, args, columns, searched)
+                yield self._locate(self._parameters[name], here.start, args, columns, searched)
 
     def _coordinates(self, bound: BoundDataset) -> Iterator[tuple[slice, Float]]:
-        """The computed coordinates, shape (coordinates, samples), block by block."""
+        """Yield the computed coordinates, Float[coordinates, samples], block by block."""
         known = self._values.get(bound.dataset.name)
         if known is None and self._nodes is not None:
             yield from self._nodes.blocks(bound, self._parameters)
             return
-        for first in range(0, bound.count, BLOCK):
-            here = slice(first, min(first + BLOCK, bound.count))
+        for first in range(0, bound.count, SAMPLES_PER_BLOCK):
+            here = slice(first, min(first + SAMPLES_PER_BLOCK, bound.count))
             yield here, np.zeros((0, bound.count)) if known is None else known[:, here]
 
-    def _one(
+    def _locate(
         self,
         table: Parameter,
         first: int,
@@ -226,14 +226,14 @@ class Lookups:
 
 
 def _reaches(problem: Problem, name: str) -> frozenset[int]:
-    """The criteria that a table changes."""
+    """Return the numbers of the criteria that depend on a table."""
     graph = problem.graph
-    moving = dependent(graph, lambda node: node.op == "lookup" and node.payload == name)
+    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload == name)
     return frozenset(i for i in range(len(problem.criteria)) if graph.names[difference(i)] in moving)
 
 
 def _place(x: Float, breakpoints: Float, table: Parameter) -> tuple[Bool, Int, Float]:
-    """Whether the coordinate is known, its cell, and the share of the cell that lies below it."""
+    """Return where the coordinate is finite, its cell, and its position in the cell from 0 to 1."""
     known = np.isfinite(x)
     place = position(np.where(known, x, breakpoints[0]), breakpoints, table.extrapolation)
     cell = np.clip(np.floor(place), 0, max(breakpoints.size - 2, 0)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The cost of a compiled problem as the solver sees it: a function of the free values alone."""
+"""The cost of a compiled problem as a function of its free values."""
 
 import numpy as np
 
@@ -10,18 +10,18 @@ from kennfeld.optimize.sensitivity import Sensitivity
 
 __all__ = ["LeastSquaresObjective"]
 
-SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000
-LEARNING_VALUES = 128
+SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
+MAX_SECANT_VALUES = 128
 
 
 class LeastSquaresObjective:
     """Data cost plus roughness; see `gauss_newton_model.Objective`.
 
-    Slopes of the data that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
+    Derivatives that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
     """
 
     def __init__(self, compiled: CompiledProblem, *, by_rows: bool = True) -> None:
-        """Without `by_rows`, even a small problem is solved by its sums: faster, with half the digits."""
+        """Without `by_rows`, normal equations are used for small problems too: faster, with half the digits."""
         self._compiled = compiled
         self._full = compiled.start.copy()
         self._free = compiled.values.free
@@ -35,23 +35,23 @@ class LeastSquaresObjective:
             compiled.accumulator.prepare()
 
     @property
-    def small(self) -> bool:
-        """Whether to factor the Jacobian itself."""
+    def uses_qr(self) -> bool:
+        """True if the Jacobian itself is factored."""
         return self._small
 
     @property
-    def bends(self) -> bool:
-        """Whether the residuals' curvature can be read off `rows`: a robust loss changes their weights on the way."""
+    def supports_acceleration(self) -> bool:
+        """True if `rows` gives the curvature of the residuals; a robust loss would change their weights."""
         return self._small and all(output.loss == "square" for output in self._compiled.kernel.outputs)
 
     @property
-    def learns(self) -> bool:
-        """Whether second derivatives are learnt: the matrix is dense, and many tables are more kinks than curves."""
-        return self._free <= LEARNING_VALUES
+    def supports_secant(self) -> bool:
+        """True for few values: the secant matrix is dense, and large tables have more kinks than curvature."""
+        return self._free <= MAX_SECANT_VALUES
 
     @property
     def start(self) -> Float:
-        """The free values as given."""
+        """The free values at the start."""
         return self._compiled.start[: self._free].copy()
 
     def _values(self, free: Float) -> Float:
@@ -59,7 +59,7 @@ class LeastSquaresObjective:
         return self._full
 
     def cost(self, values: Float) -> float:
-        """Sum of losses plus roughness; infinite where breakpoints are out of order."""
+        """Return the sum of losses plus roughness; infinite if breakpoints are out of order."""
         if not is_ordered(self._order, values):
             return np.inf
         cost = self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
@@ -68,7 +68,7 @@ class LeastSquaresObjective:
         return cost
 
     def normal(self, values: Float) -> tuple[Float, Float]:
-        """Half the gradient and the Gauss-Newton matrix."""
+        """Return half the gradient and the Gauss-Newton matrix."""
         accumulator, roughness = self._compiled.accumulator, self._compiled.roughness
         found = accumulator.normal(self._values(values))
         diagonal = np.diag(found.matrix).copy()
@@ -82,7 +82,7 @@ class LeastSquaresObjective:
         return found.gradient, found.matrix
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Residuals and Jacobian, those of the roughness below."""
+        """Return residuals and Jacobian, with those of the roughness below."""
         residual, jacobian = self._compiled.accumulator.rows(self._values(values))
         if not np.all(np.isfinite(residual)):
             self._compiled.rejected.add(values)
@@ -91,11 +91,11 @@ class LeastSquaresObjective:
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
 
     def faint(self, values: Float) -> Bool:
-        """Which values move the scored outputs by rounding errors only."""
+        """Mark the values that move the scored outputs by rounding errors only."""
         return self._faint(self._curvature(self._values(values)))
 
     def sloped(self, values: Float) -> Bool | None:
-        """Which values have a slope at some scored sample, roughness left out; None where a slope is not finite."""
+        """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""
         accumulator, full = self._compiled.accumulator, self._values(values)
         if self._small:
             jacobian = accumulator.rows(full)[1]
@@ -107,7 +107,7 @@ class LeastSquaresObjective:
         return self._sensitivity.faint(self._full, curvature, self._curvature)
 
     def _curvature(self, full: Float) -> Float:
-        """That of the data along each free value; asked for several times at the end of a fit."""
+        """Return the curvature of the data along each free value, cached for repeated calls at the end of a fit."""
         last = self._last_curvature
         if last is not None and np.array_equal(last[0], full):
             return last[1]
@@ -117,15 +117,15 @@ class LeastSquaresObjective:
         return found
 
     def cholesky(self, size: int) -> Cholesky:
-        """What factors the matrix of `size` of the values."""
+        """Return the factorisation for the matrix of `size` values."""
         if self._cholesky.size != size:
             self._cholesky = Cholesky(size)
         return self._cholesky
 
     def mean_curvature(self, diagonal: Float) -> Float:
-        """For each value the mean of the diagonal over its table; 0 for scalars.
+        """Return for each value the mean of the diagonal over its table; 0 for scalars.
 
-        It is at least the largest one on all simulated samples, where some of them are not scored.
+        If some simulated samples are not scored, it is at least the largest curvature on all of them.
         """
         mean = np.zeros(self._free)
         for name, at in self._compiled.values.offsets.items():
@@ -142,6 +142,6 @@ class LeastSquaresObjective:
 
 
 def _squares(jacobian: Float) -> Float:
-    """The sum of squares of each column."""
+    """Return the sum of squares of each column."""
     found: Float = np.einsum("ij,ij->j", jacobian, jacobian)
     return found

@@ -1,7 +1,4 @@
-"""How to search for the values that fit best.
-
-One step of a sequence, and the problem that it solves.
-"""
+"""Options of a search, and the steps of a sequence."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,29 +14,29 @@ from kennfeld.optimize.problem import Factor, Smoothness
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.parameters import Parameter
 
-__all__ = ["MOST_STARTS", "Options", "Step", "matching"]
+__all__ = ["MAX_STARTS", "Options", "Step", "matching"]
 
 Reduction = int | Sequence[int]
 Value = TypeVar("Value")
 
-MOST_STARTS = 10_000  # each keeps its values until the end
+MAX_STARTS = 10_000  # each keeps its values until the end
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a sequence: what it says replaces what problem and options say, None keeps that.
+    """One step of a sequence; its arguments override problem and options, None keeps them.
 
-    Names of parameters may be patterns; where several match, the last one counts.
+    Parameter names may be patterns; the last one that matches counts.
 
     Args:
-        name: what the trace calls it; its number by default.
-        free: patterns of the parameters to fit in this step; the others stand still.
-        lock: by parameter, whether it is locked, or a mask of its shape.
-        smoothness: a factor for all tables, or by parameter a factor, or one an axis; "auto" in place of a factor has
-            it chosen in this step, on its grid.
-        grid_reduction: keep every nth breakpoint of the free tables, for all axes or by parameter and axis. The
-            breakpoints left out are interpolated at the end of the step.
-        criteria: which criteria count, by node or by number from 1; or their weights.
+        name: name in the trace; default is the number of the step.
+        free: patterns of the parameters to fit in this step; the others are fixed.
+        lock: by parameter, True, False or a mask of its shape.
+        smoothness: a factor for all tables, or by parameter a factor, or one per axis; "auto" in place of a factor
+            chooses it in this step, on its grid.
+        grid_reduction: keep every nth breakpoint of the free tables, for all axes or by parameter and axis. Removed
+            breakpoints are interpolated at the end of the step.
+        criteria: the criteria that count, by node or by number from 1; or their weights.
         max_iterations: of one descent.
         tolerance: relative change of the cost at which a descent ends.
         continuation: `auto` or `off`.
@@ -62,67 +59,57 @@ class Step:
         if isinstance(self.free, str):
             raise ArgumentError(f"free={self.free!r} of a step must be a list of patterns: free=[{self.free!r}]")
         if self.max_iterations is not None and self.max_iterations < 1:
-            raise ArgumentError(f"max_iterations={self.max_iterations} of a step must be a whole number from 1 on")
+            raise ArgumentError(f"max_iterations of a step must be an integer >= 1, got {self.max_iterations}")
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", number(self.tolerance, "tolerance", "a step", above=0))
         if self.continuation not in (None, "auto", "off"):
-            raise ArgumentError(f"continuation={self.continuation!r} of a step must be auto or off")
-        smooth = self.smoothness
-        for one in smooth.values() if isinstance(smooth, Mapping) else (smooth,):
-            if one is not None and not all(_is_factor(factor) for factor in _each(one)):
+            raise ArgumentError(f'continuation of a step must be "auto" or "off", got {self.continuation!r}')
+        smoothness = self.smoothness
+        for value in smoothness.values() if isinstance(smoothness, Mapping) else (smoothness,):
+            if value is not None and not all(_is_factor(factor) for factor in _factors(value)):
                 raise ArgumentError(
-                    f'smoothness={one!r} of a step must be a number from 0 on, or one an axis, or "auto" in their place'
+                    f'smoothness of a step must be >= 0 or "auto", or one such value per axis, got {value!r}'
                 )
-        given = self.grid_reduction
-        for one in given.values() if isinstance(given, Mapping) else (given,):
-            if any(isinstance(n, bool) or not isinstance(n, int) or n < 1 for n in _listed(one)):
+        for reduction in self._reductions:
+            if any(isinstance(n, bool) or not isinstance(n, int) or n < 1 for n in _per_axis(reduction)):
                 raise ArgumentError(
-                    f"grid_reduction={one!r} of a step must be a whole number from 1 on, or one an axis"
+                    f"grid_reduction of a step must be an integer >= 1, or one per axis, got {reduction!r}"
                 )
 
     @property
     def reduces(self) -> bool:
-        """Whether it makes any grid coarser."""
-        given = self.grid_reduction
-        every = given.values() if isinstance(given, Mapping) else (given,)
-        return any(n > 1 for one in every for n in _listed(one))
+        """True if the step makes any grid coarser."""
+        return any(n > 1 for reduction in self._reductions for n in _per_axis(reduction))
 
     def reduction(self, parameter: Parameter) -> tuple[int, ...]:
-        """The reduction of each axis of a parameter."""
-        given = self.grid_reduction
-        one = matching(given, parameter.name, 1) if isinstance(given, Mapping) else given
-        return tuple(one) if isinstance(one, Sequence) else (one,) * len(parameter.axes)
+        """Return the reduction of each axis of a parameter."""
+        every = self.grid_reduction
+        reduction = matching(every, parameter.name, 1) if isinstance(every, Mapping) else every
+        return tuple(reduction) if isinstance(reduction, Sequence) else (reduction,) * len(parameter.axes)
 
-
-def _listed(given: Reduction) -> tuple[int, ...]:
-    return tuple(given) if isinstance(given, Sequence) else (given,)
-
-
-def _each(given: Factor | Sequence[Factor]) -> Sequence[object]:
-    return given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
-
-
-def _is_factor(given: object) -> bool:
-    if isinstance(given, str | bool):
-        return given == "auto"
-    return isinstance(given, int | float | np.number) and bool(0 <= given < np.inf)
-
-
-def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Value:
-    """What the last pattern that matches a name stands for."""
-    found = [value for pattern, value in by_pattern.items() if name == pattern or fnmatchcase(name, pattern)]
-    return found[-1] if found else default
+    @property
+    def _reductions(self) -> Sequence[Reduction]:
+        every = self.grid_reduction
+        return [*every.values()] if isinstance(every, Mapping) else [every]
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `continuation` is `auto` (where lookups can be smoothed) or `off`.
+    """Options of a search.
 
-    `method` `global` searches without gradients, for few values and a cost that jumps; all values need bounds.
-    `max_evaluations` is its budget, 500 (values + 4) where it is 0, and `seed` that of its random numbers.
-    The first of several `starts` is the given one; `seed` and `spread` say where the others lie (see `drawn_start`),
-    and `workers` in how many processes they run, by default one a core. `steps` make a sequence that every start goes
-    through. `save_every` asks for every nth accepted parameter set to be kept, where somebody keeps them.
+    Args:
+        max_iterations: of one descent.
+        tolerance: relative change of the cost at which a descent ends.
+        continuation: `auto` smooths lookups first if that is possible, or `off`.
+        method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
+            values then need bounds.
+        max_evaluations: budget of the global search; 0 stands for 500 (values + 4).
+        starts: number of starts; the first one is the given start.
+        seed: of the random starts and of the global search.
+        spread: of the random starts, see `drawn_start`.
+        workers: processes that the starts run in; default is one per core.
+        steps: a sequence that every start goes through.
+        save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
     """
 
     max_iterations: int = 200
@@ -139,7 +126,7 @@ class Options:
 
     def __post_init__(self) -> None:
         if self.method not in ("gauss-newton", "global"):
-            raise ArgumentError(f"method={self.method!r} must be gauss-newton or global")
+            raise ArgumentError(f'method must be "gauss-newton" or "global", got {self.method!r}')
         whole = (
             ("max_iterations", 0),
             ("starts", 1),
@@ -151,9 +138,9 @@ class Options:
         for name, least in whole:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
-                raise ArgumentError(f"{name}={value!r} must be a whole number from {least} on")
-        if self.starts > MOST_STARTS:
-            raise ArgumentError(f"starts={self.starts!r} must be <= {MOST_STARTS}")
+                raise ArgumentError(f"{name} must be an integer >= {least}, got {value!r}")
+        if self.starts > MAX_STARTS:
+            raise ArgumentError(f"starts must be <= {MAX_STARTS}, got {self.starts!r}")
         for name in ("spread", "tolerance"):
             object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
         object.__setattr__(self, "steps", tuple(self.steps))
@@ -162,3 +149,23 @@ class Options:
     def settings(self) -> SolverSettings:
         """The settings of one descent."""
         return SolverSettings(self.max_iterations, self.tolerance)
+
+
+def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Value:
+    """Return the value of the last pattern that matches a name."""
+    matches = [value for pattern, value in by_pattern.items() if name == pattern or fnmatchcase(name, pattern)]
+    return matches[-1] if matches else default
+
+
+def _per_axis(reduction: Reduction) -> tuple[int, ...]:
+    return tuple(reduction) if isinstance(reduction, Sequence) else (reduction,)
+
+
+def _factors(value: Factor | Sequence[Factor]) -> Sequence[object]:
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+
+
+def _is_factor(value: object) -> bool:
+    if isinstance(value, str | bool):
+        return value == "auto"
+    return isinstance(value, int | float | np.number) and bool(0 <= value < np.inf)

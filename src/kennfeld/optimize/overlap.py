@@ -1,4 +1,4 @@
-"""Test samples that are training samples too: the error on them says nothing about data that the fit has not seen."""
+"""Test samples that are also training samples, on which the error does not show how the model generalises."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from kennfeld.optimize.problem import Problem
 
 __all__ = ["HOLD_BACK", "overlap_findings"]
 
-HOLD_BACK = "Hold other data back: the error on these does not tell how the function works on unseen data."
+HOLD_BACK = "Hold out other data: the error on these does not show how the function works on unseen data."
 
 _CHANCE = 0.01  # share of the distinct test samples; coarse channels repeat themselves in some
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: D. Knuth, The Art of Computer Programming, 6.4
@@ -23,7 +23,7 @@ Keys = NDArray[np.uint64]
 
 @dataclass(frozen=True)
 class Overlap:
-    """How many of the samples of a test dataset, and of which training datasets they are samples too."""
+    """Samples of a test dataset that are also samples of training datasets."""
 
     dataset: Dataset
     training: tuple[str, ...]
@@ -38,8 +38,8 @@ class Overlap:
 def overlaps(problem: Problem) -> Iterator[Overlap]:
     """Yield the test datasets that share scored samples with training data: equal inputs and equal targets.
 
-    A single shared sample, or a share of at most 1 %, is taken for chance. Equal samples of one dataset count once in
-    that: at standstill all are the same.
+    A single shared sample, or a share of at most 1 %, is treated as chance. Equal samples of one dataset count once: at
+    standstill all are equal.
     """
     training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
     for test in (data for data in problem.datasets if data.use == "test"):
@@ -49,8 +49,8 @@ def overlaps(problem: Problem) -> Iterator[Overlap]:
 
 
 def _overlap(problem: Problem, test: Dataset, training: Sequence[Dataset]) -> Overlap | None:
-    """What a test dataset shares with training data, each compared over the channels that it has too."""
-    found: dict[tuple[str, ...], list[str]] = {}
+    """Return the overlap of a test dataset with training data, each compared over the channels of both."""
+    names_by_channels: dict[tuple[str, ...], list[str]] = {}
     seen: dict[tuple[str, ...], Bool] = {}
     counts: dict[tuple[str, ...], Int] = {}
     for data in training:
@@ -58,12 +58,12 @@ def _overlap(problem: Problem, test: Dataset, training: Sequence[Dataset]) -> Ov
         distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
         shared = _within(distinct, np.sort(_keys(data, names)))
         if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
-            found.setdefault(names, []).append(data.name)
+            names_by_channels.setdefault(names, []).append(data.name)
             seen[names] = seen.get(names, False) | shared
-    if not found:
+    if not names_by_channels:
         return None
-    most = max(found, key=lambda names: counts[names][seen[names]].sum())
-    return Overlap(test, tuple(found[most]), int(counts[most][seen[most]].sum()), int(counts[most].sum()))
+    most = max(names_by_channels, key=lambda names: counts[names][seen[names]].sum())
+    return Overlap(test, tuple(names_by_channels[most]), int(counts[most][seen[most]].sum()), int(counts[most].sum()))
 
 
 def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Iterator[Finding]:
@@ -73,7 +73,7 @@ def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Itera
 
 
 def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
-    """The channels that tell whether samples of two datasets are the same; none if no target can be compared."""
+    """Return the channels by which samples of two datasets are compared; none if no target can be compared."""
     inputs = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     targets = [c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"]
     both = [name for name in targets if name in test and name in training]
@@ -81,7 +81,7 @@ def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[s
 
 
 def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
-    """A number for each scored sample at which all channels are known: equal for equal samples, else hardly ever."""
+    """Return a hash for each scored sample at which all channels are finite."""
     kept = dataset.counting.copy()
     for name in names:
         kept &= np.isfinite(dataset[name].values)
@@ -93,14 +93,14 @@ def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
 
 
 def _mixed(keys: Keys) -> Keys:
-    """Spread every bit over all others."""
+    """Mix every bit into all others."""
     keys = (keys ^ (keys >> np.uint64(32))) * _FACTOR
     keys = (keys ^ (keys >> np.uint64(29))) * _FACTOR
     return np.asarray(keys ^ (keys >> np.uint64(32)))
 
 
 def _within(keys: Keys, others: Keys) -> Bool:
-    """Which of some keys are among others; both sorted, which makes the search fast."""
+    """Mark the keys that are among others; both are sorted, which makes the search fast."""
     if not others.size:
         return np.zeros(keys.size, dtype=bool)
     places = np.minimum(np.searchsorted(others, keys), others.size - 1)

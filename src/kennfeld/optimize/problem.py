@@ -1,12 +1,4 @@
-"""A calibration problem: model, data, parameters and criteria; and its compiled form.
-
-Time constants are never below 0: where a table is one, its values are bounded so.
-
-Without the bound, a fit that presses a time constant towards 0 would have its steps rejected one after the other, for
-all values together, and get nowhere.
-
-Breakpoints as values to be fitted: which axes move, and what they keep while they do.
-"""
+"""A calibration problem: model, data, parameters and criteria, with nothing compiled yet."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +19,7 @@ from kennfeld.optimize.restraint import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
-from kennfeld.preprocessing.settling import averaged, averages
+from kennfeld.preprocessing.settling import average_window, needs_average
 
 __all__ = [
     "Factor",
@@ -47,19 +39,28 @@ Smoothness = Mapping[str, Factor | Sequence[Factor]]
 
 
 def fitted_axes(parameters: ParameterSet, free: Collection[str]) -> dict[AxisKey, FreeAxis]:
-    """The axes marked as free on which a free parameter lies."""
+    """Return the axes marked as free that a free parameter uses."""
     axes = free_axes(parameters)
     return {key: axis for key, axis in axes.items() if any(name in free for name, _ in axis.places)}
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything a calibration needs, with nothing computed yet.
+    """Everything a calibration needs.
 
-    `free` are glob patterns of the parameters to fit. `smoothness` gives a factor for a parameter, or one an axis, or
-    "auto" in its place. `channels` names the channel of a model input where the names differ. `unknown_shifts` names,
-    by dataset, the channels whose shift is to be found. `restraints` are those of tables with
-    a chosen smoothness.
+    Attributes:
+        model: the function to calibrate.
+        datasets: training and test data.
+        parameters: the start, with bounds and locks.
+        criteria: nodes and their targets.
+        free: glob patterns of the parameters to fit.
+        smoothness: by parameter a factor, or one per axis, or "auto" in its place.
+        pins: exact values at given coordinates.
+        channels: the channel of a model input, if the names differ.
+        constraints: ranges of slope or curvature, and sums of values.
+        limits: limits of outputs.
+        unknown_shifts: by dataset, the channels whose shift is to be estimated.
+        restraints: of tables whose smoothness was chosen.
     """
 
     model: Model
@@ -105,7 +106,7 @@ class Problem:
 
     @property
     def held(self) -> list[Place]:
-        """The places at which pins and equalities fix what a lookup gives."""
+        """Coordinates at which pins and equalities fix the value of a lookup."""
         terms = [term for c in self.constraints if isinstance(c, Equality) for term in c.terms]
         return [(pin.parameter, pin.at) for pin in self.pins] + [(t.parameter, t.at) for t in terms if t.at is not None]
 
@@ -116,37 +117,37 @@ class Problem:
 
     @cached_property
     def gathered(self) -> tuple[BoundDataset, ...]:
-        """The training data as they are compiled: without memory, dropped points stay where they are, not scored."""
+        """The training data as compiled: for a model without states, dropped points are kept but not scored."""
         return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
     def bind(self, dataset: Dataset) -> BoundDataset:
-        """A dataset as the model reads it."""
+        """Bind the channels of a dataset to the inputs of the model."""
         return bind_inputs(dataset, self.graph, self.channels, self.model.step)
 
     @cached_property
     def graph(self) -> Graph:
-        """The model's graph with one more node a criterion, named by `difference`: node minus target node.
+        """The model's graph with another node per criterion, named by `difference`: node minus target node.
 
-        Where steady-state points are averaged over the end of their settling, it is the mean of that.
+        If steady-state points are averaged over the end of their settling, it is the mean of the difference.
         """
         b = GraphBuilder.of(self.model.graph)
         names = dict(self.model.graph.names)
-        averaging = averages(self.model.graph, self.datasets)
+        averaging = needs_average(self.model.graph, self.datasets)
         for i, criterion in enumerate(self.criteria):
             node = names[criterion.node]
             other = self.target_node(criterion)
-            found = node if other is None else b.call("sub", node, names[other])
-            names[difference(i)] = averaged(b, found) if averaging and not criterion.internal else found
+            scored = node if other is None else b.call("sub", node, names[other])
+            names[difference(i)] = average_window(b, scored) if averaging and not criterion.internal else scored
         return b.finish(names, self.model.graph.units, self.model.graph.outputs)
 
     def target_node(self, criterion: Criterion) -> str | None:
-        """The node that a criterion compares with, if it is one."""
+        """Return the name of the target of a criterion if it is a node, else None."""
         target = criterion.target
         is_channel = target.kind == "channel" or any(target.name in data for data in self.datasets)
         return target.name if target.kind == "node" or (target.kind == "name" and not is_channel) else None
 
     def target(self, criterion: Criterion, bound: BoundDataset) -> Float:
-        """What the difference node shall be at each kept sample; NaN where the sample is not scored."""
+        """Return the target of the difference node, Float[kept samples]; NaN at samples that are not scored."""
         if criterion.target.kind == "number":
             values = np.full(bound.count, criterion.target.value)
         elif self.target_node(criterion) is not None:
@@ -159,11 +160,11 @@ class Problem:
         return values if counts.all() else np.where(counts, values, np.nan)
 
     def factors(self, name: str) -> tuple[float, ...]:
-        """Smoothness of each axis of a parameter; 0 where it is automatic, until it is chosen."""
+        """Return the smoothness of each axis of a parameter; 0 if it is automatic and not chosen yet."""
         return tuple(0.0 if factor == "auto" else float(factor) for factor in self._smoothness(name))
 
     def automatic(self, name: str) -> tuple[bool, ...]:
-        """Whether the smoothness of each axis of a parameter is to be chosen."""
+        """Return for each axis of a parameter if its smoothness is to be chosen."""
         return tuple(factor == "auto" for factor in self._smoothness(name))
 
     @cached_property
@@ -172,44 +173,46 @@ class Problem:
         return tuple(name for name in self.free_names if any(self.automatic(name)))
 
     def _smoothness(self, name: str) -> Sequence[Factor]:
-        given = self.smoothness.get(name, 0.0)
-        single = isinstance(given, str) or not isinstance(given, Sequence)
-        return (given,) * len(self.parameters[name].axes) if single else given  # type: ignore[return-value]
+        factors = self.smoothness.get(name, 0.0)
+        single = isinstance(factors, str) or not isinstance(factors, Sequence)
+        return (factors,) * len(self.parameters[name].axes) if single else factors  # type: ignore[return-value]
 
 
 def difference(criterion: int) -> str:
-    """The node that a criterion scores; a name that no formula text can have."""
+    """Return the name of the node that a criterion scores; no formula text can contain it."""
     return f"\0{criterion}"
 
 
 def time_constants(graph: Graph) -> list[int]:
-    """The nodes T of `if(T < 0, nan, share)`, which is how a lag says that its time constant is invalid."""
+    """Return the nodes T in `if(T < 0, nan, share)`, the form by which a lag rejects a negative time constant."""
     nodes = graph.nodes
-    found: dict[int, None] = {}
+    constants: dict[int, None] = {}
     for op, args, _ in nodes:
         if op == "select" and nodes[args[0]].op == "lt" and nodes[args[1]].op == "const":
             left, right = nodes[args[0]].args
             if nodes[right].op == "const" and nodes[right].payload == 0.0 and np.isnan(nodes[args[1]].payload):
-                found[left] = None
-    return list(found)
+                constants[left] = None
+    return list(constants)
 
 
 def bound_time_constants(problem: Problem) -> Problem:
-    """The problem with a lower bound of 0 for free parameters that are time constants and nothing else.
+    """Set a lower bound of 0 for free parameters that are used as time constants only.
 
-    Locked values, and parameters that may only be negative, stay as they are.
+    Without it, all steps of a fit that lowers a time constant towards 0 would be rejected. Locked values, and
+    parameters that may only be negative, keep their bounds.
     """
     graph = problem.model.graph
     lags = set(time_constants(graph))
     elsewhere = {n.payload for at, n in enumerate(graph.nodes) if n.op == "lookup" and at not in lags}
     names = {graph.nodes[at].payload for at in lags if graph.nodes[at].op == "lookup"} - elsewhere
-    found = [_from_zero(problem.parameters[n]) for n in problem.free_names if n in names and n in problem.parameters]
-    changed = [parameter for parameter in found if parameter is not None]
+    used = [problem.parameters[n] for n in problem.free_names if n in names and n in problem.parameters]
+    bounded = [_bounded_at_zero(parameter) for parameter in used]
+    changed = [parameter for parameter in bounded if parameter is not None]
     return replace(problem, parameters=problem.parameters.with_parameters(*changed)) if changed else problem
 
 
-def _from_zero(parameter: Parameter) -> Parameter | None:
-    """The parameter with its lower bounds at least 0; None where they are already, or cannot be."""
+def _bounded_at_zero(parameter: Parameter) -> Parameter | None:
+    """Return the parameter with lower bounds >= 0; None if they are already, or cannot be."""
     lower, upper = (np.broadcast_to(side, parameter.values.shape) for side in (parameter.lower, parameter.upper))
     raised = np.where(parameter.locked, lower, np.maximum(lower, 0.0))
     if np.array_equal(raised, lower) or np.any(raised > upper):

@@ -1,14 +1,12 @@
-"""Limits that cannot be kept together, in words: each with what it asks for, and what stands against it.
-
-A start that keeps the limits: the nearest values that do.
-"""
+"""Projection of a start onto its limits, and the description of limits that contradict each other."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int, silent
+from kennfeld.arrays import Float, Int, ignore_floating_errors
 from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import count_noun
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native import Factor
 from kennfeld.optimize.linear_limits import linear_limits
@@ -18,21 +16,20 @@ from kennfeld.optimize.solver.quadratic_program import solve
 
 __all__ = ["FEASIBLE", "infeasible", "missed_limits", "movable", "project"]
 
-MOST = 3  # limits that are named
-SLACK = 1e-9  # of the size of a limit: how near to its side a row counts as met
-
+MAX_LISTED = 3
+SLACK = 1e-9  # of the size of a limit: a row this close to its side is active
 FEASIBLE = 1e-9  # of the limits' scale
 
 
-def contradictions(limits: LinearLimits, nearest: Float, missed: Int) -> str:
-    """Return a clause for each of the first rows that are missed, such as "pin of C at 0 must be 3, but ...".
+def _describe_contradictions(limits: LinearLimits, nearest: Float, violated: Int) -> str:
+    """Return a clause for each of the first violated rows, such as "pin of C at 0 must be 3, but ...".
 
     Args:
         limits: bounds and rows.
-        nearest: the values that come nearest to keeping them all.
-        missed: the rows that these values miss, worst first.
+        nearest: the values that come closest to satisfying all.
+        violated: the rows that these values violate, worst first.
     """
-    return "; ".join(_clause(limits, nearest, int(row)) for row in missed[:MOST])
+    return "; ".join(_clause(limits, nearest, int(row)) for row in violated[:MAX_LISTED])
 
 
 def _clause(limits: LinearLimits, nearest: Float, row: int) -> str:
@@ -41,11 +38,11 @@ def _clause(limits: LinearLimits, nearest: Float, row: int) -> str:
     slack = SLACK * max(abs(side) for side in (low, high, rows.lower[row], rows.upper[row], 1.0) if np.isfinite(side))
     if rows.lower[row] > high + slack or rows.upper[row] < low - slack:
         against = (
-            f"bounds and locks hold it at {low:g}" if low == high else f"bounds and locks keep it {_side(low, high)}"
+            f"bounds and locks fix it at {low:g}" if low == high else f"bounds and locks keep it {_side(low, high)}"
         )
     else:
         others = [f"{rows.names[other]} ({_required(limits, other)})" for other in _rivals(limits, nearest, row)]
-        against = f"that contradicts {' and '.join(others)}" if others else "other limits keep it from that"
+        against = f"that contradicts {' and '.join(others)}" if others else "other limits prevent that"
     return f"{rows.names[row]} {_required(limits, row)}, but {against}"
 
 
@@ -61,7 +58,7 @@ def _side(low: float, high: float) -> str:
 
 
 def _reach(limits: LinearLimits, row: int) -> tuple[float, float]:
-    """Return the least and the largest value that the bounds of its values allow a row."""
+    """Return the range of a row within the bounds of its values."""
     used = limits.rows.coefficients[row] != 0
     factors, columns = limits.rows.coefficients[row][used], limits.rows.columns[row][used]
     ends = np.sort(factors[:, None] * np.stack([limits.lower[columns], limits.upper[columns]], axis=1), axis=1)
@@ -70,12 +67,12 @@ def _reach(limits: LinearLimits, row: int) -> tuple[float, float]:
 
 
 def _rivals(limits: LinearLimits, nearest: Float, row: int) -> Iterator[int]:
-    """Yield the first other rows that share a value with a row and are at one of their sides, or miss it."""
+    """Yield the first other rows that share a value with a row and are active or violated."""
     rows = limits.rows
     touched = set(rows.columns[row][rows.coefficients[row] != 0].tolist())
     product, slack = rows.times(nearest), SLACK * (rows.size(nearest) + 1e-300)
     tight = np.flatnonzero((product <= rows.lower + slack) | (product >= rows.upper - slack))
-    left = MOST - 1
+    left = MAX_LISTED - 1
     for other in tight.tolist():
         used = rows.columns[other][rows.coefficients[other] != 0].tolist()
         if other != row and left and touched.intersection(used):
@@ -83,45 +80,50 @@ def _rivals(limits: LinearLimits, nearest: Float, row: int) -> Iterator[int]:
             yield other
 
 
-@silent()  # a scale that overflows is checked as any other
+@ignore_floating_errors()  # a scale that overflows is checked as any other
 def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
-    """The values moved into the limits, None where that is impossible; and a remark, empty where nothing was moved.
+    """Move values to the nearest ones that keep the limits; distances are relative to the size of each value.
 
-    Distances are measured in units of each value's size.
+    Returns:
+        The values, None if the limits cannot be satisfied; and a remark, empty if nothing was moved.
     """
     clipped = limits.clip(values)
     moved = int(np.count_nonzero((clipped != values) & ~np.isnan(values)))
-    remark = f"The start lay outside its bounds in {moved} values and was moved onto them." if moved else ""
+    remark = (
+        f"{count_noun(moved, 'start value')} outside the bounds {'was' if moved == 1 else 'were'} clipped."
+        if moved
+        else ""
+    )
     size = _sizes(clipped)
     if limits.violation(clipped) <= FEASIBLE:
         return clipped, remark
     movable = np.flatnonzero(limits.movable)
     here = clipped[movable]
-    narrow = limits.narrowed(movable, clipped)
+    narrow = limits.restricted_to(movable, clipped)
     solution = solve(Factor.of(np.diag(1 / size[movable])), np.zeros(here.size), here, narrow)
     there = clipped.copy()
-    there[movable] = solution.reached(here, narrow)
-    missed = limits.violations(there, limits.sizes(there))
-    if not np.all(missed <= FEASIBLE):
-        worst = np.argsort(-np.nan_to_num(missed, nan=np.inf), kind="stable")
-        told = contradictions(limits, there, worst[~(missed[worst] <= FEASIBLE)])
-        return None, f"Limits contradict bounds, locks or each other: {told}."
-    return there, "The start did not keep its limits and was moved to the nearest values that do."
+    there[movable] = solution.apply_to(here, narrow)
+    violations = limits.violations(there, limits.sizes(there))
+    if not np.all(violations <= FEASIBLE):
+        worst = np.argsort(-np.nan_to_num(violations, nan=np.inf), kind="stable")
+        clauses = _describe_contradictions(limits, there, worst[~(violations[worst] <= FEASIBLE)])
+        return None, f"The limits contradict the bounds, the locks or each other: {clauses}."
+    return there, "The start violated its limits and was moved to the nearest values that satisfy them."
 
 
 def missed_limits(values: Float, limits: LinearLimits) -> str:
-    """Name the bounds and rows that values miss by more than rounding; empty if all are kept."""
+    """Name the bounds and rows that values violate by more than rounding; empty if none."""
     rows = ~(limits.violations(values, limits.sizes(values)) <= FEASIBLE)
-    names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:3]]
+    names = [limits.rows.names[row] for row in np.flatnonzero(rows)[:MAX_LISTED]]
     beyond = int(np.count_nonzero((values < limits.lower) | (values > limits.upper)))
     return "; ".join([*names, *([f"bounds of {beyond} values"] if beyond else [])])
 
 
 def infeasible(problem: Problem) -> list[Finding]:
-    """Bounds, locks and linear limits of a problem that contradict each other."""
+    """Report bounds, locks and linear limits of a problem that contradict each other."""
     if not problem.pins and not problem.constraints:
         return []
-    values = _in_order(problem)
+    values = _plain_layout(problem)
     try:
         limits = linear_limits(problem, values)
     except InputError as error:
@@ -131,15 +133,16 @@ def infeasible(problem: Problem) -> list[Finding]:
 
 
 def movable(problem: Problem) -> int:
-    """Return how many of the free values may change: those that neither a lock nor two equal bounds hold.
+    """Return the number of free values that neither a lock nor equal bounds fix.
 
-    Raises `InputError` where a limit concerns what is not free.
+    Raises:
+        InputError: a limit concerns a parameter that is not free.
     """
-    return int(linear_limits(problem, _in_order(problem)).movable.sum())
+    return int(linear_limits(problem, _plain_layout(problem)).movable.sum())
 
 
-def _in_order(problem: Problem) -> ValueLayout:
-    """The free values one after the other, as no kernel is needed to compare limits."""
+def _plain_layout(problem: Problem) -> ValueLayout:
+    """Return a layout of the free values alone; comparing limits needs no kernel."""
     offsets, end = {}, 0
     for name in problem.free_names:
         offsets[name] = end
@@ -152,7 +155,7 @@ def _in_order(problem: Problem) -> ValueLayout:
 
 
 def _sizes(values: Float) -> Float:
-    """A typical size of each value, above 0."""
+    """Return a typical size > 0 of each value."""
     known = np.abs(np.nan_to_num(values))
     typical = float(known.mean()) if known.size else 0.0
     sizes: Float = np.maximum(known, typical if typical > 0 else 1.0)

@@ -1,7 +1,4 @@
-"""How well a criterion is met.
-
-Simulation of a calibrated model, and how well it meets its criteria.
-"""
+"""Simulation of the nodes of a model, and the errors of its criteria in numbers."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,20 +15,17 @@ from kennfeld.optimize.problem import Problem, difference
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["CONSTANT", "NodeSimulator", "Quality", "Scorer", "r2_text", "spread"]
+__all__ = ["CONSTANT", "SAMPLES_PER_BLOCK", "NodeSimulator", "Quality", "Scorer", "r2_text", "spread"]
 
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
-
-_BLOCK = 65536  # samples at once, so that memory does not grow with the data
-
-BLOCK = 65536  # samples at once, so that memory does not grow with the data
+SAMPLES_PER_BLOCK = 65536  # memory does not grow with the data
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How well one criterion is met on one dataset, in the unit of its target, before and after.
+    """Errors of one criterion on one dataset, in the unit of its target, before and after the calibration.
 
-    `r2_after` is NaN if the target is constant, for then there is no variance to explain.
+    `r2_after` is NaN if the target is constant: there is no variance to explain.
     """
 
     criterion: str
@@ -45,7 +39,7 @@ class Quality:
 
 
 def r2_text(r2: float, samples: int, rmse: float) -> str:
-    """Return R2 for a table: a number, or why there is none.
+    """Return R2 as text for a table, or the reason why it is undefined.
 
     >>> r2_text(0.98765, 20, 0.1), r2_text(float("nan"), 20, 0.1), r2_text(float("nan"), 0, float("nan"))
     ('0.9877', 'constant target', '-')
@@ -72,45 +66,50 @@ def spread(target: Float) -> float:
 
 
 def _known(target: Float) -> Iterator[Float]:
-    """The values that are there, block by block."""
-    for at in range(0, target.size, _BLOCK):
-        part = target[at : at + _BLOCK]
+    """Yield the finite values, block by block."""
+    for at in range(0, target.size, SAMPLES_PER_BLOCK):
+        part = target[at : at + SAMPLES_PER_BLOCK]
         known = part[np.isfinite(part)]
         if known.size:
             yield known
 
 
 class NodeSimulator:
-    """Named nodes of a graph, compiled; all that are visible unless `names` says which."""
+    """Compiled nodes of a graph: those in `names`, or all visible ones."""
 
     def __init__(self, graph: Graph, parameters: ParameterSet, names: Sequence[str] | None = None) -> None:
         names = list(graph.names) if names is None else names
         self._names, self._units = names, graph.units
         lowered = lower_lookups(graph, parameters)
-        self._remembers = bool(lowered.graph.states)
+        self._has_states = bool(lowered.graph.states)
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 
     def values(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
-        """Shape (names, samples)."""
+        """Simulate a bound dataset.
+
+        Returns:
+            Values of the nodes, Float[names, samples].
+        """
         return self.over(bound.columns, bound.count, parameters, bound.starts.tolist())
 
     def over(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int]) -> Float:
-        """The values over columns of so many samples, whose pieces begin at `starts`; shape (names, samples)."""
+        """Simulate columns of `count` samples, whose pieces begin at `starts`; returns Float[names, samples]."""
         return self._simulator.over(columns, count, parameters, starts)
 
     def blocks(self, bound: BoundDataset, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
-        """Samples and their values, shape (names, samples), block by block; a piece with memory is computed at once."""
+        """Yield samples and Float[names, samples], block by block; with states, a piece is simulated at once."""
         columns = bound.columns
-        for starts, end in _stretches(bound.starts if self._remembers else range(0, bound.count, BLOCK), bound.count):
+        pieces = bound.starts if self._has_states else range(0, bound.count, SAMPLES_PER_BLOCK)
+        for starts, end in _group_pieces(pieces, bound.count):
             first = starts[0]
-            held = {name: values[first:end] for name, values in columns.items()}
-            found = self._simulator.over(held, end - first, parameters, [start - first for start in starts])
-            for at in range(first, end, BLOCK):
-                here = slice(at, min(at + BLOCK, end))
-                yield here, found[:, here.start - first : here.stop - first]
+            inputs = {name: values[first:end] for name, values in columns.items()}
+            values = self._simulator.over(inputs, end - first, parameters, [start - first for start in starts])
+            for at in range(first, end, SAMPLES_PER_BLOCK):
+                here = slice(at, min(at + SAMPLES_PER_BLOCK, end))
+                yield here, values[:, here.start - first : here.stop - first]
 
     def dataset(self, bound: BoundDataset, parameters: ParameterSet) -> Dataset:
-        """The nodes as channels, over the samples of a bound dataset; one value a point where points are held."""
+        """Return the nodes as channels of a dataset; one value per point if points are held until they settle."""
         values = self.values(bound, parameters)
         if bound.hold is not None:
             values, bound = bound.hold.mean(values), bound.shown
@@ -120,14 +119,14 @@ class NodeSimulator:
         return Dataset(bound.dataset.name, channels, time, starts)
 
 
-def _stretches(starts: Iterable[int], count: int) -> Iterator[tuple[list[int], int]]:
-    """Neighbouring pieces, together at least a block: where they start, and the end of the last."""
-    held: list[int] = []
+def _group_pieces(starts: Iterable[int], count: int) -> Iterator[tuple[list[int], int]]:
+    """Yield the starts of neighbouring pieces that are together at least a block, and their end."""
+    group: list[int] = []
     for start, end in pairwise([*(int(start) for start in starts), count]):
-        held.append(start)
-        if end - held[0] >= BLOCK or end == count:
-            yield held, end
-            held = []
+        group.append(start)
+        if end - group[0] >= SAMPLES_PER_BLOCK or end == count:
+            yield group, end
+            group = []
 
 
 class Scorer:
@@ -141,12 +140,12 @@ class Scorer:
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
     def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
-        """Model minus target at each sample, shape (criteria, samples); NaN where it is not scored."""
+        """Return model minus target, Float[criteria, samples]; NaN at samples that are not scored."""
         targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
         return self._nodes.values(bound, parameters) - np.array(targets)
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
-        """The quality of each criterion on each dataset."""
+        """Return the quality of each criterion on each dataset."""
         return tuple(row for bound in self._bounds for row in self._rows(bound, before, after))
 
     def _rows(self, bound: BoundDataset, before: ParameterSet, after: ParameterSet) -> list[Quality]:
@@ -157,24 +156,22 @@ class Scorer:
         return [_quality(criterion.node, bound, target, *errors) for criterion, target, *errors in parts]
 
     def _errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
-        """The errors of each criterion, model minus target, where it is scored."""
-        found = [_Errors() for _ in targets]
+        sums = [_Errors() for _ in targets]
         for samples, values in self._nodes.blocks(bound, parameters):
-            for errors, target, value in zip(found, targets, values, strict=True):
+            for errors, target, value in zip(sums, targets, values, strict=True):
                 errors.add(value, target[samples])
-        return found
+        return sums
 
 
 @dataclass
 class _Errors:
-    """What is known of the errors added so far."""
+    """Sums over the errors added so far."""
 
     count: int = 0
     squares: float = 0.0
     largest: float = 0.0
 
     def add(self, values: Float, target: Float) -> None:
-        """Take the errors at more samples, where the target is known."""
         scored = np.isfinite(target)
         with np.errstate(over="ignore", invalid="ignore"):
             error = values[scored] - target[scored]

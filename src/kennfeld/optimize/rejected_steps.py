@@ -1,7 +1,7 @@
-"""Trial values at which the model gives no finite numbers: how many were rejected, and why.
+"""Trial values that were rejected because the model gives no finite numbers there, and the reasons.
 
-A search rejects them and goes on from shorter steps. That is no failure, but it says something about the model: a time
-constant that was let below 0, a loop that is not stable. The first of them are kept and simulated again afterwards.
+A search continues with shorter steps, so this is not a failure, but it may point to a problem of the model: a time
+constant without a lower bound, an unstable loop. The first rejected values are stored and simulated again afterwards.
 """
 
 from collections import Counter
@@ -10,32 +10,39 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.formatting import count_noun
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.optimize.compiled import RejectedTrials
 from kennfeld.optimize.problem import Problem, difference, time_constants
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["RejectionReasons", "told"]
+__all__ = ["RejectionReasons", "describe_rejections"]
 
-ANYWAY = "errors were too large for numbers"
+OVERFLOW = "the errors overflowed"
 
 
-def told(problem: Problem, rejected: RejectedTrials, parameters: Callable[[Float], ParameterSet]) -> str:
-    """A sentence on the trial values that were rejected, or nothing where none were."""
+def describe_rejections(problem: Problem, rejected: RejectedTrials, parameters: Callable[[Float], ParameterSet]) -> str:
+    """Return a sentence on the rejected trial values, empty if there are none.
+
+    Args:
+        problem: the problem.
+        rejected: trial values that were counted and stored.
+        parameters: returns the parameter set of free values.
+    """
     if not rejected.count:
         return ""
     reasons = RejectionReasons(problem)
-    found = Counter(reasons.of(parameters(values)) for values in rejected.first)
-    head = f"{rejected.count} trial step{'s were' if rejected.count > 1 else ' was'} rejected:"
-    if len(found) == 1:
-        return f"{head} {next(iter(found))}."
-    of_those = f"of the first {len(rejected.first)}, " if rejected.count > len(rejected.first) else ""
-    return f"{head} {of_those}{'; '.join(f'in {times} {reason}' for reason, times in found.most_common())}."
+    counts = Counter(reasons.of(parameters(values)) for values in rejected.first)
+    head = f"{count_noun(rejected.count, 'trial step')} {'were' if rejected.count > 1 else 'was'} rejected:"
+    if len(counts) == 1:
+        return f"{head} {next(iter(counts))}."
+    of_first = f"of the first {len(rejected.first)}, " if rejected.count > len(rejected.first) else ""
+    return f"{head} {of_first}{'; '.join(f'in {times} {reason}' for reason, times in counts.most_common())}."
 
 
 class RejectionReasons:
-    """Tells why the training data of a problem cannot be simulated with some values."""
+    """Finds the reason why the training data of a problem cannot be simulated."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -43,38 +50,35 @@ class RejectionReasons:
         self.names = [name for name in graph.names if name.isprintable() or name in self.lags]
         self.order = np.array([graph.names[name] for name in self.names])
         self.nodes = NodeSimulator(graph, problem.parameters, self.names)
-        reached = _behind(graph, [graph.names[difference(i)] for i in range(len(problem.criteria))])
+        reached = _dependencies(graph, [graph.names[difference(i)] for i in range(len(problem.criteria))])
         self.matters = np.array([graph.names[name] in reached for name in self.names])
 
     def of(self, parameters: ParameterSet) -> str:
-        """The first thing that goes wrong, as a clause; what no criterion depends on comes last."""
-        found = self._first(parameters, self.matters)
-        return found or self._first(parameters, ~self.matters) or ANYWAY
+        """Return the first reason as a clause; nodes on which no criterion depends come last."""
+        return self._first(parameters, self.matters) or self._first(parameters, ~self.matters) or OVERFLOW
 
-    def _first(self, parameters: ParameterSet, looked_at: Bool) -> str:
+    def _first(self, parameters: ParameterSet, included: Bool) -> str:
         for bound in self.problem.training:
             for at, values in self.nodes.blocks(bound, parameters):
-                found = next(self._wrong(values, looked_at), None)
-                if found is not None:
-                    name, column = found
-                    return f"{name} at sample {bound.kept[at.start + column] + 1} of {bound.dataset.name}"
+                for clause, column in self._faults(values, included):
+                    return f"{clause} at sample {bound.kept[at.start + column] + 1} of {bound.dataset.name}"
         return ""
 
-    def _wrong(self, values: Float, looked_at: Bool) -> Iterator[tuple[str, int]]:
-        """What is wrong in a block of samples, and in which column: a negative time constant before all else."""
+    def _faults(self, values: Float, included: Bool) -> Iterator[tuple[str, int]]:
+        """Yield the faults in a block of samples as clause and column: negative time constants first."""
         for row, name in enumerate(self.names):
-            if looked_at[row] and name in self.lags and (below := values[row] < 0).any():
+            if included[row] and name in self.lags and (below := values[row] < 0).any():
                 yield f"{self.lags[name]} was below 0", int(np.argmax(below))
-        broken = ~np.isfinite(values) & looked_at[:, None]
+        broken = ~np.isfinite(values) & included[:, None]
         if broken.any():
             column = int(np.argmax(broken.any(axis=0)))
             rows = np.flatnonzero(broken[:, column])
             row = rows[np.argmin(self.order[rows])]
-            yield f"{self.lags.get(self.names[row], self.names[row])} was no finite number", column
+            yield f"{self.lags.get(self.names[row], self.names[row])} was not finite", column
 
 
-def _behind(graph: Graph, ends: Sequence[int]) -> set[int]:
-    """The nodes that some nodes depend on, in earlier steps too."""
+def _dependencies(graph: Graph, ends: Sequence[int]) -> set[int]:
+    """Return the nodes on which some nodes depend, also through states."""
     todo, seen = list(ends), set(ends)
     while todo:
         op, args, payload = graph.nodes[todo.pop()]
@@ -86,18 +90,18 @@ def _behind(graph: Graph, ends: Sequence[int]) -> set[int]:
 
 
 def _with_time_constants(graph: Graph) -> tuple[Graph, dict[str, str]]:
-    """The graph with the time constants of its lags among the names, and how to call each of them in a message."""
-    names, said = dict(graph.names), {}
+    """Add the time constants of lags to the names of a graph; return their labels for messages by name."""
+    names, labels = dict(graph.names), {}
     visible = {at: name for name, at in reversed(list(graph.names.items()))}
     for number, at in enumerate(time_constants(graph)):
         key = f"\0T{number}"
         names[key] = at
-        said[key] = f"{_called(graph, at, visible)} of a PT1"
-    return GraphBuilder.of(graph).finish(names, graph.units, graph.outputs), said
+        labels[key] = f"{_label(graph, at, visible)} of a PT1"
+    return GraphBuilder.of(graph).finish(names, graph.units, graph.outputs), labels
 
 
-def _called(graph: Graph, at: int, visible: dict[int, str]) -> str:
-    """`the time constant Lag`, by the name of the node or of the parameters it is made of."""
+def _label(graph: Graph, at: int, visible: dict[int, str]) -> str:
+    """Return `the time constant Lag`, with the name of the node or of its only parameter."""
     if at in visible:
         return f"the time constant {visible[at]}"
     parameters = _parameters(graph, [at])
@@ -105,11 +109,11 @@ def _called(graph: Graph, at: int, visible: dict[int, str]) -> str:
 
 
 def _parameters(graph: Graph, stack: Sequence[int]) -> list[str]:
-    """The parameters that nodes look up within the step."""
-    todo, seen, found = list(stack), set(stack), []
+    """Return the parameters that nodes look up within the step."""
+    todo, seen, names = list(stack), set(stack), []
     while todo:
         op, args, payload = graph.nodes[todo.pop()]
-        found += [payload] if op == "lookup" else []
+        names += [payload] if op == "lookup" else []
         todo += [a for a in args if a not in seen]
         seen |= set(args)
-    return found
+    return names

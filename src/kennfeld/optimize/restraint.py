@@ -1,8 +1,8 @@
-"""A slight penalty beside the roughness, for what neither data nor smoothness determine.
+"""A slight penalty in addition to the roughness, for values determined neither by data nor by smoothness.
 
-Where the product of two tables is measured, the one can grow and the other shrink without any output changing: a pull
-towards the start settles that. Grid points without data follow a straight line or a twisted plane through the others,
-however steep: resistance to steps between neighbours levels them out. Both are too weak to matter where data are.
+If only the product of two tables is measured, one can grow while the other shrinks: a pull towards the start resolves
+that. Grid points without data follow a straight line or a twisted plane through the others, however steep: a penalty on
+differences between neighbours flattens them. Both are too weak to matter at grid points with data.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,8 @@ from kennfeld.parameters import Parameter
 
 __all__ = ["Penalty", "Restrained", "Restraint", "penalty_of"]
 
-PULL = 1e-4  # of what a value matters to the data
-EMPTY = 1e-2  # of what the values of a table matter on average, below which one has no data
+PULL = 1e-4  # of the curvature of the data
+EMPTY = 1e-2  # of the mean curvature of a table: a value below it has no data
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,13 @@ class Restraint:
     def of(cls, start: Parameter, values: Float, curvature: Float, variance: float) -> "Restraint":
         """Return the restraint of a table.
 
-        A step beside a grid point without data counts as one sample that says that there is none, give or take the
-        mean step of the values with data, from their lowest to their highest over the cells of the axis.
+        A difference next to a grid point without data counts as one sample of the value 0, whose standard deviation is
+        the range of the values with data over the cells of the axis.
 
         Args:
             start: The table with the values towards which it is pulled.
             values: Its values at a fit, flat.
-            curvature: What each matters there, the diagonal of the Gauss-Newton matrix.
+            curvature: The diagonal of the Gauss-Newton matrix there.
             variance: The noise, as the cost of one independent sample.
         """
         empty = curvature <= EMPTY * curvature.mean()
@@ -61,7 +61,7 @@ class Restraint:
 
 
 def _neighbours(shape: Sequence[int], axis: int) -> Int:
-    """The pairs of neighbours along an axis."""
+    """Return the pairs of neighbours along an axis."""
     lines = np.moveaxis(np.arange(np.prod(shape, dtype=int)).reshape(shape), axis, 0)
     return np.stack([lines[:-1].ravel(), lines[1:].ravel()], axis=-1)
 
@@ -76,7 +76,6 @@ class Restrained:
     toward: Float  # Float[values]
 
     def cost(self, values: Float) -> float:
-        """The penalty."""
         pull = float(self.weights @ (values - self.toward) ** 2)
         return self.roughness.cost(values) + self.steps.cost(values) + pull
 
@@ -88,7 +87,7 @@ class Restrained:
         matrix[np.diag_indices_from(matrix)] += self.weights
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Residuals and Jacobian rows whose squares are the penalty."""
+        """Return residuals and Jacobian rows whose squares are the penalty."""
         pulled = np.flatnonzero(self.weights)
         roots = self.weights[pulled] ** 0.5
         jacobian = np.zeros((pulled.size, values.size))

@@ -1,9 +1,4 @@
-"""What a calibration gives back.
-
-Run a calibration problem from start to result.
-
-Where a search was, so that it can go on from there.
-"""
+"""The result of a calibration, its trace, and the checkpoints from which a search can resume."""
 
 import html
 from collections.abc import Callable, Mapping
@@ -23,14 +18,24 @@ from kennfeld.parameter_set import ParameterSet
 if TYPE_CHECKING:
     from kennfeld.optimize.trust import Trust, TrustAssessment
 
-__all__ = ["Checkpoint", "CheckpointSink", "Progress", "Result", "Seconds", "StartResult", "TraceLine"]
+__all__ = [
+    "Checkpoint",
+    "CheckpointSink",
+    "Progress",
+    "Result",
+    "Seconds",
+    "StartResult",
+    "TraceLine",
+    "finite_or_none",
+]
 
 
 @dataclass(frozen=True)
 class TraceLine:
-    """One accepted step. `stage` is `plain`, or `smooth WIDTH` and `exact` of the kink continuation.
+    """One accepted step.
 
-    In a sequence the step's name stands before it: `step 1: plain`.
+    `stage` is `plain`, or `smooth WIDTH` and `exact` of a descent on smoothed lookups; in a sequence with the name of
+    the step before it: `step 1: plain`.
     """
 
     iteration: int
@@ -46,7 +51,7 @@ class TraceLine:
 
 @dataclass(frozen=True)
 class Seconds:
-    """Where the time went."""
+    """Elapsed time in s."""
 
     total: float = 0.0
     read: float = 0.0
@@ -56,7 +61,7 @@ class Seconds:
 
 @dataclass(frozen=True)
 class StartResult:
-    """How one start ended. `distance` is from the best start's values, each parameter relative to its size there."""
+    """The end of one start; `distance` is to the values of the best start, relative to the size of each parameter."""
 
     start: int
     status: Status
@@ -68,7 +73,7 @@ class StartResult:
     distance: float = float("nan")
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of "starts" in `result.json`."""
+        """Return an entry of "starts" in `result.json`."""
         return {
             "start": self.start,
             "status": self.status,
@@ -82,12 +87,20 @@ class StartResult:
 
 @dataclass(frozen=True)
 class Result:
-    """The end of a calibration. A fit that fails is a result too: `status` and `message` say why.
+    """The result of a calibration. A fit that fails is a result too, with the reason in `status` and `message`.
 
-    `starts` has a row for each start; `resumed` names the saved states that the search went on from.
-    `smoothness` holds the factors of each table with an automatic one, by axis: x, y, z or w.
-    `shifts` holds the shifts that were found, by dataset and channel, in s; for steady-state data in samples.
-    `warnings` tell of errors that are larger than at the start.
+    Attributes:
+        parameters: the calibrated values.
+        start: the values before.
+        quality: errors by criterion and dataset.
+        trace: accepted steps.
+        cost_before: cost at the start.
+        cost_after: cost at the end.
+        starts: a row for each start, if there are several.
+        resumed: the checkpoints from which the search resumed.
+        smoothness: factors of each table with an automatic one, by axis x, y, z or w.
+        shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
+        warnings: criteria whose errors are larger than at the start.
     """
 
     status: Status
@@ -121,22 +134,22 @@ class Result:
 
     @cached_property
     def trust(self) -> "Trust":
-        """What the data determine of the free values; computed when it is first asked for."""
+        """Uncertainty of the free values, and what determines them; computed on first use."""
         from kennfeld.optimize.trust import Trust
 
         if self.inspection is not None:
             return self.inspection.trust
         ended = self.status in ("infeasible", "failed")
-        nothing = f"The search ended as {self.status}: nothing is known of how far its values can be trusted."
-        return Trust(remark=nothing if ended else "")
+        remark = f"The search ended with status {self.status}: the uncertainty of its values is unknown."
+        return Trust(remark=remark if ended else "")
 
     @property
     def converged(self) -> bool:
-        """Whether the fit ended where no step lowers the cost."""
+        """True if the search ended at a minimum."""
         return self.status == "converged"
 
     def as_json(self) -> dict[str, Any]:
-        """The contents of `result.json`; numbers that are not finite are None. Moved breakpoints come last, if any."""
+        """Return the contents of `result.json`; numbers that are not finite are None."""
         moved = {name: {"before": old.tolist(), "after": new.tolist()} for name, (old, new) in self.moved.items()}
         return {
             "status": self.status,
@@ -146,7 +159,7 @@ class Result:
             "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
-            "quality": [{name: _plain(value) for name, value in vars(row).items()} for row in self.quality],
+            "quality": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.quality],
             "starts": [row.as_json() for row in self.starts],
             "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
@@ -159,7 +172,7 @@ class Result:
         } | ({"breakpoints": moved} if moved else {})
 
     def table(self) -> list[tuple[str, ...]]:
-        """The quality as rows of text, the heading first; without those of no samples, if others are left."""
+        """Return the quality as rows of text with a heading; rows without samples only if there are no others."""
         scored = [q for q in self.quality if q.samples] or self.quality
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
         rows = [
@@ -173,7 +186,7 @@ class Result:
         return [head, *rows]
 
     def starts_table(self) -> list[tuple[str, ...]]:
-        """The starts as rows of text, the heading first."""
+        """Return the starts as rows of text with a heading."""
         head = ("start", "status", "cost before", "cost after", "iterations", "distance")
         rows = [
             (
@@ -201,7 +214,7 @@ class Result:
         )
 
     def plot(self) -> Any:
-        """The cost over the iterations, a line a stage, as a matplotlib figure.
+        """Plot the cost over the iterations, one line per stage, and return the matplotlib figure.
 
         Needs matplotlib, which Kennfeld does not install: `pip install matplotlib`.
         """
@@ -225,7 +238,8 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _plain(value: Any) -> Any:
+def finite_or_none(value: Any) -> Any:
+    """Return a value for JSON: None for a float that is not finite."""
     return _number(value) if isinstance(value, float) else value
 
 
@@ -236,10 +250,14 @@ Progress = Callable[[TraceLine], None]
 class Checkpoint:
     """An accepted parameter set of one start.
 
-    `step` is the step of the sequence that it belongs to, from 1; `iteration` counts the accepted steps of the start
-    over all stages and steps. `cost` is that of this step's exact model, so that sets of one step can be compared.
-    `values` are those of the parameters that the search may change, on their full grids. `ended` is there once the
-    start has come to its end.
+    Attributes:
+        start: number of the start.
+        step: number of the step of the sequence, from 1.
+        iteration: accepted steps of the start over all stages and steps.
+        stage: see `TraceLine`.
+        cost: of the exact model of this step, so that sets of one step can be compared.
+        values: the parameters that the search may change, on their full grids.
+        ended: the result of the start once it has ended.
     """
 
     start: int

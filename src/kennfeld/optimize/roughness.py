@@ -1,8 +1,7 @@
-"""Roughness of tables: the mean square of second differences along each axis, as a quadratic form of the values.
+"""Roughness of tables: the mean square of second differences along each axis.
 
-Roughness along axes whose breakpoints move: the same second differences, now of values and breakpoints.
-
-Both are differentiated, so the cost that a step is judged by is the cost that it was made for.
+It is quadratic in the values if the breakpoints are fixed. If they are free, the same differences depend on values and
+breakpoints, with exact derivatives for both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,9 +22,13 @@ Factors = Mapping[str, Sequence[float]]
 
 
 def second_differences(breakpoints: Float) -> Float:
-    """Coefficients of d = 2 [(z3-z2)/(x3-x2) - (z2-z1)/(x2-x1)] / (x3-x1), x in units of the mean spacing.
+    """Return the coefficients of d = 2 [(z3-z2)/(x3-x2) - (z2-z1)/(x2-x1)] / (x3-x1), x in mean spacings.
 
-    Shape (points - 2, 3): of z1, z2 and z3. On an even axis d is z1 - 2 z2 + z3.
+    Args:
+        breakpoints: Float[points].
+
+    Returns:
+        Float[points - 2, 3]: of z1, z2 and z3. On an even axis d is z1 - 2 z2 + z3.
 
     >>> second_differences(np.array([0.0, 10.0, 20.0]))
     array([[ 1., -2.,  1.]])
@@ -39,7 +42,7 @@ def second_differences(breakpoints: Float) -> Float:
 
 
 def _along(parameter: Parameter, axis: int) -> tuple[Int, Float]:
-    """Second differences of all lines of a table along one axis, divided by sqrt(points): grid points, coefficients."""
+    """Return grid points and coefficients of the second differences along an axis, divided by sqrt(points)."""
     count = parameter.values.shape[axis]
     lines = np.moveaxis(np.arange(parameter.size).reshape(parameter.values.shape), axis, 0).reshape(count, -1)
     points = np.stack([lines[i : max(count - 2, 0) + i] for i in range(3)], axis=-1)
@@ -62,7 +65,7 @@ class Roughness:
     def of(
         cls, parameters: ParameterSet, values: ValueLayout, smoothness: Mapping[str, Sequence[float]]
     ) -> "Roughness":
-        """The penalty of the free parameters with these factors, one an axis."""
+        """Return the penalty of the free parameters with these factors, one per axis."""
         columns, coefficients = [np.zeros((0, 3), dtype=np.int64)], [np.zeros((0, 3))]
         for name, factors in smoothness.items():
             at = values.offsets.get(name, values.free)
@@ -78,7 +81,6 @@ class Roughness:
         return found
 
     def cost(self, values: Float) -> float:
-        """The penalty."""
         differences = self._differences(values)
         return float(differences @ differences)
 
@@ -91,7 +93,7 @@ class Roughness:
 
     @cached_property
     def _matrix(self) -> tuple[Int, Int, Float]:
-        """Rows, columns and values of the matrix of the penalty where it is not zero."""
+        """Rows, columns and values of the non-zero entries of the matrix of the penalty."""
         places = self.columns[:, :, None] * self.size + self.columns[:, None, :]
         products = self.coefficients[:, :, None] * self.coefficients[:, None, :]
         where, at = np.unique(places, return_inverse=True)
@@ -100,20 +102,20 @@ class Roughness:
         return rows, columns, entries
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Residuals and Jacobian rows whose squares are the penalty."""
+        """Return residuals and Jacobian rows whose squares are the penalty."""
         jacobian: Float = np.zeros((len(self.columns), self.size))
         np.add.at(jacobian, (np.arange(len(self.columns))[:, None], self.columns), self.coefficients)
         return self._differences(values), jacobian
 
 
 def roughness_of(parameters: ParameterSet, values: ValueLayout, smoothness: Factors) -> "Roughness | MovingRoughness":
-    """The penalty of the free parameters with these factors, one an axis."""
-    still = {
+    """Return the penalty of the free parameters with these factors, one per axis."""
+    on_fixed_axes = {
         name: tuple(0.0 if _moves(parameters, values, name, i) else factor for i, factor in enumerate(factors))
         for name, factors in smoothness.items()
     }
-    fixed = Roughness.of(parameters, values, still)
-    if all(tuple(factors) == still[name] for name, factors in smoothness.items()):
+    fixed = Roughness.of(parameters, values, on_fixed_axes)
+    if all(tuple(factors) == on_fixed_axes[name] for name, factors in smoothness.items()):
         return fixed
     return MovingRoughness.of(parameters, values, smoothness, fixed)
 
@@ -125,7 +127,7 @@ def _moves(parameters: ParameterSet, values: ValueLayout, name: str, axis: int) 
 
 @dataclass(frozen=True)
 class MovingRoughness:
-    """The penalty sum S R: that along axes that stand still, and squares of further rows.
+    """The penalty sum S R: along fixed axes, and squares of further rows along moving axes.
 
     A row is weight * c^2 * 2 [(z3-z2)/(x3-x2) - (z2-z1)/(x2-x1)] / (x3-x1), where c is the mean spacing of the axis.
     Its columns are those of z1, z2, z3, x1, x2, x3 and of the first and the last breakpoint.
@@ -140,7 +142,7 @@ class MovingRoughness:
     def of(
         cls, parameters: ParameterSet, values: ValueLayout, smoothness: Factors, fixed: Roughness
     ) -> "MovingRoughness":
-        """The rows of all tables along all axes that move."""
+        """Return the rows of all tables along all axes that move."""
         columns, weights, counts = [np.zeros((0, 8), dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
         for name, factors in smoothness.items():
             for axis, factor in enumerate(factors):
@@ -153,7 +155,7 @@ class MovingRoughness:
         return cls(fixed, np.concatenate(columns), np.concatenate(weights), np.concatenate(counts))
 
     def _linear(self, values: Float) -> tuple[Float, Float]:
-        """Rows and their slopes, Float[rows, 8]."""
+        """Return the rows and their derivatives Float[rows, 8]."""
         z1, z2, z3, x1, x2, x3, first, last = values[self.columns].T
         left, right, both = x2 - x1, x3 - x2, x3 - x1
         rise_left, rise_right = (z2 - z1) / left, (z3 - z2) / right
@@ -174,7 +176,6 @@ class MovingRoughness:
         return row, np.stack(slopes, axis=1)
 
     def cost(self, values: Float) -> float:
-        """The penalty."""
         row, _ = self._linear(values)
         return self.fixed.cost(values) + float(row @ row)
 
@@ -187,7 +188,7 @@ class MovingRoughness:
         np.add.at(matrix, places, slopes[:, :, None] * slopes[:, None, :])
 
     def rows(self, values: Float) -> tuple[Float, Float]:
-        """Residuals and Jacobian rows whose squares are the penalty."""
+        """Return residuals and Jacobian rows whose squares are the penalty."""
         residual, above = self.fixed.rows(values)
         row, slopes = self._linear(values)
         jacobian = np.zeros((row.size, values.size))
@@ -196,7 +197,7 @@ class MovingRoughness:
 
 
 def _columns(parameters: ParameterSet, values: ValueLayout, name: str, axis: int) -> Int:
-    """Columns of the rows of all lines of a table along one axis."""
+    """Return the columns of the rows of all lines of a table along one axis."""
     table = parameters[name]
     count = table.values.shape[axis]
     lines = np.moveaxis(np.arange(table.size).reshape(table.values.shape), axis, 0).reshape(count, -1)

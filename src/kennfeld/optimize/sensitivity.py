@@ -1,14 +1,10 @@
-"""Values that move the scored outputs by next to nothing, although their slopes are not exactly zero.
+"""Values whose effect on the scored outputs is mere rounding, although their derivatives are not exactly zero.
 
-There are two causes. The effect of a value may have faded before the first scored sample: an initial state, say, after
-a warm-up that is much longer than its time constant. Then its slopes are right, and tiny beside those on the samples
-that are simulated without being scored, less than any measurement resolves, or beside those of the other values of its
-table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`: then the slopes are themselves
-rounding errors, and they are others as soon as the values change in their last digits.
-
-Either way a least-squares step would divide noise by noise and send the value anywhere.
-
-Errors whose weighted squares are too small for numbers: a search then sees none, and ends where it began.
+There are two causes. The effect of a value may have decayed before the first scored sample, as that of an initial state
+after a warm-up much longer than its time constant: its derivatives are correct, but tiny compared with those on
+simulated samples that are not scored, or with those of the other values of its table. Or the effect cancels within the
+model, as that of `k` in `(k*x) / (k*z)`: the derivatives are rounding errors and change with the last digits of the
+values. In both cases a least-squares step would divide noise by noise.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -19,24 +15,23 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native import Accumulator, Piece, Samples
 from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
 
 __all__ = ["Sensitivity", "without_vanished"]
 
-FAINT = 1e-290  # a cost below has lost digits
+UNDERFLOW = 1e-290  # a cost below has lost digits
 REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
-VANISHED = (
-    "The weighted squares of the errors are too small for numbers. Use larger weights, a smaller scale or other units."
-)
+UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
-FADED = 1e-6  # slope relative to the largest of the same parameter on all simulated samples, below which it is faded
+FADED = (
+    1e-6  # derivative relative to the largest of the same parameter on all simulated samples, below which it is faded
+)
 TINY = 1e-14  # the same on the scored samples alone
-SUSPECT = 1e-12  # share of the targets by which a value moves the outputs when it changes by its size
-NUDGE = 1e-12  # relative change of the values that leaves true slopes as they are, and rounding errors not
-NUDGES = 4  # as rounding errors are few different numbers, one may leave them by chance as they are
-UNSTEADY = 1e-4  # relative change of the curvature under a nudge that makes it rounding
-BLOCK = 65536  # samples whose targets are copied at a time
+SUSPECT = 1e-12  # share of the targets by which a change of a value by its size moves the outputs
+NUDGE = 1e-12  # relative change of the values that changes rounding errors but not true derivatives
+NUDGES = 4  # rounding errors are few different numbers, which one nudge may leave unchanged by chance
+UNSTEADY = 1e-4  # relative change of the curvature under a nudge from which it counts as rounding
 
 Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
 
@@ -44,22 +39,22 @@ Curvature = Callable[[Float], Float]  # that of the data along each free value, 
 def without_vanished(
     end: SolverResult, before: float, quality: Sequence[Quality], scored: Collection[str]
 ) -> SolverResult:
-    """Return an end that has failed where errors are left that the cost does not show, else the same end.
+    """Mark an end as failed if errors remain whose squares underflow, so that the search did not see them.
 
     Args:
-        end: where the search ended.
+        end: the end of the search.
         before: the cost at the start.
         quality: the errors at the end.
-        scored: the criteria of a weight > 0.
+        scored: the criteria with a weight > 0.
     """
     left = any(q.max_abs_after > 0 for q in quality if q.use == "training" and q.criterion in scored)
-    if end.status != "converged" or not left or not REACHED * before <= end.cost < FAINT:
+    if end.status != "converged" or not left or not REACHED * before <= end.cost < UNDERFLOW:
         return end
-    return replace(end, status="failed", message=VANISHED)
+    return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
 
 
 class Sensitivity:
-    """The values of a compiled problem whose slopes are rounding errors."""
+    """Finds the values of a compiled problem whose derivatives are rounding errors."""
 
     def __init__(self, compiled: CompiledProblem) -> None:
         self._compiled = compiled
@@ -93,9 +88,9 @@ class Sensitivity:
         return found
 
     def everywhere(self, values: Float) -> Float:
-        """The largest curvature in each value's parameter on all simulated samples, scored or not; 0 if all are.
+        """Return the largest curvature in the parameter of each value on all simulated samples; 0 if all are scored.
 
-        It is computed once, at the values that are asked for first.
+        It is computed once, at the first values.
         """
         if self._everywhere is None:
             samples = _all_scored(self._compiled.samples) if self._compiled.accumulator.stateful else None
@@ -107,13 +102,13 @@ class Sensitivity:
         return self._everywhere
 
     def _largest(self, each: Float) -> Float:
-        """The largest number of each parameter, for each of its values."""
+        """Return for each value the largest number of its parameter."""
         if not each.size:
             return each
         return np.repeat(np.maximum.reduceat(each, self._starts), self._sizes)
 
     def _suspect(self, values: Float, curvature: Float) -> Bool:
-        """Values that hardly move the outputs when they change by their own size, or by 1 where that is 0."""
+        """Mark values that hardly move the outputs when they change by their own size, or by 1 if that is 0."""
         size = self._largest(np.abs(values[: curvature.size]))
         size[size == 0] = 1.0
         with np.errstate(over="ignore"):
@@ -121,7 +116,7 @@ class Sensitivity:
         return suspect
 
     def _targets(self) -> float:
-        """Weighted sum of the squares of all targets."""
+        """Return the weighted sum of squares of all targets."""
         if self._target_size is None:
             scales = np.array([output.scale for output in self._compiled.kernel.outputs])
             blocks = _target_blocks(self._compiled.samples)
@@ -130,7 +125,7 @@ class Sensitivity:
         return self._target_size
 
     def _nudged(self, values: Float, number: int) -> Float:
-        """The values, the free ones changed in their last digits, each by another share, and so with each number."""
+        """Change the free values in their last digits, each by another share, different for each number."""
         nudged = values.copy()
         free = self._compiled.values.free
         nudged[:free] *= 1 + NUDGE * (number + np.modf(np.arange(free) * 0.618034)[0])
@@ -138,7 +133,7 @@ class Sensitivity:
 
 
 def _all_scored(samples: Samples) -> Samples | None:
-    """The samples of a model with memory, each scored up to the last one of its piece that is; None if they are."""
+    """Return the samples with each piece scored up to its last scored sample; None if they are already."""
     scored = np.full((len(samples.targets), samples.count), np.nan)
     known, ends = 0, {}
     for piece, first, block in _target_blocks(samples):
@@ -155,7 +150,7 @@ def _all_scored(samples: Samples) -> Samples | None:
 
 
 def _target_blocks(samples: Samples) -> Iterator[tuple[Piece, int, Float]]:
-    """The targets of each piece, Float[outputs, samples], in blocks that begin at a sample."""
+    """Yield pieces, the first sample of a block, and its targets Float[outputs, samples]."""
     for piece in samples.pieces:
-        for first in range(piece.first, piece.last, BLOCK):
-            yield piece, first, samples.targets_of(np.arange(first, min(first + BLOCK, piece.last)))
+        for first in range(piece.first, piece.last, SAMPLES_PER_BLOCK):
+            yield piece, first, samples.targets_of(np.arange(first, min(first + SAMPLES_PER_BLOCK, piece.last)))

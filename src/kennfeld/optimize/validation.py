@@ -1,20 +1,4 @@
-"""The two sides of limits of outputs: nodes of the model that shall not exceed a number.
-
-Breakpoints as values to be fitted: which axes move, and what they keep while they do.
-
-Search without gradients, for costs that jump: CMA-ES within bounds, started anew while that helps.
-
-A model whose events happen earlier or later with its values (a governor triggered by the crank, a relay, quantised
-code) has a cost of steps: its derivatives are exact and say nothing of them. The covariance matrix adaptation
-evolution strategy (N. Hansen, A. Ostermeier, Completely Derandomized Self-Adaptation in Evolution Strategies, 2001)
-compares costs and asks for nothing else. The first run begins at the start, the next ones anywhere within the bounds
-with twice the population of the one before (A. Auger, N. Hansen, A Restart CMA Evolution Strategy With Increasing
-Population Size, 2005). A descent from the best values ends the search.
-
-A data-driven model in time has a step of its own: at another one it means nothing.
-
-The memory that long delays and many free values would take: better refused by a check than during a search.
-"""
+"""Checks of a problem before anything is compiled: limits, shared axes, bounds, time steps and memory."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
@@ -25,39 +9,39 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey, FreeAxis
-from kennfeld.graph.traversal import dependent
+from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.optimize.limit_nodes import add_limit_nodes, channels_of, limit_sides
 from kennfeld.optimize.problem import Problem
 
 __all__ = ["check_limits", "check_shared_axes", "delay_findings", "matrix_findings", "step_findings", "unbounded"]
 
-SAME = 1e-3  # relative difference of steps that time stamps may have by rounding
-
-MOST = 4e9  # bytes of all delays, or of one matrix, of which a fit and its account of trust keep several
+STEP_TOLERANCE = 1e-3  # relative difference of steps that time stamps may have by rounding
+MAX_BYTES = 4e9  # of all delays, or of one matrix; a fit and its trust keep several of them
+MAX_LISTED = 5
 
 
 def check_limits(problem: Problem) -> list[Finding]:
-    """What is wrong with the limits of a problem."""
+    """Report unknown names in output limits, and conditions that depend on free parameters."""
     try:
         model = add_limit_nodes(problem.model, problem.limits)
     except InputError as error:
         return list(error.findings)
     graph = model.graph
-    live = dependent(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
+    live = dependents(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
     unknown = channels_of(problem.model, problem.limits)
 
     def remedy(name: str, data: Dataset) -> str:
         return nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
 
     findings = [
-        Finding("limit", f"{name} is no node of the function and no channel of dataset {data.name}", remedy(name, data))
+        Finding("limit", f"unknown node or channel {name} (dataset {data.name})", remedy(name, data))
         for name in unknown
         for data in problem.datasets
         if data.use == "training" and problem.channels.get(name, name) not in data
     ]
     findings += [
-        Finding(f"limit {side}", f"its condition {side.limit.where} depends on a free parameter", "Use channels alone.")
+        Finding(f"limit {side}", f"its condition {side.limit.where} depends on a free parameter", "Use channels only.")
         for side in limit_sides(problem.limits)
         if side.limit.where and graph.names[side.where] in live
     ]
@@ -65,12 +49,12 @@ def check_limits(problem: Problem) -> list[Finding]:
 
 
 def check_shared_axes(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -> list[Finding]:
-    """Tables that would change with an axis although they are not fitted."""
+    """Report tables that would change with a free axis although they are not fitted."""
     findings = []
     for key, axis in axes.items():
         others = list(dict.fromkeys(name for name, _ in axis.places if name not in free))
         if others:
-            names = ", ".join(others[:5]) + (", ..." if len(others) > 5 else "")
+            names = ", ".join(others[:MAX_LISTED]) + (", ..." if len(others) > MAX_LISTED else "")
             message = f"its breakpoints are free, but {names} on it {'is' if len(others) == 1 else 'are'} not fitted"
             remedy = "Such a table would change with the axis: fit it as well, or give it an axis of its own."
             findings.append(Finding(f"axis {key}", message, remedy))
@@ -78,8 +62,8 @@ def check_shared_axes(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -
 
 
 def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".format) -> list[Finding]:
-    """A finding for each free parameter that has no finite bounds on both sides; locked values need none."""
-    found = []
+    """Report free parameters without finite bounds on both sides, and free axes; locked values need no bounds."""
+    findings = []
     for name in problem.free_names:
         parameter = problem.parameters[name]
         open_sides = [
@@ -88,33 +72,40 @@ def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".for
             if not np.all(np.isfinite(bound) | parameter.locked)
         ]
         if open_sides:
-            message = f"{name} has no {' and no '.join(open_sides)} bound, and a global search needs both"
-            found.append(Finding(place(name), message, "Write bounds = [lower, upper], as narrow as you know them."))
+            message = f'{name} has no {" and no ".join(open_sides)} bound; method = "global" requires both'
+            findings.append(Finding(place(name), message, "Write bounds = [lower, upper], as narrow as you know them."))
     for key in problem.free_axes:
-        message = f"the breakpoints of {key} are free, and a global search places none"
-        found.append(Finding(place(key.owner), message, "Fix them, or use the method gauss-newton."))
-    return found
+        message = f'method = "global" cannot fit breakpoints, but those of {key} are free'
+        findings.append(Finding(place(key.owner), message, 'Fix them, or use method = "gauss-newton".'))
+    return findings
 
 
 def step_findings(
     model: Model, datasets: Iterable[Dataset], step: float | None, place: Callable[[Dataset], str]
 ) -> Iterator[Finding]:
-    """Datasets whose step is not that of the model's surrogates; `step` is the model's own, where it has one."""
-    wanted = _steps_of(model)
-    for data in datasets if wanted else ():
+    """Yield errors for datasets whose time step differs from that of the model's surrogates.
+
+    Args:
+        model: the model.
+        datasets: its data.
+        step: the model's own step in s, or None.
+        place: the location of a dataset in messages.
+    """
+    trained = _training_steps(model)
+    for data in datasets if trained else ():
         steps = _steps(data) if step is None else np.array([step])
         if steps is None:
-            message = f"{', '.join(wanted)} runs in time, but dataset {data.name} has no time stamps"
+            message = f"{', '.join(trained)} runs in time, but dataset {data.name} has no time stamps"
             yield Finding(place(data), message, "Name the time channel `time`.")
             continue
-        for name, own in wanted.items():
-            wrong = steps[np.abs(steps - own) > SAME * own]
+        for name, own in trained.items():
+            wrong = steps[np.abs(steps - own) > STEP_TOLERANCE * own]
             if wrong.size:
                 message = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
                 yield Finding(place(data), message, f"Write raster = {own:g}, or train it at the step of the data.")
 
 
-def _steps_of(model: Model) -> dict[str, float]:
+def _training_steps(model: Model) -> dict[str, float]:
     if not model.surrogates:
         return {}
     from kennfeld.surrogate import DynamicSurrogate
@@ -123,40 +114,38 @@ def _steps_of(model: Model) -> dict[str, float]:
 
 
 def _steps(data: Dataset) -> Float | None:
-    """The steps within pieces, in s."""
+    """Return the time steps within pieces in s."""
     return None if data.time is None else np.delete(np.diff(data.time), data.starts[1:] - 1)
 
 
 def delay_findings(model: Model, values: int) -> list[Finding]:
-    """Return an error if the delays of a model keep more numbers than fit into memory.
+    """Return an error if the delays of a model do not fit into memory.
 
     Args:
-        model: the model; each step of each delay keeps a value, and its slope with respect to each free value.
+        model: the model; each step of each delay stores a value, and its derivative for each free value.
         values: how many values are free; 0 for a simulation.
     """
     graph = model.graph
     steps = sum(state.latency for state in graph.states)
     size = 8.0 * steps * (2 + values)
-    if size <= MOST:
+    if size <= MAX_BYTES:
         return []
     longest = max(range(len(graph.states)), key=lambda i: graph.states[i].latency)
-    behind = dependent(graph, lambda node: node.op == "state" and node.payload == longest)
+    behind = dependents(graph, lambda node: node.op == "state" and node.payload == longest)
     name = min((name for name, at in graph.names.items() if at in behind), key=graph.names.__getitem__, default="")
     message = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
-    return [
-        Finding(model.places.get(name, model.source), message, "Delay by fewer steps, or give the model a longer step.")
-    ]
+    return [Finding(model.places.get(name, model.source), message, "Use a shorter delay or a longer step.")]
 
 
 def matrix_findings(place: str, values: int) -> list[Finding]:
     """Return an error if the matrix of a fit, with a row and a column for each free value, does not fit into memory.
 
     Args:
-        place: where the parameters are said to be free.
+        place: location of the message.
         values: how many values are free.
     """
     size = 8.0 * values**2
-    if size <= MOST:
+    if size <= MAX_BYTES:
         return []
-    message = f"{values} values to fit need matrices of {size / 1e9:.3g} GB"
+    message = f"{values} free values need matrices of {size / 1e9:.3g} GB"
     return [Finding(place, message, "Use fewer breakpoints, or fit fewer parameters at once.")]

@@ -13,28 +13,28 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 __all__ = ["admissible_share", "worsened"]
 
 WORSE = 1.01  # ratio of the RMSE after the fit to that before, from which it counts as worse
-PERFECT = 1e-9  # of the target's variance: errors below it are rounding
+PERFECT = 1e-9  # of the variance of the target: errors below it are rounding
 SHARES = tuple(float(f"{digit}e-{power}") for power in range(1, 17) for digit in (5, 2, 1))
-RIDGE = 1e-12  # of the curvature, for values that the share leaves undetermined
-NAMED = 4  # datasets that a warning names
+RIDGE = 1e-12  # of the curvature, for values that are not determined at a share
+MAX_LISTED = 4  # datasets in a warning
 
 
 def worsened(
     quality: Sequence[Quality], scored: Collection[str], *, outweighed: bool, share: float | None
 ) -> Iterator[Finding]:
-    """Warn of RMSEs that are larger than at the start.
+    """Yield a warning if RMSEs are larger than at the start.
 
     Args:
         quality: of all criteria on all datasets.
-        scored: the criteria that count.
-        outweighed: whether the cost of the training data as a whole has risen.
-        share: the share of the smoothness at which it would not have; None where smoothness is not the cause.
+        scored: the criteria with a weight.
+        outweighed: True if the cost of the training data as a whole has risen.
+        share: share of the smoothness at which it would not have; None if smoothness is not the cause.
     """
     rows = [row for row in quality if row.criterion in scored and _is_worse(row)]
     if not rows:
         return
-    first, *others = [_compared(row) for row in rows[:NAMED]]
-    more = f", and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
+    first, *others = [_compared(row) for row in rows[:MAX_LISTED]]
+    more = f", and {len(rows) - MAX_LISTED} more" if len(rows) > MAX_LISTED else ""
     cause, remedy = _cause(rows, outweighed, share)
     named = ", ".join([f"the RMSE {first}", *others])
     yield Finding("", f"{cause}: {named}{more}", remedy, severity="warning")
@@ -53,24 +53,24 @@ def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None) -> tu
     if outweighed and share is not None:
         return "Smoothness outweighs the data", f"Multiply the smoothness by about {share:g}, or record more data."
     if outweighed:
-        return "The fit is worse than its start", "Check bounds, pins and limits: the start may not keep them."
+        return "The fit is worse than its start", "Check bounds, pins and limits: the start may violate them."
     if all(row.use == "test" for row in rows):
-        remedy = "Record training data there, raise the smoothness, or free fewer values."
+        remedy = "Add training data there, increase the smoothness, or free fewer values."
         return "The fit is worse than its start on test data", remedy
-    remedy = "Raise its weight: other criteria or datasets outweigh it, or a robust loss takes its errors for outliers."
-    return "The fit is worse than its start in part", remedy
+    remedy = "Increase its weight: other criteria or datasets outweigh it, or a robust loss ignores its errors."
+    return "The fit is partly worse than its start", remedy
 
 
 def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Float, allowed: float) -> float | None:
-    """Return the largest share of the smoothness at which the data would cost no more than `allowed`, roughly.
+    """Estimate the largest share of the smoothness at which the cost of the data is at most `allowed`.
 
-    For each share a Gauss-Newton step leads from the end of the fit to its minimum; the data's cost there counts.
-    Shares are 1, 2 and 5 times powers of ten. None where even the smallest is too much.
+    For each share, 1, 2 or 5 times a power of ten, a Gauss-Newton step leads from the end of the fit to its minimum,
+    where the cost of the data is evaluated. None if even the smallest share is too much.
 
     Args:
         compiled: the problem that was fitted.
         limits: of its free values.
-        values: where the fit ended, shape (values,).
+        values: the end of the fit, Float[values].
         allowed: cost of the data.
     """
     full = compiled.start.copy()

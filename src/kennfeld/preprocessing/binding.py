@@ -1,4 +1,4 @@
-"""Datasets brought into the form a model reads: gaps handled, pieces cut, time steps made."""
+"""Binding of datasets to the inputs of a model: gaps are bridged, pieces are split, time steps are computed."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,22 +10,22 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
-from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, hold_of, is_settled, not_held
+from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
-__all__ = ["NEAR", "BoundDataset", "bind_inputs"]
+__all__ = ["TIME_TOLERANCE", "BoundDataset", "bind_inputs"]
 
-NEAR = 1e-6  # s; time stamps are no closer
+TIME_TOLERANCE = 1e-6  # s; time stamps are no closer
 
 
 @dataclass(frozen=True)
 class BoundDataset:
     """The samples of a dataset that a model can be run on.
 
-    `inputs` holds the model's inputs at all samples of the dataset. `picked` marks those that are kept, None if all
-    are; `starts` are the first sample of each piece among the kept; `scored` marks the kept that count; `clock` holds
-    `dt` and `t` of the kept where the model reads them, and what else is no channel.
-    Where steady-state points are held until the model has settled, each is a piece that picks the same sample again and
-    again, by number, of which the last counts; `hold` says how long.
+    `inputs` holds the model's inputs at all samples of the dataset. `picked` marks the kept samples, None if all are
+    kept; `starts` are the first samples of pieces among them; `scored` marks those that are scored; `clock` holds `dt`
+    and `t` of the kept samples if the model reads them, and other inputs that are not channels. If steady-state points
+    are held until the model has settled (`hold`), `picked` repeats the number of each point, each point is a piece, and
+    the last sample of each is scored.
     """
 
     dataset: Dataset
@@ -38,7 +38,7 @@ class BoundDataset:
 
     @property
     def count(self) -> int:
-        """How many samples were kept."""
+        """Number of kept samples."""
         return self.scored.size
 
     @property
@@ -50,12 +50,12 @@ class BoundDataset:
 
     @property
     def columns(self) -> dict[str, Float]:
-        """All that the model reads, over the kept samples: the dataset's own arrays where all are, else copies."""
+        """All columns that the model reads, over the kept samples; the dataset's own arrays if all are kept."""
         return {name: self._of_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
     @property
     def whole(self) -> "BoundDataset":
-        """The same with all samples of the dataset kept, for models without memory: the others do not count."""
+        """The same with all samples of the dataset kept, for models without memory; the others are not scored."""
         if self.picked is None or self.hold is not None:
             return self
         scored, start = np.zeros(self.dataset.samples, dtype=bool), np.zeros(1, dtype=np.int64)
@@ -66,7 +66,7 @@ class BoundDataset:
         return BoundDataset(self.dataset, self.inputs, None, start, scored, clock)
 
     def channel(self, name: str) -> Float:
-        """A channel over the kept samples."""
+        """Return a channel over the kept samples."""
         return self._of_kept(self.dataset[name].values)
 
     def _of_kept(self, values: Float) -> Float:
@@ -74,7 +74,7 @@ class BoundDataset:
 
     @property
     def shown(self) -> "BoundDataset":
-        """One sample a point where points are held, else the same."""
+        """The same with one sample per point if points are held."""
         if self.hold is None:
             return self
         last = slice(self.hold.samples - 1, None, self.hold.samples)
@@ -86,20 +86,28 @@ class BoundDataset:
 
 
 def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], step: float | None = None) -> BoundDataset:
-    """Bind a dataset to the inputs of a graph; `channels` names the channel of an input where the names differ.
+    """Bind a dataset to the inputs of a graph.
 
     A NaN in an input drops a steady-state point. In time data, gaps up to the dataset's `max_gap` are interpolated,
-    longer ones end a piece. `step` is the model's own, for points that are held until it has settled.
-    Raises `InputError` where a channel is missing, or time is needed and not recorded.
+    longer ones end a piece.
+
+    Args:
+        dataset: must have a channel for each input.
+        graph: the model.
+        channels: the channel of each input that has another name.
+        step: the model's own step in s, for points that are held until it has settled.
+
+    Raises:
+        InputError: the model reads the time or the step, but the dataset has no time stamps.
     """
     inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
     if dataset.settling is not None and is_settled(dataset, graph):
-        return _held(dataset, inputs, hold_of(dataset, dataset.settling, step))
+        return _held(dataset, inputs, plan_hold(dataset, dataset.settling, step))
     clocks = {n.payload for n in graph.nodes if n.op == "input" and n.payload in CLOCK}
     if clocks and dataset.time is None:
         raise InputError.of(
             f"dataset {dataset.name}",
-            "the function needs time steps, but the data have no time stamps",
+            "the function requires time stamps, but the data have none",
             "Name the time channel `time`, or set `raster`; for steady-state points, `settle`.",
         )
     if dataset.time is not None or graph.states:
@@ -114,12 +122,12 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
     clock = {} if dataset.time is None else _clock(dataset.time[kept], starts, clocks)
     counts = scored[kept]
     if dataset.warmup > 0 and dataset.time is not None:
-        counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - NEAR)
-    return BoundDataset(dataset, inputs, picked, starts, counts, {**clock, **not_held(graph, counts.size)})
+        counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - TIME_TOLERANCE)
+    return BoundDataset(dataset, inputs, picked, starts, counts, {**clock, **unheld_inputs(graph, counts.size)})
 
 
 def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: HoldPlan) -> BoundDataset:
-    """Each point a piece of constant inputs, of which the last sample counts."""
+    """Bind each point as a piece of constant inputs, of which the last sample is scored."""
     points = np.flatnonzero(_complete(dataset, inputs))
     picked = np.repeat(points, hold.samples)
     scored = np.zeros(picked.size, dtype=bool)
@@ -136,7 +144,7 @@ def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Bool:
 
 
 def _bridged(dataset: Dataset, inputs: Mapping[str, Float]) -> tuple[dict[str, Float], Bool]:
-    """Inputs with short gaps interpolated, and the samples at which all of them are known."""
+    """Return the inputs with short gaps interpolated, and the samples at which all of them are known."""
     valid = np.ones(dataset.samples, dtype=bool)
     bridged = {}
     for name, values in inputs.items():
@@ -163,7 +171,7 @@ def _interpolated(
 
 
 def _cut(dataset: Dataset, valid: Bool) -> Int:
-    """Where among the valid samples a piece starts: at a recording's start, after a gap, or after a pause."""
+    """Return the first samples of pieces among the valid ones: after a recording's start, a gap or a pause."""
     fresh = np.zeros(dataset.samples, dtype=bool)
     fresh[dataset.starts] = True
     fresh[1:] |= ~valid[:-1]
@@ -173,22 +181,22 @@ def _cut(dataset: Dataset, valid: Bool) -> Int:
 
 
 def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
-    """The longest step in s that is no pause of the recording; infinite where there is no pause."""
+    """Return the longest step in s that is not a pause of the recording; infinite if there is no pause."""
     steps = np.diff(time)
     steps = np.delete(steps, starts[1:] - 1) if starts.size > 1 else steps
-    if not steps.size or steps.max() <= PAUSE * steps.min():  # looked at first: a median takes its time
+    if not steps.size or steps.max() <= PAUSE * steps.min():  # checked first: a median is slow
         return np.inf
     return max(PAUSE * float(np.median(steps)), max_gap)
 
 
 def _clock(time: Float, starts: Int, clocks: Collection[str]) -> dict[str, Float]:
-    """What is asked for of `dt`, the step before each sample, and `t`, the time since the piece began."""
-    made = {"dt": _steps, "t": _since}
-    return {name: made[name](time, starts) for name in clocks}
+    """Return those of `dt`, the step before each sample, and `t`, the time since the piece began, in `clocks`."""
+    functions = {"dt": _steps, "t": _since}
+    return {name: functions[name](time, starts) for name in clocks}
 
 
 def _steps(time: Float, starts: Int) -> Float:
-    """The step before each sample in s; the first of a piece is as long as the second.
+    """Return the step before each sample in s; the first one of a piece equals the second.
 
     A piece of a single sample has the median step of all pieces, 1 s if none has two samples.
     """
@@ -205,14 +213,14 @@ def _steps(time: Float, starts: Int) -> Float:
 
 
 def _typical(dt: Float, starts: Int) -> float:
-    """The median step within pieces; 1 where there is none."""
+    """Return the median step within pieces; 1 if there is none."""
     within = np.ones(dt.size, dtype=bool)
     within[starts] = False
     return float(np.median(dt[within])) if within.any() else 1.0
 
 
 def _since(time: Float, starts: Int) -> Float:
-    """The time since the piece began."""
+    """Return the time since the piece began."""
     return time - np.repeat(time[starts], _lengths(time, starts))
 
 

@@ -1,7 +1,4 @@
-"""Channels and conditions that are formula text over channels.
-
-Expressions over the channels of a dataset.
-"""
+"""Calculated channels and conditions: formula text over the channels of a dataset."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -21,27 +18,28 @@ from kennfeld.native import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.recipe import DataSettings
+from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["Calculated", "evaluate_expression", "read_calculated", "read_expression", "uses_clock"]
+__all__ = ["Calculated", "evaluate_expression", "parse_calculated", "parse_expression", "uses_clock"]
 
 
 def uses_clock(graph: Graph) -> bool:
-    """Whether the graph reads the time or the step."""
+    """Return whether the graph reads the time or the step."""
     return any(node.op == "input" and node.payload in CLOCK for node in graph.nodes)
 
 
 def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
-    """The node `value` of a graph over all samples of a dataset; NaN where an input is missing."""
+    """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN."""
     if graph.states or uses_clock(graph):
         return _simulated(graph, dataset)
     columns = {name: dataset[name].values for name in graph.inputs}
     with np.errstate(all="ignore"):
-        found = evaluate(graph, columns, ParameterSet())["value"]
-    return np.array(np.broadcast_to(found, dataset.samples))
+        values = evaluate(graph, columns, ParameterSet())["value"]
+    return np.array(np.broadcast_to(values, dataset.samples))
 
 
 def _simulated(graph: Graph, dataset: Dataset) -> Float:
-    """With memory: states start anew at each piece and after each gap."""
+    """Simulate a graph with memory; states restart at each piece and after each gap."""
     bound = bind_inputs(dataset, graph, {})
     lowered = lower_lookups(graph, ParameterSet())
     simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
@@ -52,13 +50,13 @@ def _simulated(graph: Graph, dataset: Dataset) -> Float:
 
 @dataclass(frozen=True)
 class Calculated:
-    """The graphs of the calculated channels, each after those it needs; those that are wrong are left out."""
+    """The graphs of the calculated channels, each after those it reads; `broken` names those with errors."""
 
     graphs: Mapping[str, Graph]
     broken: frozenset[str] = frozenset()
 
     def needed(self, names: Iterable[str]) -> list[str]:
-        """The calculated channels that these channels need, themselves included, in the order of calculation."""
+        """Return the calculated channels that these channels need, including themselves, in order of calculation."""
         wanted: set[str] = set()
         stack = list(names)
         while stack:
@@ -69,15 +67,13 @@ class Calculated:
         return [name for name in self.graphs if name in wanted]
 
     def recorded(self, names: Iterable[str]) -> list[str]:
-        """The recorded channels that these channels need."""
-        given = list(names)
-        inputs = [source for name in self.needed(given) for source in self.graphs[name].inputs]
-        return [n for n in dict.fromkeys([*given, *inputs]) if n not in self.graphs and n not in self.broken]
+        """Return the recorded channels that these channels need."""
+        channels = list(names)
+        inputs = [source for name in self.needed(channels) for source in self.graphs[name].inputs]
+        return [n for n in dict.fromkeys([*channels, *inputs]) if n not in self.graphs and n not in self.broken]
 
     def added(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
-        """The dataset with the calculated channels that `names` need and whose sources are there."""
-        from kennfeld.preprocessing.time_shift import shift_channels
-
+        """Return the dataset with the calculated channels that `names` need and whose inputs it has, each shifted."""
         for name in self.needed(names):
             graph = self.graphs[name]
             if all(source in dataset for source in graph.inputs):
@@ -86,11 +82,11 @@ class Calculated:
         return dataset
 
 
-def read_calculated(file: DataSettings, findings: list[Finding]) -> Calculated:
-    """The calculated channels of a project."""
+def parse_calculated(file: DataSettings, findings: list[Finding]) -> Calculated:
+    """Return the calculated channels of a project."""
     graphs = {}
     for name, text in file.calculated.items():
-        graph = read_expression(text, file.place(f"[calculated] {name}"), findings)
+        graph = parse_expression(text, file.place(f"[calculated] {name}"), findings)
         if graph is not None:
             graphs[name] = graph
     ordered = {name: graphs[name] for name in _order(graphs, file, findings)}
@@ -98,22 +94,22 @@ def read_calculated(file: DataSettings, findings: list[Finding]) -> Calculated:
 
 
 def _order(graphs: Mapping[str, Graph], file: DataSettings, findings: list[Finding]) -> list[str]:
-    """The channels, each after those it needs; those in a loop are reported and left out."""
-    left = dict(graphs)
+    """Return the channels in order of calculation; those in a cycle are reported and excluded."""
+    remaining = dict(graphs)
     while True:
-        needs = {name: [source for source in graph.inputs if source in left] for name, graph in left.items()}
+        needs = {name: [source for source in graph.inputs if source in remaining] for name, graph in remaining.items()}
         try:
             return list(TopologicalSorter(needs).static_order())
         except CycleError as error:
             loop = error.args[1][::-1]
-            message = f"the channel needs itself: {' -> '.join(loop)}"
+            message = f"circular definition: {' -> '.join(loop)}"
             findings.append(Finding(file.place(f"[calculated] {loop[0]}"), message, "Give it another name."))
             for name in loop:
-                left.pop(name, None)
+                remaining.pop(name, None)
 
 
-def read_expression(text: str, place: str, findings: list[Finding]) -> Graph | None:
-    """The graph of a formula over channels; None, and findings, where it is wrong."""
+def parse_expression(text: str, place: str, findings: list[Finding]) -> Graph | None:
+    """Return the graph of a formula over channels; None, with findings, if it has errors."""
     try:
         return expression(text, place)
     except InputError as error:

@@ -1,6 +1,6 @@
-"""Data as callers of the Python API pass them: datasets, or columns by name.
+"""Conversion of data that callers of the Python API pass: datasets, or columns by name.
 
-A column called like time becomes the time of the samples, by the rules of the readers of files.
+A time column is recognised by the same rules as in files.
 """
 
 from collections.abc import Collection, Mapping
@@ -14,32 +14,35 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, warn
 from kennfeld.graph import Graph
 from kennfeld.measurement.table import Column, Table
-from kennfeld.measurement.time_column import clock_of, find_time, seconds
+from kennfeld.measurement.time_column import clock_of, find_time, time_in_seconds
 from kennfeld.measurement.unit_text import split_name, time_unit
 from kennfeld.preprocessing.model_step import is_timed
 
-__all__ = ["Data", "dataset_of"]
+__all__ = ["Data", "to_dataset"]
 
 Data = Dataset | Mapping[str, ArrayLike]
 
 _INDEX = "the index"
 
 
-def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> Dataset:
-    """Return data as a dataset, with the time that a column holds.
+def to_dataset(given: Data, name: str, graph: Graph, asked: Collection[str]) -> Dataset:
+    """Return data as a dataset, with the time stamps that a column holds.
 
-    Columns stay channels too, so that a function may have an input called `time`. A dataset says itself whether it has
-    time; only for a function that needs time a channel of it is taken for that.
+    Columns remain channels as well, so that a function may have an input called `time`. A channel of a `Dataset`
+    without time stamps becomes its time only if the function needs time.
 
     Args:
         given: a dataset, or columns by name: a dict of arrays, a pandas DataFrame.
-        name: what messages call it if it is not a dataset.
+        name: the name of the dataset, unless it is one.
         graph: the function that runs over the data.
         asked: the channels that the function reads or is compared with; `t` and columns of dates are not time if they
             are among these.
 
+    Returns:
+        The dataset; its channels are Float[samples], its time is in s.
+
     Warns:
-        InputWarning: a column that is asked for holds infinite values, which count as missing.
+        InputWarning: a column in `asked` holds infinite values, which are treated as missing.
 
     Raises:
         InputError: a column does not hold numbers, or time does not increase and the function needs it.
@@ -49,16 +52,17 @@ def dataset_of(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
         columns = [_column(c.name, c.values, c.unit) for c in given.channels] if wanted else []
         return _with_time(given, columns, graph, asked)
     _check_columns(given)
-    stamps = {str(key): found for key in given if (found := _stamps(given[key], str(key))) is not None}
+    stamps = {str(key): column for key in given if (column := _stamps(given[key], str(key))) is not None}
     plain = {key: given[key] for key in given if str(key) not in stamps or str(key) in asked}
     dataset = Dataset.of(name, {key: _in_seconds(stamps, str(key), column) for key, column in plain.items()})
-    warn(one for one in dataset.remarks if one.place in {f"dataset {name}, channel {channel}" for channel in asked})
+    places = {f"dataset {name}, channel {channel}" for channel in asked}
+    warn(remark for remark in dataset.remarks if remark.place in places)
     columns = [stamps[c] if c in stamps else _column(c, dataset[c].values) for c in map(str, given)]
     return _with_time(dataset, [*columns, *_index(given)], graph, asked)
 
 
 def _check_columns(given: object) -> None:
-    """Raise `ArgumentError` for what does not hold columns by name, such as the name of a file."""
+    """Raise `ArgumentError` for an object without named columns, such as the name of a file."""
     if not (isinstance(given, Mapping) or (hasattr(given, "columns") and hasattr(given, "keys"))):
         message = f"data must be a dataset or columns by name, a dict or a DataFrame, got {type(given).__name__}"
         raise ArgumentError(f"{message}. kennfeld.read reads a file.")
@@ -70,7 +74,7 @@ def _with_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Col
     column = find_time(Table(dataset.name, tuple(columns), rows, names=tuple(c.name for c in columns)), names)
     if column is None:
         return dataset
-    time = seconds(column)
+    time = time_in_seconds(column)
     wrong = np.flatnonzero(~(np.diff(time) > 0))
     if wrong.size and is_timed(graph):
         k = int(wrong[0])
@@ -86,7 +90,7 @@ def _column(name: str, values: Float, unit: str = "") -> Column:
 
 
 def _stamps(given: Any, name: str) -> Column | None:
-    """The column of dates or time differences, in seconds from the first; None if it holds anything else."""
+    """Return the column of dates or time differences, in seconds from the first; None if it holds anything else."""
     kind = getattr(getattr(given, "dtype", None), "kind", "")
     if kind not in ("M", "m"):
         return None
@@ -98,12 +102,12 @@ def _stamps(given: Any, name: str) -> Column | None:
 
 
 def _in_seconds(stamps: Mapping[str, Column], name: str, given: Any) -> Any:
-    """The seconds of a column of dates that is called like time; other columns stay as they are."""
+    """Return the seconds of a column of dates with a name of time; other columns unchanged."""
     return stamps[name].values if name in stamps and time_unit(name, "") is not None else given
 
 
 def _index(given: Any) -> list[Column]:
-    """The index of a DataFrame, if it holds dates, or is called like time."""
+    """Return the index of a DataFrame if it holds dates or has a name of time."""
     index = getattr(given, "index", None)
     if index is None or not hasattr(given, "columns"):
         return []

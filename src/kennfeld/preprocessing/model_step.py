@@ -1,4 +1,4 @@
-"""Data put onto a model's own step, which is where a model with memory means anything."""
+"""Resampling of data to the model's own step; models with memory are defined for that step only."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
@@ -22,17 +22,15 @@ def is_timed(graph: Graph) -> bool:
 
 
 def clock_findings(dataset: Dataset, place: str) -> Iterator[Finding]:
-    """Warn of time stamps that look like milliseconds and were taken for seconds."""
+    """Yield a warning if the time stamps look like milliseconds but were read as seconds."""
     if dataset.clock is not None and dataset.clock.in_milliseconds:
         name = dataset.clock.name
-        message = (
-            f"the time stamps look like milliseconds: {name} has no unit and is taken as s, and its steps are long"
-        )
+        message = f"the time stamps look like milliseconds: {name} has no unit and is read as s, and its steps are long"
         yield Finding(place, message, unit_remedy(name), severity="warning")
 
 
-def raster_in_python(step: float) -> str:
-    """Return how the Python API puts data onto an even raster of `step` seconds."""
+def raster_remedy(step: float) -> str:
+    """Return the remedy that resamples data to an even step in s with the Python API."""
     return f"Resample the data to an even step of {step:g} s; kennfeld.read does so with raster={step:g}."
 
 
@@ -41,18 +39,18 @@ def refine_step(
     step: float,
     inputs: Collection[str],
     place: str,
-    remedy: Callable[[float], str] = raster_in_python,
+    remedy: Callable[[float], str] = raster_remedy,
 ) -> Dataset:
-    """Return the dataset on a model's own step.
+    """Return the dataset at the model's own step.
 
-    Inputs are interpolated; all other channels and the scoring stay at the samples of the data.
+    Inputs are interpolated; all other channels have values, and samples are scored, only at the samples of the data.
 
     Args:
-        dataset: returned as it is if it has no time stamps or has the model's step.
+        dataset: returned unchanged if it has no time stamps or has the model's step.
         step: the model's step in s.
         inputs: the channels that the model reads.
-        place: what an error message calls the dataset.
-        remedy: tells how to put data onto an even raster of a step in s.
+        place: location for error messages.
+        remedy: returns the remedy that resamples data to an even step in s.
 
     Raises:
         InputError: the step of the data is uneven, or not a whole multiple of the model's.
@@ -100,7 +98,7 @@ def _refined(dataset: Dataset, time: Float, count: int, inputs: Collection[str])
 
 
 def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
-    """Return a simulation on a model's finer step at the samples of the data alone.
+    """Return a simulation at a model's finer step at the samples of the data only.
 
     Args:
         simulated: channels over the model's steps.

@@ -1,368 +1,225 @@
-"""The datasets of a project: files found and read, channels shifted and calculated, samples chosen."""
+"""Preparation of the datasets of a project: from the files of recordings to the samples that a calibration uses.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+`prepare_dataset` holds the whole chain. The steps depend on each other: points that are held lose their time stamps, so
+that shifts count samples from then on; calculated channels read shifted ones; the condition `where` may read calculated
+ones; and plateaus are averaged over scored samples only.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from kennfeld.dataset import Dataset, Settling, concatenate
+from kennfeld.dataset import Dataset, Settling
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import nearest, quoted
+from kennfeld.formatting import nearest
 from kennfeld.graph import Graph
-from kennfeld.measurement import describe
-from kennfeld.measurement.cache import Cache
-from kennfeld.measurement.reader import read_leniently
-from kennfeld.preprocessing.binding import NEAR
-from kennfeld.preprocessing.calculated import Calculated, evaluate_expression, read_expression, uses_clock
+from kennfeld.preprocessing.binding import TIME_TOLERANCE
+from kennfeld.preprocessing.calculated import Calculated, evaluate_expression, uses_clock
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.recordings import CACHE, default_name, matching, near
+from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, join_recordings
 from kennfeld.preprocessing.time_shift import shift_channels
-from kennfeld.preprocessing.units import Units, check_stated, compare, restated, says_nothing, times
+from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
 
-__all__ = ["ChannelRequest", "LoadedData", "load"]
-
-
-@dataclass(frozen=True)
-class ChannelRequest:
-    """The channels that a project reads, each with what it is for.
-
-    Every dataset has to have the `required` ones; `optional` ones, such as targets, may be missing in some.
-    `units` are those that the function has for channels, each with whose it is; `in_formulas` the channels that
-    criteria weigh their samples by. Where the function could not be read, they are not `complete`.
-    """
-
-    required: Mapping[str, str] = field(default_factory=dict)
-    optional: Mapping[str, str] = field(default_factory=dict)
-    inputs: frozenset[str] = frozenset()
-    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    in_formulas: frozenset[str] = frozenset()
-    step: float | None = None
-    complete: bool = True
+__all__ = ["LoadedData", "load_datasets", "prepare_dataset"]
 
 
 @dataclass
 class LoadedData:
-    """The datasets, and the names that the files offer where channels were missed."""
+    """The datasets of a project.
+
+    Attributes:
+        datasets: those that could be prepared.
+        places: how messages name each dataset, by its name.
+        offered: the channel names of files in which channels are missing.
+        unknown_shifts: channels whose shift is to be estimated, by the name of the dataset.
+        clocks: the columns of files that time was read from.
+        complete: false if a dataset could not be prepared.
+    """
 
     datasets: list[Dataset] = field(default_factory=list)
-    places: dict[str, str] = field(default_factory=dict)  # of each dataset, by its name
+    places: dict[str, str] = field(default_factory=dict)
     offered: dict[str, None] = field(default_factory=dict)
-    unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each dataset that has some
-    clocks: set[str] = field(default_factory=set)  # the columns of files that time was read from
+    unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    clocks: set[str] = field(default_factory=set)
     complete: bool = True
 
 
-def load(file: DataSettings, wanted: ChannelRequest, calculated: Calculated, findings: list[Finding]) -> LoadedData:
-    """All datasets that can be read, and what is wrong with the others."""
+def load_datasets(
+    settings: DataSettings, request: ChannelRequest, calculated: Calculated, findings: list[Finding]
+) -> LoadedData:
+    """Return all datasets of a project that can be prepared.
+
+    Args:
+        settings: the datasets, stated units and channel names of the project.
+        request: the channels that the project reads.
+        calculated: the project's calculated channels.
+        findings: receives the problems of the other datasets, and remarks.
+    """
     loaded = LoadedData()
-    units = Units(file.units, wanted.units)
-    formulas = {*wanted.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
+    units = Units(settings.units, request.units)
+    formulas = {*request.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
     used: set[str] = set()
-    for entry in file.datasets:
-        name = entry.name
+    for entry in settings.datasets:
+        problems: list[Finding] = []
+        dataset = None
         try:
-            work = _Loading(file, entry, wanted, calculated, findings, loaded, units)
-            formulas |= work.in_formulas
-            used |= work.used
-            made = work.dataset()
+            channels = DatasetChannels.of(entry, request, calculated, problems)
+            formulas |= channels.in_formulas
+            used |= channels.used
+            reader = RecordingReader(settings, entry, channels, problems, loaded.offered, loaded.clocks)
+            dataset = prepare_dataset(reader, units, request)
         except InputError as error:
-            findings += error.findings
-            made = None
+            problems += error.findings
         except ArgumentError as error:
-            findings.append(Finding(entry.place, str(error)))
-            made = None
-        if made is None:
-            loaded.complete = False
-        elif made.name in loaded.places:
-            message = f"two datasets are called {made.name}"
-            findings.append(Finding(f"{entry.place} name", message, "Give one of them a name of its own."))
-        else:
-            loaded.datasets.append(made)
-            if entry.unknown_shifts:
-                loaded.unknown_shifts[made.name] = entry.unknown_shifts
-            loaded.places[made.name] = entry.place if name else f"{entry.place} ({made.name})"
+            problems.append(Finding(entry.place, str(error)))
+        findings += problems
+        _add(loaded, entry, None if _has_errors(problems) else dataset, findings)
     findings += units.remarks(formulas)
-    if wanted.complete:
-        findings += check_stated(file, used, loaded.clocks, complete=loaded.complete)
+    if request.complete:
+        findings += check_stated_units(settings, used, loaded.clocks, complete=loaded.complete)
     return loaded
 
 
-class _Loading:
-    """One dataset on its way in."""
+def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelRequest) -> Dataset | None:
+    """Return one dataset, from its files to its scored samples.
 
-    def __init__(
-        self,
-        file: DataSettings,
-        entry: DatasetEntry,
-        wanted: ChannelRequest,
-        calculated: Calculated,
-        findings: list[Finding],
-        loaded: LoadedData,
-        units: Units,
-    ) -> None:
-        self.file, self.entry, self.wanted, self.calculated = file, entry, wanted, calculated
-        self.findings, self.loaded, self.units = findings, loaded, units
-        self.cache = Cache(file.folder / CACHE) if entry.cache else None
-        self.where: Graph | None = None
-        if entry.where:
-            self.where = read_expression(entry.where, f"{entry.place} where", findings)
-        conditions = dict.fromkeys(self.where.inputs if self.where else (), "the condition `where`")
-        weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
-        steady = dict.fromkeys((one.channel for one in entry.steady), "the channel of `steady`")
-        self.required = {**dict(wanted.required), **conditions, **weights, **steady}
-        self.optional = {name: why for name, why in wanted.optional.items() if name not in self.required}
-        self.failed = bool(entry.where) and self.where is None
+    Problems are added to the findings of the reader; if one of them is an error, the result must not be used.
 
-    @property
-    def in_formulas(self) -> set[str]:
-        """The channels whose numbers the entry speaks of."""
-        return {*(self.where.inputs if self.where else ()), *(one.channel for one in self.entry.steady)}
+    Returns:
+        The dataset; None if no file could be read, or no channel for the plateaus.
 
-    @property
-    def used(self) -> set[str]:
-        """The channels that the project reads or calculates for this dataset."""
-        needed = self.calculated.needed([*self.required, *self.optional])
-        return {*needed, *self._channels(), *self.calculated.graphs}
+    Raises:
+        InputError: the settings do not fit the data, such as a warm-up of data without time stamps.
+    """
+    entry, channels, findings = reader.entry, reader.channels, reader.findings
+    paths = reader.find_files()
+    _check_shifts(entry, channels, findings)
+    recordings = reader.read(paths, units)
+    if not recordings:
+        return None
+    dataset = join_recordings(entry, paths, recordings, findings)
+    if not entry.steady:
+        dataset = _hold_points(dataset, entry, request.step)
+    _check_time(dataset, entry, channels.where)
+    dataset = _shift_recorded(dataset, entry, channels.calculated)
+    dataset = _add_calculated(dataset, entry, channels, reader.settings)
+    dataset = _mask_unscored(dataset, entry, channels.where, findings)
+    if not entry.steady:
+        return _refine(dataset, entry, request)
+    if _has_errors(findings) or any(condition.channel not in dataset for condition in entry.steady):
+        return None
+    dataset = steady_points(dataset, entry, findings)
+    return _hold_points(dataset, entry, request.step)
 
-    def dataset(self) -> Dataset | None:
-        """The dataset, or None where a finding says why there is none."""
-        paths = list(self._paths())
-        self._check_shift()
-        parts = list(self._parts(paths))
-        if not parts:
-            return None
-        finished = self._finished(self._joined(paths, parts))
-        return None if self.failed else finished
 
-    def _report(self, key: str, message: str, remedy: str = "") -> None:
-        self._keep([Finding(f"{self.entry.place} {key}".strip(), message, remedy)])
+def _add(loaded: LoadedData, entry: DatasetEntry, dataset: Dataset | None, findings: list[Finding]) -> None:
+    if dataset is None:
+        loaded.complete = False
+    elif dataset.name in loaded.places:
+        message = f"duplicate dataset name {dataset.name}"
+        findings.append(Finding(f"{entry.place} name", message, "Give each dataset its own name."))
+    else:
+        loaded.datasets.append(dataset)
+        if entry.unknown_shifts:
+            loaded.unknown_shifts[dataset.name] = entry.unknown_shifts
+        loaded.places[dataset.name] = entry.place if entry.name else f"{entry.place} ({dataset.name})"
 
-    def _keep(self, findings: Iterable[Finding]) -> None:
-        """Keep errors; the dataset is of no use then."""
-        self.findings += findings
-        self.failed = True
 
-    def _paths(self) -> Iterator[str]:
-        """The files, in the order of the patterns and sorted within each; each once."""
-        found: dict[str, None] = {}
-        for pattern in self.entry.files:
-            matches = matching(self.file.folder, pattern)
-            if not matches:
-                self._report("files", f"{pattern} matches no file", near(self.file.folder, pattern))
-            found |= dict.fromkeys(matches)
-        yield from found
+def _has_errors(findings: list[Finding]) -> bool:
+    return any(finding.severity == "error" for finding in findings)
 
-    def _check_shift(self) -> None:
-        used = self.used
-        for name in (*(self.entry.shift or {}), *self.entry.unknown_shifts):
-            if name not in used:
-                remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
-                self._report("shift", f"nothing uses a channel {name}", remedy)
-        for name in self.entry.unknown_shifts:
-            after = [other for other, graph in self.calculated.graphs.items() if name in graph.inputs]
-            if after:
-                message = f'{name} cannot be "auto", since [calculated] {after[0]} is made of it'
-                self._report("shift", message, "Give a number, or shift what the function reads.")
 
-    def _channels(self) -> list[str]:
-        return self.calculated.recorded([*self.required, *self.optional])
+def _check_shifts(entry: DatasetEntry, channels: DatasetChannels, findings: list[Finding]) -> None:
+    place = f"{entry.place} shift"
+    used = channels.used
+    for name in (*(entry.shift or {}), *entry.unknown_shifts):
+        if name not in used:
+            remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
+            findings.append(Finding(place, f"channel {name} is not used", remedy))
+    for name in entry.unknown_shifts:
+        dependent = [other for other, graph in channels.calculated.graphs.items() if name in graph.inputs]
+        if dependent:
+            message = f'the shift of {name} cannot be "auto" because [calculated] {dependent[0]} reads it'
+            findings.append(Finding(place, message, "Give a number, or shift the channels that the function reads."))
 
-    def _parts(self, paths: Sequence[str]) -> Iterator[Dataset]:
-        """The files, their channels in the units of the function, or else in those of the first file."""
-        for path, part in self._recordings(paths):
-            yield self.units.converted(part, Path(path).name)
 
-    def _recordings(self, paths: Sequence[str]) -> Iterator[tuple[str, Dataset]]:
-        """The files that can be read, as recorded."""
-        missed: dict[str, list[str]] = {}
-        listed: dict[str, None] = {}
-        for path in paths:
-            part = self._recording(path, missed, listed)
-            if part is not None:
-                self.findings += part.remarks
-                yield path, part
-        self._report_missed(missed, listed)
-
-    def _recording(self, path: str, missed: dict[str, list[str]], listed: dict[str, None]) -> Dataset | None:
-        """The file, without the optional channels that it lacks; None, and findings, where it is of no use."""
-        asked = self._channels() or None, self.entry.raster
-        try:
-            names = None if self.cache is None else self.cache.failed(path, *asked)
-            if names is None:
-                return self._read(path, *asked)
-        except InputError as error:
-            names = self._names(path, error)
-            if names is None:
-                return None
-            if self.cache is not None:
-                self.cache.keep_failed(path, *asked, names)
-        return self._lenient(path, names, missed, listed)
-
-    def _read(self, path: str, channels: Sequence[str] | None, raster: float | None) -> Dataset:
-        units = times(self.file.units)
-        if self.cache is None:
-            read = read_leniently(path, channels, raster, units)
-        else:
-            read = self.cache.read(path, channels, raster, units=units)
-        self.loaded.clocks |= {read.clock.name} if read.clock is not None else set()
-        return read
-
-    def _names(self, path: str, error: InputError) -> list[str] | None:
-        """All that a file has, where it cannot give what is asked for; None where it cannot be read at all."""
-        try:
-            tables = describe(path).tables
-        except InputError:
-            self._keep(error.findings)
-            return None
-        return [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
-
-    def _lenient(
-        self, path: str, names: Sequence[str], missed: dict[str, list[str]], listed: dict[str, None]
-    ) -> Dataset | None:
-        """The file without the optional channels that it lacks; keeps what it misses otherwise."""
-        self.loaded.offered |= dict.fromkeys(names)
-        absent = [name for name in self._channels() if name not in names]
-        needed = [name for name in self.calculated.recorded(self.required) if name in absent]
-        for name in needed:
-            missed.setdefault(name, []).append(Path(path).name)
-            listed |= dict.fromkeys(names)
-        if needed:
-            self.failed = True
-            return None
-        try:
-            return self._read(path, [name for name in self._channels() if name not in absent], self.entry.raster)
-        except InputError as again:
-            self._keep(again.findings)
-            return None
-
-    def _report_missed(self, missed: Mapping[str, Sequence[str]], listed: Mapping[str, None]) -> None:
-        for channel, files in missed.items():
-            place = files[0] + (f" and {len(files) - 1} more" if len(files) > 1 else "")
-            why = self.required.get(channel) or self._why_calculated(channel)
-            names = ", ".join(list(listed)[:8]) + (", ..." if len(listed) > 8 else "")
-            remedy = nearest(channel, listed) or f"It has {names}."
-            if why.startswith("the input ") and channel not in self.file.channels.values():
-                key = quoted(channel)
-                scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
-                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
-            self.findings.append(Finding(place, f"has no channel {channel}, {why}", remedy))
-
-    def _why_calculated(self, channel: str) -> str:
-        for name, graph in self.calculated.graphs.items():
-            if channel in graph.inputs:
-                return f"which [calculated] {name} needs"
-        return "which the project needs"
-
-    def _joined(self, paths: Sequence[str], parts: Sequence[Dataset]) -> Dataset:
-        """One dataset, each file a piece; a channel that some files lack is NaN there."""
-        every = {channel.name: channel for part in reversed(parts) for channel in part.channels}
-        self._check_units(parts)
-        whole = [
-            part.with_channels(
-                *(replace(c, values=np.full(part.samples, np.nan)) for n, c in every.items() if n not in part)
-            )
-            for part in parts
-        ]
-        name = self.entry.name or default_name(paths, self.entry.files[0])
-        joined = concatenate(name, whole) if len(whole) > 1 else whole[0]
-        use, weight = self.entry.use, self.entry.weight
-        sampled = self.entry.weight_channel
-        joined = replace(joined, name=name, use=use, weight=weight, weight_channel=sampled)
-        return replace(joined, max_gap=self.entry.max_gap, warmup=self.entry.warmup)
-
-    def _check_units(self, parts: Sequence[Dataset]) -> None:
-        units: dict[str, str] = {}
-        for part in parts:
-            for channel in part.channels:
-                if says_nothing(channel.unit):
-                    continue
-                first = units.setdefault(channel.name, channel.unit)
-                if channel.unit != first and compare(channel.unit, first) != "same":
-                    message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
-                    place = f"{self.entry.place} files"
-                    self.findings.append(Finding(place, message, "Split the dataset.", severity="warning"))
-                    units[channel.name] = channel.unit
-
-    def _finished(self, dataset: Dataset) -> Dataset | None:
-        shift = self.entry.shift or {}
-        if not self.entry.steady:
-            dataset = self._held(dataset)
-        if not self._fits_time(dataset, shift):
-            return None
-        dataset = shift_channels(dataset, {n: s for n, s in shift.items() if n not in self.calculated.graphs})
-        names = [*self.required, *self.optional]
-        for name in self.calculated.needed(names):
-            if uses_clock(self.calculated.graphs[name]) and dataset.time is None:
-                message = f"{name} needs time steps, but dataset {dataset.name} has no time stamps"
-                self._keep([Finding(self.file.place(f"[calculated] {name}"), message, "Name the time channel `time`.")])
-                return None
-        stated = {name: unit for name, unit in self.file.units.items() if name in self.calculated.graphs}
-        dataset = self._chosen(restated(self.calculated.added(dataset, names, shift), stated))
-        if self.entry.steady:
-            return self._steady(dataset)
-        if self.wanted.step is not None:
-            dataset = refine_step(dataset, self.wanted.step, self.wanted.inputs, self.entry.place, _raster)
+def _hold_points(dataset: Dataset, entry: DatasetEntry, model_step: float | None) -> Dataset:
+    """Return the samples as points that are held until the model has settled, if `settle` is set; without time."""
+    if entry.settle is None:
         return dataset
-
-    def _steady(self, dataset: Dataset) -> Dataset | None:
-        """The means over the plateaus, to be held where the entry asks for it too."""
-        if self.failed or any(one.channel not in dataset for one in self.entry.steady):
-            return None
-        points = steady_points(dataset, self.entry, self.findings)
-        return None if points is None else self._held(points)
-
-    def _held(self, dataset: Dataset) -> Dataset:
-        """The dataset as points to be held, whatever their time stamps, where the entry asks for it."""
-        entry = self.entry
-        if entry.settle is None:
-            return dataset
-        return replace(
-            dataset, time=None, settling=Settling(entry.settle, entry.average, entry.step or self.wanted.step)
-        )
-
-    def _fits_time(self, dataset: Dataset, shift: Mapping[str, float]) -> bool:
-        """Whether what the entry says fits data without time stamps, where there are none."""
-        if dataset.time is not None:
-            return True
-        good = True
-        if self.entry.steady:
-            remedy = "Name the time channel `time`; leave steady out, if these are steady-state points."
-            self._report("steady", "plateaus are found in time, but the data have no time stamps", remedy)
-            good = False
-        for key, value in (("warmup", self.entry.warmup), ("max_gap", self.entry.max_gap)):
-            if value > 0:
-                message = f"{key} = {value:g} s needs time, but the data have no time stamps"
-                self._report(key, message, "Name the time channel `time`, or remove the key.")
-                good = False
-        for name, by in shift.items():
-            if by != round(by):
-                message = f"{by:g} samples of {name}: data without time stamps can only be shifted by whole samples"
-                self._report("shift", message, "Write a whole number.")
-                good = False
-        if self.where is not None and uses_clock(self.where):
-            self._report("where", "the condition needs time, but the data have no time stamps")
-            good = False
-        return good
-
-    def _chosen(self, dataset: Dataset) -> Dataset:
-        """The dataset with the samples marked that count."""
-        scored = dataset.counting.copy()
-        if self.where is not None and all(name in dataset for name in self.where.inputs):
-            values = evaluate_expression(self.where, dataset)
-            scored &= np.isfinite(values) & (values != 0)
-            if not scored.any():
-                self._report("where", f"{self.entry.where} holds at no sample", "Check the condition.")
-        if self.entry.warmup > 0 and dataset.time is not None:
-            for piece in dataset.pieces:
-                time = dataset.time[piece]
-                scored[piece] &= time - time[0] > self.entry.warmup - NEAR
-            if not scored.any():
-                self._report("warmup", f"{self.entry.warmup:g} s are longer than every piece", "Shorten it.")
-        return dataset if scored.all() else replace(dataset, scored=scored)
+    return replace(dataset, time=None, settling=Settling(entry.settle, entry.average, entry.step or model_step))
 
 
-def _raster(step: float) -> str:
-    return f"Write raster = {step:g} to put them onto an even raster."
+def _check_time(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -> None:
+    """Raise `InputError` if the dataset has no time stamps and a setting requires them."""
+    if dataset.time is not None:
+        return
+    findings = []
+    if entry.steady:
+        remedy = "Name the time channel `time`; remove steady if these are steady-state points."
+        findings.append(Finding(f"{entry.place} steady", "steady requires time stamps, but the data have none", remedy))
+    for key, value in (("warmup", entry.warmup), ("max_gap", entry.max_gap)):
+        if value > 0:
+            message = f"{key} = {value:g} s requires time stamps, but the data have none"
+            findings.append(
+                Finding(f"{entry.place} {key}", message, "Name the time channel `time`, or remove the key.")
+            )
+    for name, shift in (entry.shift or {}).items():
+        if shift != round(shift):
+            message = f"{shift:g} samples of {name}: data without time stamps can only be shifted by whole samples"
+            findings.append(Finding(f"{entry.place} shift", message, "Write a whole number."))
+    if where is not None and uses_clock(where):
+        message = "the condition requires time stamps, but the data have none"
+        findings.append(Finding(f"{entry.place} where", message))
+    if findings:
+        raise InputError(findings)
+
+
+def _shift_recorded(dataset: Dataset, entry: DatasetEntry, calculated: Calculated) -> Dataset:
+    shifts = entry.shift or {}
+    return shift_channels(dataset, {name: shift for name, shift in shifts.items() if name not in calculated.graphs})
+
+
+def _add_calculated(
+    dataset: Dataset, entry: DatasetEntry, channels: DatasetChannels, settings: DataSettings
+) -> Dataset:
+    """Return the dataset with its calculated channels, shifted and in the units that the project states for them."""
+    graphs = channels.calculated.graphs
+    for name in channels.calculated.needed(channels.names):
+        if uses_clock(graphs[name]) and dataset.time is None:
+            message = f"{name} requires time stamps, but dataset {dataset.name} has none"
+            raise InputError.of(settings.place(f"[calculated] {name}"), message, "Name the time channel `time`.")
+    stated: Mapping[str, str] = {name: unit for name, unit in settings.units.items() if name in graphs}
+    return with_stated_units(channels.calculated.added(dataset, channels.names, entry.shift or {}), stated)
+
+
+def _mask_unscored(dataset: Dataset, entry: DatasetEntry, where: Graph | None, findings: list[Finding]) -> Dataset:
+    """Return the dataset without scoring during the warm-up and at samples at which `where` is false or NaN."""
+    scored = dataset.counting.copy()
+    if where is not None and all(name in dataset for name in where.inputs):
+        values = evaluate_expression(where, dataset)
+        scored &= np.isfinite(values) & (values != 0)
+        if not scored.any():
+            message = f"{entry.where} is true at no sample"
+            findings.append(Finding(f"{entry.place} where", message, "Check the condition."))
+    if entry.warmup > 0 and dataset.time is not None:
+        for piece in dataset.pieces:
+            time = dataset.time[piece]
+            scored[piece] &= time - time[0] > entry.warmup - TIME_TOLERANCE
+        if not scored.any():
+            message = f"{entry.warmup:g} s is longer than every piece"
+            findings.append(Finding(f"{entry.place} warmup", message, "Reduce it."))
+    return dataset if scored.all() else replace(dataset, scored=scored)
+
+
+def _refine(dataset: Dataset, entry: DatasetEntry, request: ChannelRequest) -> Dataset:
+    if request.step is None:
+        return dataset
+    return refine_step(dataset, request.step, request.inputs, entry.place, _raster_remedy)
+
+
+def _raster_remedy(step: float) -> str:
+    return f"Write raster = {step:g} to resample them to an even step."

@@ -1,7 +1,4 @@
-"""Where channels of a recording stand still, and the mean of every channel over each such stretch.
-
-The steady-state points of a recording, as a `[[dataset]]` asks for them, or why there are none.
-"""
+"""Plateaus: the stretches of a recording over which channels stay constant, averaged to steady-state points."""
 
 import heapq
 from bisect import bisect_left, insort
@@ -14,26 +11,67 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset
-from kennfeld.errors import Finding
-from kennfeld.preprocessing.recipe import DatasetEntry, SteadyEntry
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import count_noun
+from kennfeld.preprocessing.recipe import DatasetEntry
 
-__all__ = ["averaged", "least_tolerance", "longest", "plateaus", "segments", "steady_points", "stretches"]
+__all__ = [
+    "average_plateaus",
+    "find_plateaus",
+    "first_in_band",
+    "least_tolerance",
+    "longest_stretch",
+    "segment_starts",
+    "steady_points",
+]
 
-_NEAR = 1e-6  # s; time stamps are no closer
+_TIME_TOLERANCE = 1e-6  # s; time stamps are further apart
 _ROUNDING = 1e-9  # of a band's width, for limits that values meet exactly
-_Run = tuple[float, int, int]  # minus the length in s, so that a heap has the longest first; first and last sample
+_Stretch = tuple[float, int, int]  # minus the length in s, so that a heap has the longest first; first and last sample
 
 
-def segments(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
-    """Where among the samples that count a piece, or what follows on a gap, begins.
+def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]) -> Dataset:
+    """Return a dataset with a point for each plateau of a recording.
 
-    A gap is a row of samples that do not count and lasts longer than `max_gap` s from the sample before it to that
-    after it, or a time step longer than that and than `PAUSE` usual ones.
+    A plateau is a stretch of at least the longest `window` in which every channel of `steady` stays within a band of
+    +-tolerance. Samples that are not scored, or lack one of these channels, are excluded from the means; a run of them
+    that lasts longer than `max_gap` ends a plateau, as a pause and the end of a piece do.
+
+    Args:
+        dataset: a recording with time stamps.
+        entry: its settings.
+        findings: receives a remark on the plateaus.
+
+    Raises:
+        InputError: there is no plateau; the message says which tolerance or window would give one.
+    """
+    if dataset.time is None:
+        raise AssertionError("plateaus require time stamps")
+    search = _PlateauSearch(dataset, dataset.time, entry)
+    ranges = search.plateaus()
+    place = f"{entry.place} steady"
+    if not ranges:
+        raise InputError.of(place, *search.explain_none())
+    findings.append(Finding(place, search.describe(ranges), severity="remark"))
+    return average_plateaus(dataset, search.counts, ranges)
+
+
+def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
+    """Return the first sample of each segment without a gap, numbered among the samples that count.
+
+    A gap is a run of samples that do not count and lasts longer than `max_gap` from the sample before it to that after
+    it, or a time step longer than that and than `PAUSE` usual ones. A piece starts a segment too.
+
+    Args:
+        time: time stamps in s; Float[samples].
+        starts: first sample of each piece; Int[pieces].
+        counts: samples that count; Bool[samples].
+        max_gap: s.
 
     >>> time, first = np.arange(6.0), np.zeros(1, dtype=int)
-    >>> segments(time, first, np.array([True, True, False, True, True, True]), 0.0)
+    >>> segment_starts(time, first, np.array([True, True, False, True, True, True]), 0.0)
     array([0, 2])
-    >>> segments(time, first, np.array([True, True, False, True, True, True]), 2.0)
+    >>> segment_starts(time, first, np.array([True, True, False, True, True, True]), 2.0)
     array([0])
     """
     kept = np.flatnonzero(counts)
@@ -42,17 +80,17 @@ def segments(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
     steps, piece = np.diff(time[kept]), np.searchsorted(starts, kept, side="right")
     within = np.diff(time)[np.diff(np.searchsorted(starts, np.arange(time.size), side="right")) == 0]
     pause = max(PAUSE * float(np.median(within)), max_gap) if within.size else np.inf
-    gap = np.where(np.diff(kept) > 1, steps > max_gap + _NEAR, steps > pause)
+    gap = np.where(np.diff(kept) > 1, steps > max_gap + _TIME_TOLERANCE, steps > pause)
     return np.concatenate([[0], np.flatnonzero(gap | (np.diff(piece) > 0)) + 1])
 
 
-def stretches(values: Float, tolerance: float, starts: Int) -> Int:
-    """For each sample the first one from which the values up to it stay within a band of +-tolerance.
+def first_in_band(values: Float, tolerance: float, starts: Int) -> Int:
+    """Return for each sample the first one from which the values up to it stay within a band of +-tolerance.
 
-    Values in a band are at most two tolerances apart. `starts` are the samples at which no stretch goes on. Takes a
-    time that grows with the number of samples alone, whatever the length of the stretches (two monotone queues).
+    Values in a band are at most two tolerances apart. `starts` are the first samples of the segments. Runs in linear
+    time, whatever the length of the stretches (two monotone queues).
 
-    >>> stretches(np.array([0.0, 1.0, 2.0, 3.0]), 1.0, np.array([0]))
+    >>> first_in_band(np.array([0.0, 1.0, 2.0, 3.0]), 1.0, np.array([0]))
     array([0, 0, 0, 1])
     """
     first = np.empty(values.size, dtype=np.int64)
@@ -64,31 +102,35 @@ def stretches(values: Float, tolerance: float, starts: Int) -> Int:
 
 
 def _first_of_band(values: list[float], width: float) -> list[int]:
-    """The same for a segment: for each value the number of the first one that its band reaches back to."""
-    falling: deque[int] = deque()  # candidates for the largest value of the band
-    rising: deque[int] = deque()  # and for the smallest
-    found, left = [], 0
-    for at, value in enumerate(values):
+    """Return the same for one segment.
+
+    `falling` holds the candidates for the maximum of the band and `rising` those for its minimum: a value leaves its
+    queue as soon as a later one is at least as extreme.
+    """
+    falling: deque[int] = deque()
+    rising: deque[int] = deque()
+    firsts, first = [], 0
+    for index, value in enumerate(values):
         while falling and values[falling[-1]] <= value:
             falling.pop()
         while rising and values[rising[-1]] >= value:
             rising.pop()
-        falling.append(at)
-        rising.append(at)
+        falling.append(index)
+        rising.append(index)
         while values[falling[0]] - values[rising[0]] > width:
             oldest = falling if falling[0] < rising[0] else rising
-            left = oldest.popleft() + 1
-        found.append(left)
-    return found
+            first = oldest.popleft() + 1
+        firsts.append(first)
+    return firsts
 
 
-def plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int]]:
-    """The stretches of at least `window` s, as first and last sample, in the order of time; none overlaps another.
+def find_plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int]]:
+    """Return the stretches of at least `window` s as first and last sample, in the order of time, without overlap.
 
-    `first` is what `stretches` found. Where stretches overlap, the longest counts; of the others what is left of
-    them, if it is long enough.
+    `first` is the result of `first_in_band`. If stretches overlap, the longest is kept whole, and the remainders of the
+    others if they are long enough.
 
-    >>> plateaus(np.arange(8.0), np.array([0, 0, 0, 0, 2, 4, 5, 6]), 2.0)
+    >>> find_plateaus(np.arange(8.0), np.array([0, 0, 0, 0, 2, 4, 5, 6]), 2.0)
     [(0, 3)]
     """
     heap = _candidates(time, first, window)
@@ -100,44 +142,44 @@ def plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int]]:
         if free == (begin, end):
             insort(begins, begin)
             ends[begin] = end
-        elif free[0] < free[1] and (left := time[free[1]] - time[free[0]]) >= window - _NEAR:
-            heapq.heappush(heap, (-float(left), *free))
+        elif free[0] < free[1] and (length := time[free[1]] - time[free[0]]) >= window - _TIME_TOLERANCE:
+            heapq.heappush(heap, (-float(length), *free))
     return [(begin, ends[begin]) for begin in begins]
 
 
-def _candidates(time: Float, first: Int, window: float) -> list[_Run]:
-    """The stretches that are part of no longer one, where they are long enough."""
+def _candidates(time: Float, first: Int, window: float) -> list[_Stretch]:
+    """Return a heap of the stretches that are not part of a longer one and are long enough."""
     last = np.append(np.diff(first) > 0, True)  # the next sample's band no longer reaches back as far
     ends = np.flatnonzero(last[: first.size])
     lengths = time[ends] - time[first[ends]]
-    long = lengths >= window - _NEAR
+    long = lengths >= window - _TIME_TOLERANCE
     heap = list(zip((-lengths[long]).tolist(), first[ends][long].tolist(), ends[long].tolist(), strict=True))
     heapq.heapify(heap)
     return heap
 
 
 def _free(begin: int, end: int, begins: Sequence[int], ends: dict[int, int]) -> tuple[int, int]:
-    """What no plateau takes of a stretch; none lies within it, since they came in the order of their length."""
-    at = bisect_left(begins, begin)
-    if at and ends[begins[at - 1]] >= begin:
-        begin = ends[begins[at - 1]] + 1
-    if at < len(begins) and begins[at] <= end:
-        inner = begins[at]
+    """Return the part of a stretch that no plateau covers; none lies inside it, since longer ones came first."""
+    position = bisect_left(begins, begin)
+    if position and ends[begins[position - 1]] >= begin:
+        begin = ends[begins[position - 1]] + 1
+    if position < len(begins) and begins[position] <= end:
+        inner = begins[position]
         if inner <= begin:
             return ends[inner] + 1, end
         end = inner - 1
     return begin, end
 
 
-def longest(time: Float, first: Int) -> tuple[float, float]:
-    """The length in s of the longest stretch, and its first time stamp; both are of no use without samples."""
+def longest_stretch(time: Float, first: Int) -> tuple[float, float]:
+    """Return the length of the longest stretch and its first time stamp, in s; there must be samples."""
     lengths = time - time[first]
-    at = int(np.argmax(lengths))
-    return float(lengths[at]), float(time[first[at]])
+    last = int(np.argmax(lengths))
+    return float(lengths[last]), float(time[first[last]])
 
 
 def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> float:
-    """The smallest tolerance that gives a stretch of `window` s; infinite where no segment is that long.
+    """Return the smallest tolerance that gives a stretch of `window` s; infinite if no segment is that long.
 
     >>> least_tolerance(np.arange(4.0), np.array([0.0, 4.0, 5.0, 9.0]), np.array([0]), 1.0)
     0.5
@@ -149,8 +191,8 @@ def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> f
 
 
 def _narrowest(time: Float, values: list[float], window: float) -> float:
-    """The narrowest band of any stretch of a segment that is just long enough."""
-    begins = (np.searchsorted(time, time - window + _NEAR, side="right") - 1).tolist()
+    """Return the width of the narrowest band of any stretch of a segment that is just long enough."""
+    begins = (np.searchsorted(time, time - window + _TIME_TOLERANCE, side="right") - 1).tolist()
     falling: deque[int] = deque()
     rising: deque[int] = deque()
     least = np.inf
@@ -171,13 +213,13 @@ def _narrowest(time: Float, values: list[float], window: float) -> float:
     return least
 
 
-def averaged(dataset: Dataset, counts: Bool, found: Sequence[tuple[int, int]]) -> Dataset:
-    """Steady-state points: the mean of each channel over each plateau, NaN left out.
+def average_plateaus(dataset: Dataset, counts: Bool, ranges: Sequence[tuple[int, int]]) -> Dataset:
+    """Return a steady-state point for each plateau: the mean of each channel, without NaN.
 
-    `found` holds first and last sample of each, counted among the samples that count.
+    `ranges` holds the first and the last sample of each plateau, numbered among the samples that count.
     """
     kept = np.flatnonzero(counts)
-    edges = [(begin, end + 1) for begin, end in found]
+    edges = [(begin, end + 1) for begin, end in ranges]
     channels = tuple(replace(c, values=_means(c.values[kept], edges)) for c in dataset.channels)
     start = np.zeros(1, dtype=np.int64)
     return replace(dataset, channels=channels, time=None, starts=start, scored=None, max_gap=0.0, warmup=0.0)
@@ -189,98 +231,73 @@ def _means(values: Float, edges: Sequence[tuple[int, int]]) -> Float:
 
 
 def _mean(values: Float) -> float:
-    """Relative to the first value, so that a constant is its own mean, bit for bit."""
+    """Return the mean, computed relative to the first value so that a constant is its own mean, bit for bit."""
     return float(values[0] + np.mean(values - values[0])) if values.size else np.nan
 
 
-def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]) -> Dataset | None:
-    """A point for each plateau of a recording; None, and a finding, where there is no plateau.
+class _PlateauSearch:
+    """The scored samples of a recording that have all channels of `steady`, in segments without a gap."""
 
-    A plateau is a stretch of at least the longest `window` in which every channel of `steady` stays within a band of
-    +-tolerance. Samples that do not count, or lack one of these channels, are left out of the means; a row of them
-    that lasts longer than `max_gap` ends a plateau, as a pause and the end of a piece do.
-    """
-    if dataset.time is None:
-        raise AssertionError("checked before: there are time stamps")
-    work = _Detection(dataset, entry)
-    found = work.plateaus()
-    if not found:
-        message, remedy = work.why_none()
-        findings.append(Finding(f"{entry.place} steady", message, remedy))
-        return None
-    findings.append(Finding(f"{entry.place} steady", work.told(found), severity="remark"))
-    return averaged(dataset, work.counts, found)
-
-
-class _Detection:
-    """The samples of a recording that count, in segments without a gap."""
-
-    def __init__(self, dataset: Dataset, entry: DatasetEntry) -> None:
-        self.entry, self.whole = entry, dataset
-        self.window = max(one.window for one in entry.steady)
-        self.counts = _counting(dataset, [one.channel for one in entry.steady])
-        stamps = dataset.time if dataset.time is not None else np.empty(0)
-        self.time = stamps[self.counts]
-        self.starts = segments(stamps, dataset.starts, self.counts, entry.max_gap)
-        self.values = [dataset[one.channel].values[self.counts] for one in entry.steady]
+    def __init__(self, dataset: Dataset, time: Float, entry: DatasetEntry) -> None:
+        self.entry, self.dataset, self.recorded = entry, dataset, time
+        self.window = max(condition.window for condition in entry.steady)
+        self.counts = dataset.counting.copy()
+        for condition in entry.steady:
+            self.counts &= np.isfinite(dataset[condition.channel].values)
+        self.time = time[self.counts]
+        self.starts = segment_starts(time, dataset.starts, self.counts, entry.max_gap)
+        self.values = [dataset[condition.channel].values[self.counts] for condition in entry.steady]
         self.firsts: list[Int] = [
-            stretches(values, one.tolerance, self.starts) for values, one in zip(self.values, entry.steady, strict=True)
+            first_in_band(values, condition.tolerance, self.starts)
+            for values, condition in zip(self.values, entry.steady, strict=True)
         ]
         self.first: Int = np.maximum.reduce(self.firsts)
 
     def plateaus(self) -> list[tuple[int, int]]:
-        """First and last sample of each plateau, among those that count."""
-        return plateaus(self.time, self.first, self.window) if self.time.size else []
+        """Return first and last sample of each plateau, among the samples that count."""
+        return find_plateaus(self.time, self.first, self.window) if self.time.size else []
 
-    def told(self, found: Sequence[tuple[int, int]]) -> str:
-        """How many plateaus there are, and how much of the recording they cover."""
-        lengths = [float(self.time[end] - self.time[begin]) for begin, end in found]
-        stamps = self.whole.time if self.whole.time is not None else np.empty(0)
-        total = sum(float(stamps[piece.stop - 1] - stamps[piece.start]) for piece in self.whole.pieces)
+    def describe(self, ranges: Sequence[tuple[int, int]]) -> str:
+        """Return the number of plateaus, their lengths and their share of the recording."""
+        lengths = [float(self.time[end] - self.time[begin]) for begin, end in ranges]
+        total = sum(float(self.recorded[piece.stop - 1] - self.recorded[piece.start]) for piece in self.dataset.pieces)
         sizes = " to ".join(dict.fromkeys(f"{length:.3g} s" for length in (min(lengths), max(lengths))))
-        count = f"{len(found)} plateau{'s' * (len(found) > 1)} of {sizes}"
-        return f"{count}, {sum(lengths) / total:.0%} of the {total:.4g} s recorded"
+        share = f"{sum(lengths) / total:.0%} of the {total:.4g} s recorded"
+        return f"{count_noun(len(ranges), 'plateau')} of {sizes}, {share}"
 
-    def why_none(self) -> tuple[str, str]:
-        """What stands in the way of a plateau, and what would give one."""
+    def explain_none(self) -> tuple[str, str]:
+        """Return why there is no plateau, and the remedy."""
         if not self.time.size:
-            names = ", ".join(one.channel for one in self.entry.steady)
-            return f"no sample that counts has {names}", "Check the channel, and the condition `where`."
+            names = ", ".join(condition.channel for condition in self.entry.steady)
+            return f"no scored sample has {names}", "Check the channel, and the condition `where`."
         ends = np.append(self.starts[1:], self.time.size) - 1
-        whole = float(np.max(self.time[ends] - self.time[self.starts]))
-        if whole < self.window:
+        longest_segment = float(np.max(self.time[ends] - self.time[self.starts]))
+        if longest_segment < self.window:
             message = (
-                f"no stretch of the recording without a gap is {self.window:g} s long; the longest has {whole:.3g} s"
+                f"no part of the recording without a gap is {self.window:g} s long; the longest is "
+                f"{longest_segment:.3g} s"
             )
             return message, f"Shorten the window, or raise max_gap = {self.entry.max_gap:g}."
-        return self._none_in_band()
+        return self._explain_bands()
 
-    def _none_in_band(self) -> tuple[str, str]:
-        length, begin = longest(self.time, self.first)
-        bands = " and ".join(f"{one.channel} within +-{one.tolerance:g}" for one in self.entry.steady)
-        message = f"no stretch of {self.window:g} s has {bands}; the longest has {length:.3g} s, from {begin:.6g} s on"
+    def _explain_bands(self) -> tuple[str, str]:
+        length, begin = longest_stretch(self.time, self.first)
+        bands = " and ".join(f"{condition.channel} within +-{condition.tolerance:g}" for condition in self.entry.steady)
+        message = f"no stretch of {self.window:g} s has {bands}; the longest is {length:.3g} s, from {begin:.6g} s"
         if len(self.entry.steady) > 1:
-            alone = [f"{one.channel} {longest(self.time, first)[0]:.3g} s" for one, first in self._each()]
+            alone = [
+                f"{condition.channel} {longest_stretch(self.time, first)[0]:.3g} s"
+                for condition, first in zip(self.entry.steady, self.firsts, strict=True)
+            ]
             return f"{message}; each alone: {', '.join(alone)}", "Raise a tolerance, or shorten the window."
-        least = _rounded_up(least_tolerance(self.time, self.values[0], self.starts, self.window))
+        least = _round_up(least_tolerance(self.time, self.values[0], self.starts, self.window))
         return message, f"tolerance = {least:g} would give one."
 
-    def _each(self) -> list[tuple[SteadyEntry, Int]]:
-        return list(zip(self.entry.steady, self.firsts, strict=True))
 
+def _round_up(value: float) -> float:
+    """Return the value rounded up to three digits, so that it suffices as written.
 
-def _counting(dataset: Dataset, names: Sequence[str]) -> Bool:
-    """The samples that are scored and have all channels."""
-    counts = np.ones(dataset.samples, dtype=bool) if dataset.scored is None else dataset.scored.copy()
-    for name in names:
-        counts &= np.isfinite(dataset[name].values)
-    return counts
-
-
-def _rounded_up(value: float) -> float:
-    """To three digits, so that it suffices as written.
-
-    >>> _rounded_up(13.3333)
+    >>> _round_up(13.3333)
     13.4
     """
     if not value > 0:

@@ -1,4 +1,4 @@
-"""Settings of recordings: what a dataset is made of, and how it is prepared."""
+"""Settings of datasets: their files, and how they are prepared."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,24 +21,24 @@ class SteadyEntry:
 
 @dataclass(frozen=True)
 class DatasetEntry:
-    """One `[[dataset]]`."""
+    """The settings of one dataset, a `[[dataset]]` of a project file."""
 
-    place: str
-    files: tuple[str, ...]
+    place: str  # location for messages
+    files: tuple[str, ...]  # patterns
     name: str = ""
     use: Use = "training"
     weight: float = 1.0
-    raster: float | None = None
-    where: str = ""
-    warmup: float = 0.0
-    max_gap: float = 0.0
-    shift: Mapping[str, float] | None = None
-    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be found
+    raster: float | None = None  # s
+    where: str = ""  # formula text; samples at which it is 0 are not scored
+    warmup: float = 0.0  # s
+    max_gap: float = 0.0  # s
+    shift: Mapping[str, float] | None = None  # s, or samples without time stamps
+    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be estimated
     weight_channel: str = ""
-    settle: float | None = None
-    average: float = 0.0
-    step: float | None = None
-    steady: tuple[SteadyEntry, ...] = ()
+    settle: float | None = None  # s for which steady-state points are held
+    average: float = 0.0  # s at their end that are averaged
+    step: float | None = None  # s, of the model while it settles
+    steady: tuple[SteadyEntry, ...] = ()  # conditions of plateaus
     cache: bool = True
 
 

@@ -1,55 +1,279 @@
-"""Finds the files that a dataset names."""
+"""Recordings of a dataset: find the files, read the channels that a project needs, and report those that are missing.
 
-from collections.abc import Sequence
+Optional channels, such as targets, may be missing in some files. If a file lacks a required channel, the findings name
+all files without it, what needs it, and similar names that the files have.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from kennfeld.formatting import nearest
+import numpy as np
 
-__all__ = ["CACHE", "default_name", "matching", "near"]
+from kennfeld.dataset import Dataset, concatenate
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import list_names, nearest, quoted
+from kennfeld.graph import Graph
+from kennfeld.measurement import describe
+from kennfeld.measurement.cache import Cache
+from kennfeld.measurement.reader import read_leniently
+from kennfeld.preprocessing.calculated import Calculated, parse_expression
+from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
+from kennfeld.preprocessing.units import Units, compare_units, is_unit_missing, select_time_units
 
-CACHE = Path(".kennfeld") / "cache"  # beside the project file; what was read of files that take long
+__all__ = ["CACHE", "ChannelRequest", "DatasetChannels", "RecordingReader", "find_recordings", "join_recordings"]
+
+CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
 
 
-def matching(folder: Path, pattern: str) -> list[str]:
-    """The files that a pattern matches, sorted; a sheet behind a `#` stays with each."""
+@dataclass(frozen=True)
+class ChannelRequest:
+    """The channels that a project reads, each with its purpose.
+
+    Attributes:
+        required: channels that every dataset must have.
+        optional: channels that may be missing in some datasets, such as targets.
+        inputs: the channels that the function reads.
+        units: unit of each channel that the function states one for, and the owner of that unit: the input Speed.
+        in_formulas: channels that the regions of criteria read.
+        step: the function's own step in s.
+        complete: false if the function could not be read, so that channels may be unknown.
+    """
+
+    required: Mapping[str, str] = field(default_factory=dict)
+    optional: Mapping[str, str] = field(default_factory=dict)
+    inputs: frozenset[str] = frozenset()
+    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    in_formulas: frozenset[str] = frozenset()
+    step: float | None = None
+    complete: bool = True
+
+
+@dataclass(frozen=True)
+class DatasetChannels:
+    """The channels that one dataset must have or may have, each with its purpose, and its condition `where`.
+
+    `calculated` are the calculated channels of the project.
+    """
+
+    required: Mapping[str, str]
+    optional: Mapping[str, str]
+    calculated: Calculated
+    where: Graph | None = None
+    in_formulas: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(
+        cls, entry: DatasetEntry, request: ChannelRequest, calculated: Calculated, findings: list[Finding]
+    ) -> "DatasetChannels":
+        """Return the channels of a project and those that a dataset's own settings name."""
+        where = parse_expression(entry.where, f"{entry.place} where", findings) if entry.where else None
+        conditions = dict.fromkeys(where.inputs if where else (), "the condition `where`")
+        weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
+        steady = dict.fromkeys((condition.channel for condition in entry.steady), "the channel of `steady`")
+        required = {**request.required, **conditions, **weights, **steady}
+        optional = {name: purpose for name, purpose in request.optional.items() if name not in required}
+        return cls(required, optional, calculated, where, frozenset((*conditions, *steady)))
+
+    @property
+    def names(self) -> list[str]:
+        """Required and optional channels."""
+        return [*self.required, *self.optional]
+
+    @property
+    def recorded(self) -> list[str]:
+        """The channels to be read from files."""
+        return self.calculated.recorded(self.names)
+
+    @property
+    def used(self) -> set[str]:
+        """The channels that the project reads or calculates for this dataset."""
+        return {*self.calculated.needed(self.names), *self.recorded, *self.calculated.graphs}
+
+
+@dataclass
+class RecordingReader:
+    """Reads the recordings of one dataset; findings are added in the order of the files.
+
+    `offered` collects the channel names of files in which channels are missing, `clocks` the columns that time was
+    read from.
+    """
+
+    settings: DataSettings
+    entry: DatasetEntry
+    channels: DatasetChannels
+    findings: list[Finding]
+    offered: dict[str, None]
+    clocks: set[str]
+    _missing: dict[str, list[str]] = field(default_factory=dict)  # files without each required channel
+    _candidates: dict[str, None] = field(default_factory=dict)  # channel names of these files
+
+    def find_files(self) -> list[str]:
+        """Return the files in the order of the patterns, sorted within each, without duplicates."""
+        files: dict[str, None] = {}
+        for pattern in self.entry.files:
+            matches = find_recordings(self.settings.folder, pattern)
+            if not matches:
+                remedy = _similar_file(self.settings.folder, pattern)
+                self.findings.append(Finding(f"{self.entry.place} files", f"{pattern} matches no file", remedy))
+            files |= dict.fromkeys(matches)
+        return list(files)
+
+    def read(self, paths: Sequence[str], units: Units) -> list[Dataset]:
+        """Return the recordings that can be read, in the units of the function or of the first file that has one."""
+        cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
+        recordings = []
+        for path in paths:
+            recording = self._recording(path, cache)
+            if recording is not None:
+                self.findings += recording.remarks
+                recordings.append(units.converted(recording, Path(path).name))
+        self._report_missing()
+        return recordings
+
+    def _recording(self, path: str, cache: Cache | None) -> Dataset | None:
+        """Return the channels of a file, without optional ones that it lacks; None if it is unusable."""
+        request = self.channels.recorded or None, self.entry.raster
+        try:
+            names = None if cache is None else cache.failed(path, *request)
+            if names is None:
+                return self._read(path, *request, cache)
+        except InputError as error:
+            names = _names_in(path)
+            if names is None:
+                self.findings += error.findings
+                return None
+            if cache is not None:
+                cache.keep_failed(path, *request, names)
+        return self._read_available(path, names, cache)
+
+    def _read(self, path: str, channels: Sequence[str] | None, raster: float | None, cache: Cache | None) -> Dataset:
+        units = select_time_units(self.settings.units)
+        if cache is None:
+            recording = read_leniently(path, channels, raster, units)
+        else:
+            recording = cache.read(path, channels, raster, units=units)
+        if recording.clock is not None:
+            self.clocks.add(recording.clock.name)
+        return recording
+
+    def _read_available(self, path: str, names: Sequence[str], cache: Cache | None) -> Dataset | None:
+        """Read a file without the optional channels that it lacks; record the required ones that it lacks."""
+        self.offered |= dict.fromkeys(names)
+        available = [name for name in self.channels.recorded if name in names]
+        required = self.channels.calculated.recorded(self.channels.required)
+        missing = [name for name in required if name not in available]
+        for name in missing:
+            self._missing.setdefault(name, []).append(Path(path).name)
+            self._candidates |= dict.fromkeys(names)
+        if missing:
+            return None
+        try:
+            return self._read(path, available, self.entry.raster, cache)
+        except InputError as error:
+            self.findings += error.findings
+            return None
+
+    def _report_missing(self) -> None:
+        for channel, files in self._missing.items():
+            purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
+            remedy = nearest(channel, self._candidates) or f"It has {list_names(self._candidates)}."
+            if purpose.startswith("the input ") and channel not in self.settings.channels.values():
+                key = quoted(channel)
+                scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
+                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
+            self.findings.append(Finding(list_names(files, 1), f"has no channel {channel}, {purpose}", remedy))
+
+    def _calculated_purpose(self, channel: str) -> str:
+        for name, graph in self.channels.calculated.graphs.items():
+            if channel in graph.inputs:
+                return f"which [calculated] {name} needs"
+        return "which the project needs"
+
+
+def join_recordings(
+    entry: DatasetEntry, paths: Sequence[str], recordings: Sequence[Dataset], findings: list[Finding]
+) -> Dataset:
+    """Return one dataset, each recording a piece; a channel that some recordings lack is NaN there."""
+    _check_units(entry, recordings, findings)
+    channels = {channel.name: channel for part in reversed(recordings) for channel in part.channels}
+    complete = [
+        part.with_channels(
+            *(replace(c, values=np.full(part.samples, np.nan)) for n, c in channels.items() if n not in part)
+        )
+        for part in recordings
+    ]
+    name = entry.name or _default_name(paths, entry.files[0])
+    return replace(
+        concatenate(name, complete) if len(complete) > 1 else complete[0],
+        name=name,
+        use=entry.use,
+        weight=entry.weight,
+        weight_channel=entry.weight_channel,
+        max_gap=entry.max_gap,
+        warmup=entry.warmup,
+    )
+
+
+def find_recordings(folder: Path, pattern: str) -> list[str]:
+    """Return the files that a pattern matches, sorted; a sheet behind a `#` stays with each."""
     whole, mark, sheet = pattern.rpartition("#")
     for part, rest in ((pattern, ""), (whole, f"#{sheet}")):
         if not part or (rest and not mark):
             continue
         if (folder / part).is_file():
             return [f"{folder / part}{rest}"]
-        found = sorted(path for path in _globbed(folder, part) if path.is_file() and not _is_kept(path))
-        if found:
-            return [f"{path}{rest}" for path in found]
+        files = sorted(path for path in _glob(folder, part) if path.is_file() and not _is_cache_file(path))
+        if files:
+            return [f"{path}{rest}" for path in files]
     return []
 
 
-def _is_kept(path: Path) -> bool:
-    """Whether a file is no recording, but what the cache keeps of one."""
+def _names_in(path: str) -> list[str] | None:
+    """Return all channel names of a file; None if it cannot be read at all."""
+    try:
+        tables = describe(path).tables
+    except InputError:
+        return None
+    return [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
+
+
+def _check_units(entry: DatasetEntry, recordings: Sequence[Dataset], findings: list[Finding]) -> None:
+    units: dict[str, str] = {}
+    for channel in (channel for part in recordings for channel in part.channels):
+        if is_unit_missing(channel.unit):
+            continue
+        first = units.setdefault(channel.name, channel.unit)
+        if channel.unit != first and compare_units(channel.unit, first) != "same":
+            message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
+            findings.append(Finding(f"{entry.place} files", message, "Split the dataset.", severity="warning"))
+            units[channel.name] = channel.unit
+
+
+def _default_name(paths: Sequence[str], pattern: str) -> str:
+    """Return the stem of the file; for several files their pattern without its wildcards."""
+    name = Path((paths[0] if len(paths) == 1 else pattern).partition("#")[0]).name
+    stem = Path(name.removesuffix(".gz")).stem
+    plain = stem.strip("*?_- .") if len(paths) > 1 else stem
+    return plain or Path(paths[0]).stem
+
+
+def _is_cache_file(path: Path) -> bool:
     return path.parts[-3:-1] == CACHE.parts
 
 
-def _globbed(folder: Path, pattern: str) -> list[Path]:
+def _glob(folder: Path, pattern: str) -> list[Path]:
     start = Path(pattern)
     try:
         if start.is_absolute():
             return list(Path(start.anchor).glob(str(start.relative_to(start.anchor))))
         return list(folder.glob(pattern))
-    except (ValueError, NotImplementedError, OSError, IndexError):  # what pathlib says of patterns it cannot use
+    except (ValueError, NotImplementedError, OSError, IndexError):  # raised by pathlib for invalid patterns
         return []
 
 
-def near(folder: Path, pattern: str) -> str:
-    """The mend where a pattern matches nothing."""
+def _similar_file(folder: Path, pattern: str) -> str:
     path = folder / pattern.partition("#")[0]
     if not path.parent.is_dir():
-        return f"There is no folder {path.parent}."
-    return nearest(path.name, (other.name for other in path.parent.iterdir())) or f"Paths start in {folder}."
-
-
-def default_name(paths: Sequence[str], pattern: str) -> str:
-    """The stem of the file; of several files, what their pattern says without its wildcards."""
-    name = Path((paths[0] if len(paths) == 1 else pattern).partition("#")[0]).name
-    stem = Path(name.removesuffix(".gz")).stem
-    plain = stem.strip("*?_- .") if len(paths) > 1 else stem
-    return plain or Path(paths[0]).stem
+        return f"The folder {path.parent} does not exist."
+    return nearest(path.name, (other.name for other in path.parent.iterdir())) or f"Paths are relative to {folder}."

@@ -1,7 +1,7 @@
-"""Weights of single samples: by a channel, and by regions of the data.
+"""Sample weights: from a channel, and from regions of the data.
 
-The weight of a sample multiplies its loss, so that a robust loss still judges the residual as it is. What counts with
-weight 0 is not looked at at all: the model may fail there.
+The weight of a sample multiplies its loss, so that a robust loss still sees the unweighted residual. Samples of weight
+0 are not evaluated at all: the model may be undefined there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.criteria import Criterion, Region
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import nearest
+from kennfeld.formatting import list_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
@@ -23,10 +23,7 @@ __all__ = ["SampleWeights", "sample_weights", "weight_findings"]
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
-    """The product of all weights of each sample, None where there are none; channels of NaN count as 0.
-
-    A region in which several conditions hold has the product of their weights.
-    """
+    """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0."""
     factors = [
         np.nan_to_num(dataset[name].values, nan=0.0)
         for name in (dataset.weight_channel, criterion.weight_channel)
@@ -37,7 +34,7 @@ def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
 
 
 def _holds(region: Region, dataset: Dataset) -> Bool:
-    """Where the condition of a region holds; where a channel of it is missing it does not."""
+    """Return the samples at which a region's condition is true; false if one of its channels is missing."""
     values = evaluate_expression(expression(region.where, "where"), dataset)
     holds: Bool = np.isfinite(values) & (values != 0)
     return holds
@@ -45,14 +42,14 @@ def _holds(region: Region, dataset: Dataset) -> Bool:
 
 @dataclass(frozen=True)
 class SampleWeights:
-    """Which criteria have weights of single samples, by their number, each with the graph's input that holds them."""
+    """The criteria with sample weights, by number, and the graph input that holds the weights of each."""
 
     criteria: Sequence[Criterion]
     inputs: Mapping[int, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, criteria: Sequence[Criterion], bounds: Sequence[BoundDataset]) -> "SampleWeights":
-        """The weighting of the criteria over these data."""
+        """Return the weighting of the criteria over these data."""
         everywhere = any(bound.dataset.weight_channel for bound in bounds)
         weighted = [
             i for i, c in enumerate(criteria) if not c.internal and (everywhere or c.weight_channel or c.regions)
@@ -60,7 +57,7 @@ class SampleWeights:
         return cls(criteria, {i: f"\0weight {i}" for i in weighted})
 
     def extended(self, graph: Graph) -> Graph:
-        """The graph with the inputs as further nodes of the same names."""
+        """Return the graph with the inputs as further nodes of the same names."""
         if not self.inputs:
             return graph
         b = GraphBuilder.of(graph)
@@ -68,7 +65,7 @@ class SampleWeights:
         return b.finish({**graph.names, **inputs}, graph.units, graph.outputs)
 
     def columns(self, bound: BoundDataset) -> dict[str, Float]:
-        """The weights of the kept samples by input."""
+        """Return the weights of the kept samples by input."""
         return {name: self._weights(i, bound) for i, name in self.inputs.items()}
 
     def _weights(self, number: int, bound: BoundDataset) -> Float:
@@ -76,7 +73,7 @@ class SampleWeights:
         return np.ones(bound.count) if weights is None else weights[bound.kept]
 
     def target(self, number: int, bound: BoundDataset, target: Callable[[], Float]) -> Float:
-        """The target of a criterion, NaN where the weight is 0."""
+        """Return the target of a criterion, NaN if the weight is 0."""
         values = target()
         return np.where(self._weights(number, bound) > 0, values, np.nan) if number in self.inputs else values
 
@@ -88,35 +85,35 @@ def weight_findings(
     dataset_place: Callable[[Dataset], str],
     offered: Sequence[str] = (),
 ) -> list[Finding]:
-    """What is wrong with the weights of samples in these training data; `offered` are further channels of the files."""
-    found = []
+    """Report problems of sample weights in the training data; `offered` are further channels of the files."""
+    findings = []
     for data in datasets:
         if data.weight_channel:
-            found += _channel(data.weight_channel, data, f"{dataset_place(data)} weight_channel", offered)
+            findings += _channel(data.weight_channel, data, f"{dataset_place(data)} weight_channel", offered)
     for i, criterion in enumerate(criteria):
         scored = [data for data in datasets if criterion.target.kind != "channel" or criterion.target.name in data]
         for data in scored if criterion.weight_channel else ():
-            found += _channel(criterion.weight_channel, data, f"{criterion_place(i)} weight_channel", offered)
+            findings += _channel(criterion.weight_channel, data, f"{criterion_place(i)} weight_channel", offered)
         for number, region in enumerate(criterion.regions, 1):
-            found += _region(region, scored, f"{criterion_place(i)} region {number}", offered)
-    if any(finding.severity == "error" for finding in found):
-        return found
+            findings += _region(region, scored, f"{criterion_place(i)} region {number}", offered)
+    if any(finding.severity == "error" for finding in findings):
+        return findings
     for i, criterion in enumerate(criteria):
         if datasets and not any(_counts(criterion, data) for data in datasets):
             message = "no training sample has a weight above 0"
-            found.append(Finding(criterion_place(i), message, "Check the channels and regions that weigh it."))
-    return found
+            findings.append(Finding(criterion_place(i), message, "Check its weight channels and regions."))
+    return findings
 
 
 def _counts(criterion: Criterion, data: Dataset) -> bool:
-    """Whether a dataset has samples of weight for a criterion."""
+    """Return whether a dataset has samples of weight for a criterion."""
     weights = sample_weights(criterion, data)
     return weights is None or bool(np.any(weights[... if data.scored is None else data.scored] > 0))
 
 
 def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> list[Finding]:
     if name not in data:
-        remedy = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
+        remedy = nearest(name, [*data, *offered]) or f"It has {list_names(data)}."
         return [Finding(place, f"dataset {data.name} has no channel {name}", remedy)]
     values = data[name].values
     wrong = np.flatnonzero((values < 0) | np.isinf(values))
@@ -132,7 +129,7 @@ def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> li
         return [Finding(place, message, "Is it the right channel?", severity="warning")]
     if missing:
         of = np.count_nonzero(counted)
-        message = f"{name} is missing in {missing} of {of} samples of dataset {data.name}; they count with weight 0"
+        message = f"{name} is NaN in {missing} of {of} samples of dataset {data.name}; these samples get weight 0"
         return [Finding(place, message, severity="warning")]
     return []
 
@@ -142,14 +139,14 @@ def _region(region: Region, datasets: Sequence[Dataset], place: str, offered: Se
         graph = expression(region.where, place)
     except InputError as error:
         return list(error.findings)
-    found = []
+    findings = []
     for data in datasets:
         for name in (name for name in graph.inputs if name not in data):
-            remedy = nearest(name, [*data, *offered]) or f"It has {', '.join(list(data)[:8])}."
-            found.append(Finding(place, f"dataset {data.name} has no channel {name}", remedy))
+            remedy = nearest(name, [*data, *offered]) or f"It has {list_names(data)}."
+            findings.append(Finding(place, f"dataset {data.name} has no channel {name}", remedy))
         if uses_clock(graph) and data.time is None:
-            message = f"the condition needs time, but dataset {data.name} has no time stamps"
-            found.append(Finding(place, message, "Name the time channel `time`."))
-    if not found and datasets and not any(_holds(region, data).any() for data in datasets):
-        found.append(Finding(place, f"{region.where} holds at no training sample", severity="warning"))
-    return found
+            message = f"the condition requires time stamps, but dataset {data.name} has none"
+            findings.append(Finding(place, message, "Name the time channel `time`."))
+    if not findings and datasets and not any(_holds(region, data).any() for data in datasets):
+        findings.append(Finding(place, f"{region.where} is true at no training sample", severity="warning"))
+    return findings

@@ -1,9 +1,8 @@
-"""Training data as a kernel reads them: each column where it is, the rest computed, and the order of visits.
+"""Training samples as a kernel reads them: columns, pieces, and the order in which samples are visited.
 
-The order in which samples without memory are visited: near ones together, so that they touch the same values.
-
-Samples are sorted within blocks: large enough to hold several of every cell of a usual table, so small that sorting
-takes next to no memory.
+Columns that depend on data alone are computed once. Samples of models without memory are sorted by table cell, so that
+neighbouring samples use the same values. They are sorted within blocks, which hold several samples of every cell of a
+usual table but need little memory.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
 from kennfeld.graph.partition import GraphPartition
-from kennfeld.graph.traversal import dependent
+from kennfeld.graph.traversal import dependents
 from kennfeld.native import Kernel, Piece, Samples, Simulator
 from kennfeld.native.column_table import Order
 from kennfeld.parameter_set import ParameterSet
@@ -26,15 +25,15 @@ from kennfeld.preprocessing.binding import BoundDataset
 
 __all__ = ["CellNumbering", "TrainingSource", "assemble_samples", "scored_in_order"]
 
-BLOCK = 2**17  # samples
-AT_ONCE = 2**13  # samples whose cells are looked for at once, in a cache
-FINEST = 2**40  # cells told apart
+SAMPLES_PER_BLOCK = 2**17  # samples
+SAMPLES_PER_LOOKUP = 2**13  # samples whose cells are computed at once, within the cache
+MAX_CELLS = 2**40
 
 Columns = Mapping[str, Float]
 
 
 class CellNumbering:
-    """Numbers samples by the cells of all tables whose coordinates the inputs determine."""
+    """Numbering of samples by the cells of all tables whose coordinates depend on inputs alone."""
 
     def __init__(self, lowered: LoweredGraph) -> None:
         self._counts = _searched(lowered)
@@ -43,30 +42,31 @@ class CellNumbering:
         self._interpreter = Interpreter(lowered, ParameterSet())
 
     def numbers(self, columns: Mapping[str, Float], first: int, last: int) -> Int:
-        """A number for each sample of a range that is the same within a cell."""
-        found = np.zeros(last - first, dtype=np.int64)
-        for at in range(first, last, AT_ONCE):
-            here = slice(at, min(at + AT_ONCE, last))
-            self._number(found[at - first : here.stop - first], {name: columns[name][here] for name in self._inputs})
-        return found
+        """Return a number for each sample of a range that is the same within a cell, Int[last - first]."""
+        numbers = np.zeros(last - first, dtype=np.int64)
+        for begin in range(first, last, SAMPLES_PER_LOOKUP):
+            part = slice(begin, min(begin + SAMPLES_PER_LOOKUP, last))
+            inputs = {name: columns[name][part] for name in self._inputs}
+            self._number(numbers[begin - first : part.stop - first], inputs)
+        return numbers
 
-    def _number(self, found: Int, columns: Mapping[str, Float]) -> None:
+    def _number(self, numbers: Int, columns: Mapping[str, Float]) -> None:
         with np.errstate(all="ignore"):
             places = self._interpreter.run(self._graph.nodes, (), columns)
         cells = 1
         for at, count in self._counts.items():
             cells *= count
-            if cells > FINEST:
+            if cells > MAX_CELLS:
                 break
             cell = np.clip(np.floor(np.nan_to_num(places[self._graph.names[str(at)]])), -1, count - 2)
-            found *= count
-            found += cell.astype(np.int64) + 1
+            numbers *= count
+            numbers += cell.astype(np.int64) + 1
 
 
 def _searched(lowered: LoweredGraph) -> dict[int, int]:
-    """The positions at which tables are looked up and that no table determines, with the number of their cells."""
+    """Return the table coordinates that do not depend on other tables, each with its number of cells."""
     nodes = lowered.graph.nodes
-    moving = dependent(lowered.graph, lambda node: node.op == "interpolate")
+    moving = dependents(lowered.graph, lambda node: node.op == "interpolate")
     return {
         at: lowered.axes[axis.number].size + 2
         for node in nodes
@@ -77,22 +77,22 @@ def _searched(lowered: LoweredGraph) -> dict[int, int]:
 
 
 def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: CellNumbering) -> Iterator[Int]:
-    """The samples that have a target, block by block, those of a block sorted by cell."""
+    """Return the samples that have a target, block by block, those of a block sorted by cell."""
     count = targets[0].size
-    for first in range(0, count, BLOCK):
-        last = min(first + BLOCK, count)
+    for first in range(0, count, SAMPLES_PER_BLOCK):
+        last = min(first + SAMPLES_PER_BLOCK, count)
         numbers = cells.numbers(columns, first, last)
-        numbers *= BLOCK
+        numbers *= SAMPLES_PER_BLOCK
         numbers += np.arange(last - first)
         numbers = numbers[_scored(targets, first, last)]
         numbers.sort()
-        numbers &= BLOCK - 1
+        numbers &= SAMPLES_PER_BLOCK - 1
         numbers += first
         yield numbers
 
 
 def _scored(targets: Sequence[Float], first: int, last: int) -> Bool:
-    """Which samples of a range have a target."""
+    """Return the samples of a range that have a target."""
     scored = np.zeros(last - first, dtype=bool)
     for target in targets:
         scored |= np.isfinite(target[first:last])
@@ -101,7 +101,7 @@ def _scored(targets: Sequence[Float], first: int, last: int) -> Bool:
 
 @dataclass(frozen=True)
 class TrainingSource:
-    """A bound dataset, what gives its targets, and the weight of each."""
+    """A bound dataset, the functions that return its targets, and the weight of each target."""
 
     bound: BoundDataset
     targets: Sequence[Callable[[], Float]]
@@ -115,10 +115,9 @@ def assemble_samples(
     kernel: Kernel,
     parameters: ParameterSet,
 ) -> Samples:
-    """The samples of all sources, data-only parts computed.
+    """Return the samples of all sources, with the columns that depend on data alone.
 
-    Without memory, samples without a target are left out and the others visited by cell, so that neighbours touch the
-    same values.
+    Without memory, samples without a target are dropped and the others are visited by cell.
     """
     prepare = _preparation(lowered, split, kernel, parameters)
     columns = [source.bound.columns | prepare(source.bound) for source in sources]
@@ -129,14 +128,14 @@ def assemble_samples(
         pieces, order = _by_cell(
             sources, columns, targets, CellNumbering(LoweredGraph(split.graph, lowered.axes, lowered.shapes))
         )
-    rows = [[held[name] for held in columns] for name in kernel.layout.inputs]
+    rows = [[source[name] for source in columns] for name in kernel.layout.inputs]
     return Samples(rows, zip(*targets, strict=True), pieces, order)
 
 
 def _preparation(
     lowered: LoweredGraph, split: GraphPartition, kernel: Kernel, parameters: ParameterSet
 ) -> Callable[[BoundDataset], dict[str, Float]]:
-    """What computes the columns that depend on the data alone."""
+    """Return the function that computes the columns that depend on data alone."""
     graph = split.prepared
     names = [name for name in kernel.layout.inputs if name in split.columns]
     if not names:
@@ -156,7 +155,7 @@ def _tables(graph: Graph) -> set[str]:
 
 
 def _in_time(sources: Sequence[TrainingSource]) -> list[Piece]:
-    """The pieces of all sources, one after the other."""
+    """Return the pieces of all sources, one after the other."""
     pieces, end = [], 0
     for source in sources:
         edges = [*source.bound.starts.tolist(), source.bound.count]
@@ -171,7 +170,7 @@ def _by_cell(
     targets: Sequence[Sequence[Float]],
     cells: CellNumbering,
 ) -> tuple[list[Piece], Order | None]:
-    """A piece a source, and the order of visits; None where that is how the samples come."""
+    """Return one piece per source, and the order of visits; None if it is the order of the samples."""
     total = sum(source.bound.count for source in sources)
     order = np.empty(total, dtype=np.uint32)
     pieces, before, end = [], 0, 0

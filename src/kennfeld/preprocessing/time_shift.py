@@ -1,4 +1,4 @@
-"""Channels moved in time."""
+"""Shift of channels in time."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,13 +11,13 @@ from kennfeld.measurement.resampling import is_stepped
 
 __all__ = ["resample_channel", "shift_channels"]
 
-_NEAR = 1e-6  # of a step; closer than this is the same instant
+_SAME_INSTANT = 1e-6  # of a step
 
 
 def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
-    """The dataset with channels moved: value(t) = recorded(t - shift), within each piece; NaN where nothing is known.
+    """Return the dataset with channels moved: value(t) = recorded(t - shift) within each piece, NaN outside.
 
-    `shift` is in seconds, for steady-state data in whole samples. A channel that is not there is passed over.
+    `shift` is in seconds, for steady-state data in whole samples. Channels that the dataset does not have are ignored.
 
     >>> data = shift_channels(Dataset.of("d", {"u": [1.0, 2.0, 3.0]}), {"u": 1.0})
     >>> data["u"].values
@@ -28,7 +28,8 @@ def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
         if name not in dataset or by == 0:
             continue
         values = dataset[name].values
-        parts = [_moved(values[piece], _time(dataset, piece), by) for piece in dataset.pieces]
+        times = [(piece, _time(dataset, piece)) for piece in dataset.pieces]
+        parts = [resample_channel(time, values[piece], time - by) for piece, time in times]
         moved.append(replace(dataset[name], values=np.concatenate(parts)))
     return dataset.with_channels(*moved) if moved else dataset
 
@@ -37,19 +38,15 @@ def _time(dataset: Dataset, piece: slice) -> Float:
     return np.arange(piece.stop - piece.start, dtype=np.float64) if dataset.time is None else dataset.time[piece]
 
 
-def _moved(values: Float, time: Float, by: float) -> Float:
-    return resample_channel(time, values, time - by)
-
-
 def resample_channel(time: Float, values: Float, at: Float) -> Float:
-    """A channel at other times: linear between neighbours, held where it is stepped; NaN beside a gap and outside."""
+    """Return a channel at other times: linear, or held if it is stepped; NaN next to a gap and outside."""
     if values.size == 0:
         return np.full(at.shape, np.nan)
     after = np.clip(np.searchsorted(time, at), 0, time.size - 1)
     before = np.maximum(after - 1, 0)
     near = np.where(np.abs(time[before] - at) < np.abs(time[after] - at), before, after)
     step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-    exact = np.abs(time[near] - at) <= _NEAR * step
+    exact = np.abs(time[near] - at) <= _SAME_INSTANT * step
     inside = (at >= time[0]) & (at <= time[-1])
     width = np.where(after > before, time[after] - time[before], 1.0)
     share = (at - time[before]) / width

@@ -1,9 +1,7 @@
-"""Channels of files put into the unit that the function has for them.
+"""Unit conversion of recorded channels into the units of the function.
 
-What units mean, however they are spelled, and what turns values in one unit into values in another.
-
-The spellings are those of engine measurement, English and German; what is no such word is looked up in pint's registry
-of units, as it is written. Angles are a quantity of their own here, so that revolutions per minute are no frequency.
+Units are recognised by the spellings of engine measurement, English and German; any other word is looked up in pint's
+registry of units. Angles are a quantity of their own here, so that revolutions per minute are not a frequency.
 """
 
 import math
@@ -17,11 +15,19 @@ from typing import Any, Literal, TypeVar
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding
-from kennfeld.formatting import nearest
+from kennfeld.formatting import list_names, nearest
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 
-__all__ = ["UnitConversion", "Units", "check_stated", "compare", "restated", "says_nothing", "times"]
+__all__ = [
+    "UnitConversion",
+    "Units",
+    "check_stated_units",
+    "compare_units",
+    "is_unit_missing",
+    "select_time_units",
+    "with_stated_units",
+]
 
 Kinship = Literal["same", "contrary", "unknown"]
 _T = TypeVar("_T", float, Float)  # Python 3.11
@@ -107,14 +113,14 @@ _DIFFERENCE = {"degree_Celsius": "kelvin", "degree_Fahrenheit": "degree_Rankine"
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−º˚⋅×", "0123456789--°°·*") | {ord("℃"): "°C", ord("℉"): "°F"}
 _FACTOR = re.compile(r"([^\W\d_]+|°[^\W\d_]*|[%‰])(?:\^?([+-]?\d))?")
 _SHARES = frozenset(("percent", "permille", "ppm"))  # the numbers among units; a bit or a count is no share
-_LONGEST = 40  # characters; what is longer is no unit
+_MAX_LENGTH = 40  # characters of a unit
 
-_Case = tuple[str, str, str, str]  # channel, its unit, the unit it is converted to, and whose that is
+_Case = tuple[str, str, str, str]  # channel, its unit, the unit it is converted to, and the owner of that unit
 
 
 @dataclass(frozen=True)
 class UnitConversion:
-    """Turns values in one unit into values in another: `factor` times the value, plus `offset`.
+    """Conversion of values in one unit into another: `factor` times the value, plus `offset`.
 
     >>> UnitConversion(1.0, 273.15).of(20.0)
     293.15
@@ -124,39 +130,39 @@ class UnitConversion:
     offset: float = 0.0
 
     def of(self, values: _T) -> _T:
-        """A value or an array of them in the other unit."""
+        """Return a value, or an array of values, in the other unit."""
         return values * self.factor + self.offset if self.offset else values * self.factor
 
 
-def says_nothing(unit: str) -> bool:
-    """Whether a unit is none, as empty texts and dashes are.
+def is_unit_missing(unit: str) -> bool:
+    """Return whether a text states no unit, such as an empty one or a dash.
 
-    >>> says_nothing("[-]"), says_nothing("%")
+    >>> is_unit_missing("[-]"), is_unit_missing("%")
     (True, False)
     """
     return plain_unit(unit).casefold() in _NOTHING
 
 
 @cache
-def compare(source: str, target: str) -> UnitConversion | Kinship:
-    """What turns values in `source` into values in `target`.
+def compare_units(source: str, target: str) -> UnitConversion | Kinship:
+    """Return the conversion of values in `source` into values in `target`.
 
-    "same" where nothing has to be done, "contrary" where the units are of different quantities, "unknown" where one of
-    them is not known or says nothing.
+    "same" if both are equal, "contrary" if they are units of different quantities, "unknown" if one of them is not
+    known or not stated.
 
-    >>> compare("1/min", "U/min"), compare("rpm", "Nm"), compare("FSN", "Nm")
+    >>> compare_units("1/min", "U/min"), compare_units("rpm", "Nm"), compare_units("FSN", "Nm")
     ('same', 'contrary', 'unknown')
-    >>> compare("kNm", "Nm")
+    >>> compare_units("kNm", "Nm")
     UnitConversion(factor=1000.0, offset=0.0)
     """
-    if says_nothing(source) or says_nothing(target):
+    if is_unit_missing(source) or is_unit_missing(target):
         return "unknown"
-    one, other = _parsed(source), _parsed(target)
-    if one == other:
+    first, second = _parsed(source), _parsed(target)
+    if first == second:
         return "same"
-    if all(len(unit) == 1 and unit[0][0] in _KELVIN and unit[0][1] == 1 for unit in (one, other)):
-        return _temperature(one[0][0], other[0][0])
-    return _converted(one, other)
+    if all(len(unit) == 1 and unit[0][0] in _KELVIN and unit[0][1] == 1 for unit in (first, second)):
+        return _temperature(first[0][0], second[0][0])
+    return _registry_conversion(first, second)
 
 
 def _temperature(source: str, target: str) -> UnitConversion:
@@ -165,12 +171,12 @@ def _temperature(source: str, target: str) -> UnitConversion:
     return UnitConversion(factor / unit, (offset - zero) / unit)
 
 
-def _converted(one: _Unit, other: _Unit) -> UnitConversion | Kinship:
-    """By the registry, for units that are spelled differently in every way known here."""
+def _registry_conversion(first: _Unit, second: _Unit) -> UnitConversion | Kinship:
+    """Return the conversion by pint's registry, for units that have different spellings here."""
     registry = _registry()
-    if not all(_is_known(registry, name) for name, _ in (*one, *other)):
+    if not all(_is_known(registry, name) for name, _ in (*first, *second)):
         return "unknown"
-    source, target = dict(_in_differences(one)), dict(_in_differences(other))
+    source, target = dict(_in_differences(first)), dict(_in_differences(second))
     if registry.get_dimensionality(source) != registry.get_dimensionality(target):
         return "contrary"
     if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
@@ -180,7 +186,7 @@ def _converted(one: _Unit, other: _Unit) -> UnitConversion | Kinship:
 
 
 def _factor(registry: Any, source: Any, target: Any) -> float | None:
-    """What one `source` is in `target`; None where it is no mere factor, as for decibels and other temperatures."""
+    """Return one `source` in `target`; None if it is not a mere factor, as for decibels and other temperatures."""
     try:
         none, one, two = (float(registry.convert(value, source, target)) for value in (0.0, 1.0, 2.0))
     except Exception:  # of many kinds, such as the logarithm of 0
@@ -189,12 +195,12 @@ def _factor(registry: Any, source: Any, target: Any) -> float | None:
 
 
 def _in_differences(unit: _Unit) -> _Unit:
-    """The unit with differences of temperatures, which have no zero of their own, so that factors suffice."""
+    """Return the unit with differences of temperatures, which have no zero of their own, so that factors suffice."""
     return _collected((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit)
 
 
 def _collected(factors: Iterable[tuple[str, int]]) -> _Unit:
-    """Each name once, those that cancel out left out."""
+    """Return the product of the factors, without those that cancel out."""
     exponents: dict[str, int] = {}
     for name, exponent in factors:
         exponents[name] = exponents.get(name, 0) + exponent
@@ -202,7 +208,7 @@ def _collected(factors: Iterable[tuple[str, int]]) -> _Unit:
 
 
 def _plain(number: float) -> float:
-    """A round number where rounding alone separates it from one: 1000, not 1000.0000000000001."""
+    """Return the round number that differs by rounding alone: 1000 for 1000.0000000000001."""
     short = float(f"{number:.12g}")
     return short if math.isclose(short, number, rel_tol=1e-14) else number
 
@@ -216,7 +222,7 @@ def _is_known(registry: Any, name: str) -> bool:
 
 @cache
 def _registry() -> Any:
-    """The registry of units, in which angles, strokes and air ratios are quantities of their own."""
+    """Return the registry of units, in which angles, strokes and air ratios are quantities of their own."""
     import pint
 
     registry: Any = pint.UnitRegistry(None, on_redefinition="ignore")  # empty: a full one knows already that 1 rad is 1
@@ -233,7 +239,7 @@ def _words(text: str) -> dict[str, str]:
 
 
 def _unit(meaning: str) -> _Unit:
-    """A meaning of the table: factors, and at most one divisor."""
+    """Return a meaning of the table: factors, and at most one divisor."""
     factors, _, divisor = meaning.partition("/")
     below = [(divisor, -1)] if divisor else []
     return tuple(sorted([*((name, 1) for name in factors.split("*")), *below]))
@@ -245,15 +251,15 @@ _PARTS = _words(_PART_WORDS)
 
 @cache
 def _parsed(text: str) -> _Unit:
-    """The unit as names with exponents; a text that is no unit as a name of its own."""
+    """Return the unit as names with exponents; a text that is no unit as a name of its own."""
     plain = plain_unit(text).translate(_PLAIN)
     folded = re.sub(r"[\s]", "", plain.casefold())
-    found = None if len(plain) > _LONGEST else _WHOLE.get(folded) or _product(plain)
-    return ((text, 1),) if found is None else found
+    unit = None if len(plain) > _MAX_LENGTH else _WHOLE.get(folded) or _product(plain)
+    return ((text, 1),) if unit is None else unit
 
 
 def _product(text: str) -> _Unit | None:
-    """Factors between `*`, `.` and blanks, and divisors behind `/`, which may stand in brackets; None if it is none."""
+    """Parse factors between `*`, `.` and blanks, and divisors after `/`, perhaps in brackets; None if invalid."""
     factors: list[tuple[str, int]] = []
     sign, inside = 1, False
     for part in re.findall(r"[/()]|[^/()*·.\s]+", text):
@@ -275,7 +281,7 @@ def _product(text: str) -> _Unit | None:
 
 
 def _named(word: str) -> _Unit:
-    """What a word stands for: a unit, or a product such as Nm."""
+    """Return the unit of a word, or its product, such as Nm."""
     folded = word.casefold()
     if folded in ("nm", "knm"):
         return (("newton" if folded == "nm" else "kilonewton", 1), ("meter", 1))
@@ -284,10 +290,10 @@ def _named(word: str) -> _Unit:
 
 @dataclass
 class Units:
-    """Converts the channels of files, and keeps what was converted.
+    """Conversion of the channels of all files of a project, and a record of what was converted.
 
-    `stated` are the units that the project file states, `wanted` the unit of each channel that the function has one
-    for, with whose it is: the input Speed. What the function has no unit for follows the first file that has one.
+    `stated` are the units that the project file states; `wanted` is the unit of each channel that the function states
+    one for, with its owner: the input Speed. Other channels take the unit of the first file that has one.
     """
 
     stated: Mapping[str, str]
@@ -296,61 +302,59 @@ class Units:
     cases: dict[_Case, dict[str, None]] = field(default_factory=dict)
 
     def converted(self, part: Dataset, name: str) -> Dataset:
-        """The recording with its channels converted; `name` is its file's."""
-        changed = [self._channel(channel, name) for channel in restated(part, self.stated).channels]
-        return replace(part, channels=tuple(changed))
+        """Return the recording with its channels converted; `name` is its file's."""
+        channels = [self._convert(channel, name) for channel in with_stated_units(part, self.stated).channels]
+        return replace(part, channels=tuple(channels))
 
-    def _channel(self, channel: Channel, file: str) -> Channel:
-        if says_nothing(channel.unit):
+    def _convert(self, channel: Channel, file: str) -> Channel:
+        if is_unit_missing(channel.unit):
             return channel
         unit, whose = self.wanted.get(channel.name) or self.first.setdefault(channel.name, (channel.unit, file))
-        found = compare(channel.unit, unit)
-        if not isinstance(found, UnitConversion):
+        conversion = compare_units(channel.unit, unit)
+        if not isinstance(conversion, UnitConversion):
             return channel
         self.cases.setdefault((channel.name, channel.unit, unit, whose), {})[file] = None
-        return replace(channel, values=found.of(channel.values), unit=unit)
+        return replace(channel, values=conversion.of(channel.values), unit=unit)
 
     def remarks(self, formulas: Collection[str]) -> Iterator[Finding]:
-        """What was converted, each case once; `formulas` are the channels that formulas of the project read."""
+        """Yield a remark on each conversion; `formulas` are the channels that formulas of the project read."""
         for (channel, unit, to, whose), files in self.cases.items():
-            names = list(files)
-            place = names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-            message = f"channel {channel} is in {unit} and is converted to {to}, the unit of {whose}"
+            message = f"channel {channel} is converted from {unit} to {to}, the unit of {whose}"
             if channel in formulas:
-                message += f"; formulas over {channel} see {to}"
-            yield Finding(place, message, severity="remark")
+                message += f"; formulas read {channel} in {to}"
+            yield Finding(list_names(files, 1), message, severity="remark")
 
 
-def restated(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
-    """The dataset with the units that the project file states; values stay."""
+def with_stated_units(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
+    """Return the dataset with the units that the project file states; values are not converted."""
     changed = (replace(c, unit=units[c.name]) for c in dataset.channels if c.name in units)
     return dataset.with_channels(*changed)
 
 
-def times(stated: Mapping[str, str]) -> dict[str, str]:
+def select_time_units(stated: Mapping[str, str]) -> dict[str, str]:
     """Return those of the stated units that are units of time, which a column of time may be in.
 
-    >>> times({"Time": "ms", "n": "rpm"})
+    >>> select_time_units({"Time": "ms", "n": "rpm"})
     {'Time': 'ms'}
     """
     return {name: unit for name, unit in stated.items() if in_seconds(unit) is not None}
 
 
-def check_stated(
+def check_stated_units(
     file: DataSettings, used: Collection[str], clocks: Collection[str], *, complete: bool
 ) -> Iterator[Finding]:
-    """Units stated for channels that nothing uses, and units of time columns that are none.
+    """Report stated units of unused channels, and stated units of time columns that are not units of time.
 
     `clocks` are the columns that time was read from; all of them are known only if all data are `complete`.
     """
     for name, unit in file.units.items():
         if name in clocks:
             if in_seconds(unit) is None and name not in used:
-                message = f"{unit} is not a unit of time, and {name} is the time"
+                message = f"{unit} is not a unit of time, but {name} is the time column"
                 yield Finding(file.place(f"[units] {name}"), message, "Write s, ms, us, ns, min or h.")
             continue
         if not complete and time_unit(name, unit) is not None:
             continue
         if name not in used:
             remedy = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
-            yield Finding(file.place(f"[units] {name}"), f"nothing uses a channel {name}", remedy)
+            yield Finding(file.place(f"[units] {name}"), f"channel {name} is not used", remedy)

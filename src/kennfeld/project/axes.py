@@ -1,7 +1,4 @@
-"""The axes of a project's tables: as given, spread evenly, shared by a group, or quantiles of the training data.
-
-Free breakpoints in a project file: the keys of an axis that say so, and what is wrong with axes that move.
-"""
+"""Builds the axes of a project's tables: given, evenly spaced, shared by a group, or quantiles of the training data."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -24,33 +21,33 @@ from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import AxisEntry, ProjectFile
 
-__all__ = ["Axes", "check_free_axes", "made_free"]
+__all__ = ["Axes", "check_free_axes", "free_breakpoints"]
 
 
-def made_free(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | None:
-    """The axis with the freedom that its entry gives it; None, and a finding, where the start is outside of that."""
+def free_breakpoints(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | None:
+    """Free the breakpoints of an axis if its entry says so; return None, with a finding, if the start is invalid."""
     freedom = entry.freedom
     if freedom is None:
         return axis
     try:
         return axis.changed(free=True, min_distance=freedom.min_distance, range=freedom.range)
     except ArgumentError as error:
-        findings.append(Finding(entry.place, str(error), "Change it, or the breakpoints at the start."))
+        findings.append(Finding(entry.place, str(error), "Change it, or the initial breakpoints."))
         return None
 
 
 def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
-    """Errors and warnings about axes that are marked as free."""
+    """Yield errors and warnings about axes with free breakpoints."""
     for key, axis in problem.free_axes.items():
         for finding in check_shared_axes({key: axis}, problem.free_names):
             yield Finding(_place(file, key), finding.message, finding.remedy)
         lower, upper = breakpoint_bounds(axis, problem.parameters, problem.held)
         if np.array_equal(lower, upper):
-            message = f"no breakpoint of {key} can move: its ends stay, and so do those at locks and pins"
-            yield Finding(_place(file, key), message, "Give it more breakpoints, or a range.", severity="warning")
+            message = f"no breakpoint of {key} can move: the ends and those at locks and pins are fixed"
+            yield Finding(_place(file, key), message, "Add breakpoints, or a range.", severity="warning")
     for key in problem.idle_axes:
-        message = f"the breakpoints of {key} are free, but no table on it is fitted"
-        yield Finding(_place(file, key), message, "Free a table on it.", severity="warning")
+        message = f"the breakpoints of {key} are free, but no table with this axis is fitted"
+        yield Finding(_place(file, key), message, "Free a table with this axis.", severity="warning")
 
 
 def _place(file: ProjectFile, key: AxisKey) -> str:
@@ -58,8 +55,9 @@ def _place(file: ProjectFile, key: AxisKey) -> str:
 
 
 class Axes:
-    """Makes the axes that a project file asks for; `None` where one cannot be made, with a finding unless the data
-    that it needs are missing for reasons that are reported already.
+    """Builds the axes of a project file.
+
+    An axis that cannot be built is None, with a finding unless the required data are missing for a reported reason.
     """
 
     def __init__(
@@ -71,35 +69,35 @@ class Axes:
         findings: list[Finding],
     ) -> None:
         self._file, self._function, self._datasets, self._findings = file, function, datasets, findings
-        self._given = {axis.name: axis for axis in initial.axes}
+        self._initial = {axis.name: axis for axis in initial.axes}
         self._groups: dict[str, Axis | None] = {}
 
-    def made(self, entry: AxisEntry, fed: str = "") -> Axis | None:
-        """The axis of one table; `fed` is what the function looks the table up with."""
+    def build(self, entry: AxisEntry, coordinate: str = "") -> Axis | None:
+        """Build the axis of one table; `coordinate` is the input of the lookup."""
         if entry.group:
             return self.group(entry)
-        return self._axis(entry, entry.input or fed, "")
+        return self._axis(entry, entry.input or coordinate, "")
 
     def group(self, entry: AxisEntry) -> Axis | None:
-        """The group axis that an entry names: of the project file, else of the initial files."""
+        """Return the group axis that an entry names, of the project file or the initial files."""
         name = entry.group
         if name in self._file.axes:
             if name not in self._groups:
                 own = self._file.axes[name]
                 self._groups[name] = self.freed(own, name) if own.inherits else self._axis(own, own.input, name)
             return self._groups[name]
-        if name not in self._given:
-            remedy = nearest(name, [*self._file.axes, *self._given]) or f"Write a section [axes.{name}]."
-            self._findings.append(Finding(entry.place, f"there is no group axis {name}", remedy))
-        return self._given.get(name)
+        if name not in self._initial:
+            remedy = nearest(name, [*self._file.axes, *self._initial]) or f"Write a section [axes.{name}]."
+            self._findings.append(Finding(entry.place, f"unknown group axis {name}", remedy))
+        return self._initial.get(name)
 
     def freed(self, entry: AxisEntry, name: str) -> Axis | None:
-        """The group axis of the initial files, its breakpoints free."""
-        if name not in self._given:
-            remedy = nearest(name, self._given) or "Write breakpoints, or begin, end and count."
-            self._report(entry, f"the initial files have no group axis {name} whose breakpoints to free", remedy)
+        """Return a group axis of the initial files with free breakpoints."""
+        if name not in self._initial:
+            remedy = nearest(name, self._initial) or "Write breakpoints, or begin, end and count."
+            self._report(entry, f"breakpoints are free, but the initial files have no group axis {name}", remedy)
             return None
-        return made_free(self._given[name], entry, self._findings)
+        return free_breakpoints(self._initial[name], entry, self._findings)
 
     def _axis(self, entry: AxisEntry, quantity: str, name: str) -> Axis | None:
         points: Sequence[float] | Float | None = entry.breakpoints
@@ -108,7 +106,7 @@ class Axes:
         if points is None or not len(points):
             return None
         axis = Axis(points, input=quantity, unit=self._unit(quantity), name=name)
-        return made_free(axis, entry, self._findings)
+        return free_breakpoints(axis, entry, self._findings)
 
     def _unit(self, quantity: str) -> str:
         if self._function is None:
@@ -119,17 +117,17 @@ class Axes:
         return unit or next(filter(None, units), "")
 
     def _quantiles(self, entry: AxisEntry, quantity: str) -> Float | None:
-        """Breakpoints at even shares of the training data, both ends included."""
+        """Return the quantiles of the training data as breakpoints, minimum and maximum included."""
         values = self._values(entry, quantity)
         if values is None:
             return None
         values = values[np.isfinite(values)]
         if not values.size:
-            self._report(entry, f"{quantity} has no value in the training data", "Give breakpoints.")
+            self._report(entry, f"{quantity} has no values in the training data", "Write breakpoints.")
             return None
         points = np.unique(np.quantile(values, np.linspace(0.0, 1.0, entry.quantiles)))
         if points.size < entry.quantiles:
-            message = f"{entry.quantiles} quantiles of {quantity} give {points.size} breakpoints, since some are equal"
+            message = f"only {points.size} of {entry.quantiles} quantiles of {quantity} differ"
             self._report(entry, message, "Write a smaller count, or begin, end and count.", "warning")
         return points
 
@@ -139,44 +137,44 @@ class Axes:
         self._findings.append(Finding(entry.place, message, remedy, severity=severity))
 
     def _values(self, entry: AxisEntry, quantity: str) -> Float | None:
-        """What lies on the axis, over all training samples."""
+        """Return the values of a quantity at all training samples."""
         if self._function is None or self._datasets is None:
             return None
         graph = self._function.graph
         training = [data for data in self._datasets if data.use == "training" and data.weight > 0]
         if not quantity:
-            self._report(entry, "the axis needs an input to take quantiles of", 'Write input = "...".')
+            self._report(entry, "quantiles require an input", 'Write input = "...".')
             return None
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
-        found = [data[channel].values for data in training if channel in data]
-        if found:
-            return np.concatenate(found)
+        columns = [data[channel].values for data in training if channel in data]
+        if columns:
+            return np.concatenate(columns)
         if quantity in graph.names:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
             remedy = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
-            self._report(entry, f"{quantity} is no input, no node and no channel", remedy)
+            self._report(entry, f"unknown input, node or channel {quantity}", remedy)
         return None
 
     def _node(self, entry: AxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
-        """The values of a node that depends on the data alone."""
+        """Return the values of a node that depends on data alone."""
         part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
-            message = f"the range of {name} depends on parameters ({', '.join(list(part.parameters)[:3])})"
+            message = f"the values of {name} depend on parameters ({', '.join(list(part.parameters)[:3])})"
             self._report(entry, message, "Write begin, end and count, or breakpoints.")
             return None
         if uses_clock(part) and any(data.time is None for data in training):
             return None  # reported where the data are bound to the function
-        found = [
+        columns = [
             evaluate_expression(part, self._renamed(data, part)) for data in training if self._has_inputs(data, part)
         ]
-        return np.concatenate(found) if found else None
+        return np.concatenate(columns) if columns else None
 
     def _has_inputs(self, data: Dataset, part: Graph) -> bool:
         return all(self._file.channels.get(name, name) in data for name in part.inputs)
 
     def _renamed(self, data: Dataset, part: Graph) -> Dataset:
-        """The dataset with the function's inputs under their own names."""
+        """Return the dataset with channels named like the inputs of the function."""
         names: Mapping[str, str] = self._file.channels
         inputs = (replace(data[names.get(name, name)], name=name) for name in part.inputs)
         return replace(data, channels=tuple(inputs))

@@ -1,7 +1,7 @@
-"""States of a search in the results folder, from which it can go on after a power cut.
+"""Checkpoints of a search in the results folder, from which it can be resumed.
 
-Each is a calibration file of its own, `saves/START-ITERATION.json` or `saves/START-end.json`, which every command can
-read; a text in it says where the search was.
+Each is a calibration file, `saves/START-ITERATION.json` or `saves/START-end.json`, which every command can read; a text
+in it holds the state of the search.
 """
 
 import hashlib
@@ -25,34 +25,33 @@ from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 
-__all__ = ["Found", "Saves"]
+__all__ = ["ResumePoints", "Saves"]
 
 FOLDER, ASIDE, NOTE = "saves", "before", "kennfeld_save"
 _NAME = re.compile(r"\d+-(\d+|end)\.json")
 
 
 @dataclass(frozen=True)
-class Found:
-    """The state to go on from for each start, and what is odd about the files."""
+class ResumePoints:
+    """The checkpoint to resume each start from, and findings about the files."""
 
     states: Mapping[int, Checkpoint] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
 
 class Saves:
-    """The saved states of one project in one results folder."""
+    """The checkpoints of one project in one results folder."""
 
     def __init__(self, results: Path, project: Path) -> None:
         self.folder, self.project = results / FOLDER, project
         self.mark = hashlib.sha256(project.read_bytes()).hexdigest()
-        self.missed: Finding | None = None  # the first state that could not be written
+        self.missed: Finding | None = None  # about the first checkpoint that could not be written
         self._fresh = False
 
-    def found(self) -> Found:
-        """The best state of the last step that each start has reached.
+    def found(self) -> ResumePoints:
+        """Return the best checkpoint of the last step of each start.
 
-        Raises `InputError` where there is none. Files that cannot be read, as a power cut may leave them, are named and
-        left out.
+        Raises `InputError` if there is none. Unreadable files, as a power failure may leave, are reported and skipped.
         """
         saved, findings, marks = [], [], set()
         for path in sorted(self.folder.glob("*.json")) if self.folder.is_dir() else ():
@@ -61,24 +60,24 @@ class Saves:
             try:
                 state, mark = _read(path)
             except (InputError, KeyError, TypeError, ValueError, StopIteration):
-                message = "is no complete saved state and is left out"
+                message = "incomplete checkpoint, skipped"
                 findings.append(Finding(f"{FOLDER}/{path.name}", message, severity="warning"))
                 continue
             saved.append(state)
             marks.add(mark)
         if not saved:
             remedy = "Set save_every in [optimizer] and run without --resume first."
-            raise InputError([*findings, Finding(str(self.folder), "holds no saved state to resume from", remedy)])
+            raise InputError([*findings, Finding(str(self.folder), "no checkpoint to resume from", remedy)])
         if marks != {self.mark}:
-            message = "has changed since the states were saved; the search goes on from the saved values"
+            message = "changed since the checkpoints were written; the search resumes from their values"
             findings.append(Finding(self.project.name, message, severity="warning"))
-        return Found(_latest(saved), tuple(findings))
+        return ResumePoints(_latest(saved), tuple(findings))
 
     def begin(self) -> None:
-        """With the first state that is kept, put those of the run before aside, for whoever forgot to resume it."""
+        """Start a new run: its first checkpoint moves those of the previous run into a subfolder."""
         self._fresh = True
 
-    def _put_aside(self) -> None:
+    def _archive(self) -> None:
         aside = self.folder / ASIDE
         old = [path for path in self.folder.glob("*.json") if _NAME.fullmatch(path.name)]
         for path in self.folder.glob(".*.json.*"):  # half written by a process that was killed
@@ -92,12 +91,16 @@ class Saves:
         self._fresh = False
 
     def keep(self, saved: Checkpoint, parameters: ParameterSet) -> None:
-        """Write what may change of a state, whole or not at all, down to the disk. `parameters` are the project's.
+        """Write the free values of a checkpoint to the disk, completely or not at all.
 
-        A state that cannot be written does not end the search; `missed` says so.
+        A checkpoint that cannot be written does not end the search; the reason is in `missed`.
+
+        Args:
+            saved: the checkpoint.
+            parameters: those of the project.
         """
-        held = with_values(parameters, saved.values)
-        values = [held[name] for name in saved.values if name in held]
+        current = with_values(parameters, saved.values)
+        values = [current[name] for name in saved.values if name in current]
         note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
         content = ParameterSet(values, texts=[note])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
@@ -105,16 +108,16 @@ class Saves:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._fresh:
-                self._put_aside()
+                self._archive()
             write_whole(target, write_json(content, target.name), durable=True)
             if not saved.ended:
-                self._go_on(saved.start)
+                self._reopen(saved.start)
         except OSError as error:
-            message = f"states could not be saved: {error.strerror or error}"
+            message = f"checkpoints cannot be written: {error.strerror or error}"
             self.missed = self.missed or Finding(str(self.folder), message, severity="warning")
 
-    def _go_on(self, start: int) -> None:
-        """What was the end of a start before is one of its states now."""
+    def _reopen(self, start: int) -> None:
+        """Rename the final checkpoint of a start that is continued to an intermediate one."""
         end = self.folder / f"{start}-end.json"
         if end.exists():
             with suppress(InputError, KeyError, TypeError, ValueError, StopIteration):
@@ -125,7 +128,7 @@ def _note(saved: Checkpoint) -> dict[str, Any]:
     plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage")}
     ended = None if saved.ended is None else {name: _number(value) for name, value in asdict(saved.ended).items()}
     tables = [name for name in saved.values if not name.startswith("axis ")]
-    axes = {name: found.tolist() for name, found in saved.values.items() if name not in tables}
+    axes = {name: points.tolist() for name, points in saved.values.items() if name not in tables}
     return plain | {"cost": _number(saved.cost), "free": tables, "axes": axes, "ended": ended}
 
 
@@ -134,7 +137,7 @@ def _number(value: Any) -> Any:
 
 
 def _read(path: Path) -> tuple[Checkpoint, str]:
-    """A state, and the mark of the project file that it was saved with."""
+    """Return a checkpoint and the SHA-256 of its project file."""
     content = read(path)
     note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
@@ -153,13 +156,13 @@ def _read(path: Path) -> tuple[Checkpoint, str]:
 
 
 def _row(row: Mapping[str, Any]) -> StartResult:
-    given: dict[str, Any] = {name: inf if value is None else value for name, value in row.items()}
-    return StartResult(**given)
+    fields: dict[str, Any] = {name: inf if value is None else value for name, value in row.items()}
+    return StartResult(**fields)
 
 
 def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
-    """For each start its end, or the best of the last step reached; iterations are counted on from the last one."""
-    found: dict[int, Checkpoint] = {}
+    """Return the final checkpoint of each start, else the best of its last step, with the last iteration number."""
+    latest: dict[int, Checkpoint] = {}
     for start in sorted({state.start for state in saved}):
         mine = [state for state in saved if state.start == start]
         last = max(state.iteration for state in mine)
@@ -168,5 +171,5 @@ def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
             (state for state in mine if state.step == step),
             key=lambda state: (state.ended is None, state.cost, -state.iteration),
         )
-        found[start] = replace(best, iteration=last)
-    return found
+        latest[start] = replace(best, iteration=last)
+    return latest

@@ -1,4 +1,4 @@
-"""A result is not lost because its folder cannot be written."""
+"""Writes results elsewhere if their folder cannot be written, so that a long search is not lost."""
 
 import shutil
 import tempfile
@@ -22,34 +22,34 @@ def write_somewhere(
     folder: str | Path,
     documents: Mapping[str, str],
     further: Mapping[str, Any] | None,
-    told: list[Finding],
+    findings: list[Finding],
 ) -> tuple[Path, ...]:
-    """Write like `results.write`; if that fails, into a new folder for temporary files, or the parameters alone.
+    """Write like `results.write`; if that fails, into a new temporary folder, or only the parameters there.
 
-    The reason and the place are added to `told` as errors. No path is returned if nothing could be written anywhere.
+    Returns the paths of the files, none if nothing could be written. Adds the reasons to `findings` as errors.
     """
     try:
-        return write(result, project, folder, documents, further, told)
+        return write(result, project, folder, documents, further, findings)
     except InputError as error:
         reasons = list(error.findings)
-    except Exception as error:  # hours of search must not be lost to a fault in a writer
+    except Exception as error:  # hours of search must not be lost because of a bug in a writer
         reasons = [Finding(str(folder), f"cannot be written ({type(error).__name__}: {error})")]
-    written = _elsewhere(lambda other: write(result, project, other, documents, further)) or _elsewhere(
-        lambda other: (_write_values(result, project, other),)
-    )
-    place = f"Written to {written[0].parent} instead." if written else "Nor can a temporary folder."
-    told += [replace(reason, remedy=place) for reason in reasons]
+    written = _write_temporary(
+        lambda temporary: write(result, project, temporary, documents, further)
+    ) or _write_temporary(lambda temporary: (_write_values(result, project, temporary),))
+    remedy = f"Written to {written[0].parent} instead." if written else "A temporary folder cannot be written either."
+    findings += [replace(reason, remedy=remedy) for reason in reasons]
     return written
 
 
-def _elsewhere(attempt: Callable[[Path], tuple[Path, ...]]) -> tuple[Path, ...]:
-    """Return what an attempt writes into a new temporary folder, nothing if it fails."""
+def _write_temporary(attempt: Callable[[Path], tuple[Path, ...]]) -> tuple[Path, ...]:
+    """Return the paths that an attempt writes into a new temporary folder, none if it fails."""
     with suppress(Exception):
-        other = Path(tempfile.mkdtemp(prefix="kennfeld-results-"))
+        temporary = Path(tempfile.mkdtemp(prefix="kennfeld-results-"))
         try:
-            return attempt(other)
+            return attempt(temporary)
         except BaseException:
-            shutil.rmtree(other, ignore_errors=True)
+            shutil.rmtree(temporary, ignore_errors=True)
             raise
     return ()
 

@@ -1,9 +1,9 @@
-"""Files of a folder that are replaced together: all of them or none, even if the process is killed or the power fails.
+"""Replaces files of a folder together: all of them or none, even if the process is killed or the power fails.
 
 New files are written into a hidden folder within the folder, `.kennfeld-TOKEN`, and renamed into place at the end. A
 process that is killed before the first rename leaves the folder as it was. One that is killed later leaves a list of
-its files, and whoever uses the folder next renames the rest. A lock file tells the hidden folder of a process at work
-from one of a process that is gone.
+its files, and the next process that uses the folder renames the rest. A lock file distinguishes the hidden folder of a
+running process from that of a dead one.
 """
 
 import json
@@ -28,7 +28,7 @@ _SCRATCH = re.compile(re.escape(PREFIX) + r"[0-9a-f]+")
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """Yield a new hidden folder within `folder`, which is made if needed; it is removed at the end in any case.
 
-    What processes that are gone have left is finished or removed first. Raises `OSError`.
+    Leftovers of dead processes are finished or removed first. Raises `OSError`.
     """
     finish_interrupted(folder)
     scratch, lock = _new_scratch(folder)
@@ -76,15 +76,15 @@ def _locked(scratch: Path) -> BinaryIO | None:
 
 
 def finish_interrupted(folder: Path) -> None:
-    """Rename what a killed process had begun to rename in `folder`, and remove the scratch folders of such processes.
+    """Finish the renames of killed processes in `folder`, and remove their scratch folders.
 
-    A scratch folder that cannot be finished is left alone.
+    A scratch folder that cannot be finished is kept.
     """
     try:
-        found = [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]
+        leftovers = [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]
     except (FileNotFoundError, NotADirectoryError):
         return
-    for scratch in found:
+    for scratch in leftovers:
         lock = _locked(scratch)
         if lock is None:
             continue
@@ -92,7 +92,7 @@ def finish_interrupted(folder: Path) -> None:
             for name in _unfinished(scratch):
                 (scratch / name).replace(folder / name)
             _sync_folder(folder)
-            lock.close()  # Windows removes no open file
+            lock.close()  # Windows cannot remove open files
             shutil.rmtree(scratch, ignore_errors=True)
 
 
@@ -132,7 +132,7 @@ def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
 
 
 def _list_names(names: Sequence[str], scratch: Path) -> None:
-    """State that the files are complete; from here on, whoever finds them renames them. Half a list is no JSON."""
+    """Mark the files as complete: from now on, the next process finishes the renames. Half a list is invalid JSON."""
     (scratch / NAMES).write_text(json.dumps(list(names)), encoding="utf-8")
     _sync(scratch / NAMES)
     _sync_folder(scratch)
@@ -154,7 +154,7 @@ def _restore(before: Path, path: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Write a file through to the disk, which is where some file systems first notice that there is no room."""
+    """Write a file through to the disk, where some file systems first report that there is no space."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
 

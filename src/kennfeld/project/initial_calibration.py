@@ -1,4 +1,4 @@
-"""Today's calibration: the files of `[calibration] initial`, merged."""
+"""Reads and merges the files of `[calibration] initial`."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,58 +16,61 @@ from kennfeld.parameters import Parameter
 from kennfeld.project.schema import ProjectFile
 from kennfeld.rbf import RBF
 
-__all__ = ["described", "read_initial", "sized"]
+__all__ = ["describe_parameter", "format_shape", "read_initial"]
 
-_MOST_REMARKS = 5  # on one file
+MAX_REMARKS = 5  # on one file
 
 
 def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
-    """The parameters of all initial files, later files winning; None, and findings, where one cannot be used."""
-    return _Start(file, findings).parameters()
+    """Return the merged parameters of all initial files; None, with findings, if one of them cannot be used.
+
+    Later files override earlier ones.
+    """
+    return _InitialFiles(file, findings).parameters()
 
 
-class _Start:
-    """The files on their way to one set."""
+class _InitialFiles:
+    """Merges the initial files one by one."""
 
     def __init__(self, file: ProjectFile, findings: list[Finding]) -> None:
         self.file, self.findings = file, findings
         self.merged = ParameterSet()
         self.origin: dict[str, str] = {}  # the file that each parameter is from
         self.image: FlashOrigin | None = None
-        self.good = True
+        self.is_valid = True
 
     def parameters(self) -> ParameterSet | None:
-        """All of them; None where a finding says why there are none."""
+        """Return the merged parameters, None if a finding is an error."""
         for name in self.file.calibration.initial:
-            given = self._read(name)
-            if given is not None:
-                self._take(name, given)
-        if self.good and any(ending in IMAGE_ENDINGS for ending in self.file.calibration.output):
-            self.good = _has_image(self.file, self.image, self.findings)
+            parameters = self._read(name)
+            if parameters is not None:
+                self._take(name, parameters)
+        if self.is_valid and any(ending in IMAGE_ENDINGS for ending in self.file.calibration.output):
+            self.is_valid = _has_image(self.file, self.image, self.findings)
             self.merged = self.merged.from_origin(self.image)
-        return self._in_variant() if self.good else None
+        return self._in_variant() if self.is_valid else None
 
-    def _wrong(self, *findings: Finding) -> None:
+    def _fail(self, *findings: Finding) -> None:
         self.findings += findings
-        self.good = self.good and not findings
+        self.is_valid = self.is_valid and not findings
 
     def _read(self, name: str) -> ParameterSet | None:
         folder, description = self.file.folder, self.file.calibration.descriptions.get(name)
-        absent = [one for one in (name, description) if one and not (folder / one).is_file()]
-        if absent:
-            self._wrong(*(_missing(self.file, one) for one in absent))
+        missing = [path for path in (name, description) if path and not (folder / path).is_file()]
+        if missing:
+            self._fail(*(_missing(self.file, path) for path in missing))
             return None
         try:
             given, remarks = _read(folder / name, folder / description if description else None)
         except InputError as error:
-            self._wrong(*error.findings)
+            self._fail(*error.findings)
             return None
-        self.findings += _told(name, remarks)
+        self.findings += _limit_remarks(name, remarks)
         return given
 
     def _take(self, name: str, given: ParameterSet) -> None:
-        """Put the parameters of a file over those of the files before."""
-        self._wrong(
+        """Override the parameters of earlier files."""
+        self._fail(
             *(
                 _clash(self.file, self.merged[member.name], member, self.origin[member.name], name)
                 for member in given.parameters
@@ -77,62 +80,60 @@ class _Start:
         try:
             self.merged = self.merged.merged(given)
         except ArgumentError as error:
-            self._wrong(Finding(name, str(error), "Files that share a group axis must agree on it."))
+            self._fail(Finding(name, str(error), "Files with the same group axis must agree on its breakpoints."))
         self.origin |= dict.fromkeys(given, name)
         if isinstance(given.origin, FlashOrigin):
             self.image = given.origin
             self.findings += _identity(self.image)
 
     def _in_variant(self) -> ParameterSet | None:
-        """The values of the variant that the project asks for."""
         variant = self.file.calibration.variant
         if not variant:
             return self.merged
         try:
             return self.merged.in_variant(variant)
         except ArgumentError as error:
-            self._wrong(Finding(self.file.place("[calibration] variant"), str(error)))
+            self._fail(Finding(self.file.place("[calibration] variant"), str(error)))
             return None
 
 
-def _told(name: str, remarks: Sequence[Finding]) -> list[Finding]:
-    """What was left aside of a file, as long as it is little."""
-    if len(remarks) > _MOST_REMARKS:
-        message = f"{len(remarks)} remarks on what is left aside or not as usual"
-        return [Finding(name, message, f"kennfeld info {name} lists them.", severity="remark")]
+def _limit_remarks(name: str, remarks: Sequence[Finding]) -> list[Finding]:
+    if len(remarks) > MAX_REMARKS:
+        message = f"{len(remarks)} entries were skipped or are unusual"
+        return [Finding(name, message, f"List them with kennfeld info {name}.", severity="remark")]
     return [replace(remark, severity="remark") for remark in remarks]
 
 
 def _identity(flash: FlashOrigin) -> tuple[Finding, ...]:
-    """A warning where the image is of another program than the A2L file."""
+    """Return a warning if image and A2L file belong to different programs."""
     from kennfeld.calfiles.a2l.reader import check_epk
 
-    notes = Findings(flash.a2l.file)
-    check_epk(flash.a2l, flash.image, notes)
-    return notes.settle()
+    findings = Findings(flash.a2l.file)
+    check_epk(flash.a2l, flash.image, findings)
+    return findings.finish()
 
 
 def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: list[Finding]) -> bool:
-    """Whether the images to be written have one to start from, of their kind."""
+    """Return if the initial files contain an image of each format to be written."""
     wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
-    wrong = [found for ending in wanted if (found := unwritable(image, ending))]
-    findings += [Finding(file.place("[calibration] output"), *found) for found in wrong]
-    return not wrong
+    reasons = [reason for ending in wanted if (reason := unwritable(image, ending))]
+    findings += [Finding(file.place("[calibration] output"), *reason) for reason in reasons]
+    return not reasons
 
 
 def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
-    """The parameters of a calibration file, or the expansion of a static surrogate as one that may be fitted."""
+    """Return the parameters of a calibration file, or the expansion of a static surrogate as a parameter."""
     if path.suffix.casefold() != ".json" or not _is_surrogate(path):
         [given], remarks = read_several([path], a2l)
         return given, remarks
     from kennfeld.surrogate import StaticSurrogate, read_surrogate
 
-    made = read_surrogate(path)
-    if not isinstance(made, StaticSurrogate):
-        message = f"{made.name} is a dynamic surrogate, which cannot be a parameter"
-        raise InputError.of(path.name, message, f'Write [surrogates] and {made.name} = "{path.name}".')
-    unit = made.units[-1] if made.units else ""
-    return ParameterSet([RBF(made.name, made.expansion, made.inputs, unit=unit)]), ()
+    surrogate = read_surrogate(path)
+    if not isinstance(surrogate, StaticSurrogate):
+        message = f"{surrogate.name} is a dynamic surrogate, which cannot be a parameter"
+        raise InputError.of(path.name, message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
+    unit = surrogate.units[-1] if surrogate.units else ""
+    return ParameterSet([RBF(surrogate.name, surrogate.expansion, surrogate.inputs, unit=unit)]), ()
 
 
 def _is_surrogate(path: Path) -> bool:
@@ -145,38 +146,40 @@ def _is_surrogate(path: Path) -> bool:
 
 def _missing(file: ProjectFile, name: str) -> Finding:
     path = file.folder / name
-    beside = [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
-    message = f"{name} is a folder" if path.is_dir() else f"there is no file {name}"
-    return Finding(file.place("[calibration] initial"), message, nearest(path.name, beside) or "Check the path.")
+    message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
+    return Finding(
+        file.place("[calibration] initial"), message, nearest(path.name, file.siblings(path)) or "Check the path."
+    )
 
 
-def _alike(one: Parameter, other: Parameter) -> bool:
-    """Whether both define the same table, whatever its values."""
-    same = one.kind == other.kind and one.values.shape == other.values.shape
-    return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(one.axes, other.axes, strict=True))
+def _alike(left: Parameter, right: Parameter) -> bool:
+    """Return if kind, shape and breakpoints are equal."""
+    same = left.kind == right.kind and left.values.shape == right.values.shape
+    pairs = zip(left.axes, right.axes, strict=False)
+    return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
 
 
 def _clash(file: ProjectFile, one: Parameter, other: Parameter, first: str, second: str) -> Finding:
     if one.kind == other.kind and one.values.shape == other.values.shape:
-        message = f"{one.name} has other breakpoints in {second} than in {first}"
+        message = f"{one.name} has different breakpoints in {first} and {second}"
     else:
-        message = f"{one.name} is {described(one)} in {first} and {described(other)} in {second}"
-    remedy = "Leave one of the files out, or remove the parameter from one of them."
+        message = f"{one.name} is {describe_parameter(one)} in {first} and {describe_parameter(other)} in {second}"
+    remedy = "Remove one of the files, or the parameter from one of them."
     return Finding(file.place("[calibration] initial"), message, remedy)
 
 
-def described(parameter: Parameter) -> str:
-    """Kind and size, as a message gives them.
+def describe_parameter(parameter: Parameter) -> str:
+    """Return kind and size of a parameter.
 
     >>> from kennfeld.parameters import Curve
-    >>> described(Curve("C", [0, 1], [2, 3]))
+    >>> describe_parameter(Curve("C", [0, 1], [2, 3]))
     'a curve of 2 values'
     """
     if parameter.kind == "scalar":
         return "a scalar"
-    return f"a {parameter.kind} of {sized(parameter.values.shape)} values"
+    return f"a {parameter.kind} of {format_shape(parameter.values.shape)} values"
 
 
-def sized(shape: tuple[int, ...]) -> str:
-    """A shape as a message gives it: `18 x 14`."""
+def format_shape(shape: tuple[int, ...]) -> str:
+    """Return a shape as `18 x 14`."""
     return " x ".join(map(str, shape)) or "1"

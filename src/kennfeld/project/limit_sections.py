@@ -1,39 +1,41 @@
-"""`[[limit]]` and `[[equality]]` of a project file, and the shapes of a `[parameters.NAME]`."""
+"""Reads `[[limit]]`, `[[equality]]`, and the ranges of slopes and curvatures in `[parameters.NAME]`."""
 
 import math
 from typing import Any
 
 from kennfeld.project.schema import DIRECTIONS, EqualityEntry, LimitEntry, TermEntry
-from kennfeld.project.structuring import Section, numeric
+from kennfeld.project.structuring import Section, as_number
 
-__all__ = ["equality_entry", "limit_entry", "shape_ranges"]
+__all__ = ["read_equality", "read_limit", "read_ranges"]
 
 
-def limit_entry(section: Section) -> LimitEntry:
-    """One `[[limit]]`: bounds of an output."""
+def read_limit(section: Section) -> LimitEntry:
+    """Read one `[[limit]]`: bounds of an output."""
     if not section.has("node"):
-        section.report("node", "the key is missing", 'Write node = "..."; an expression may stand there.')
+        section.report("node", "the key is missing", 'Write node = "...", a node or an expression.')
     if not section.has("min") and not section.has("max"):
-        section.report("max", "neither min nor max is given", "Write max = ... or min = ...")
+        section.report("max", "min and max are missing", "Write max = ... or min = ...")
     lower, upper = section.number("min", -math.inf), section.number("max", math.inf)
     if lower > upper:
-        section.report("min", f"{lower:g} lies above max, {upper:g}", "Exchange them.")
+        section.report("min", f"min = {lower:g} exceeds max = {upper:g}", "Swap them.")
         lower, upper = upper, lower
     entry = LimitEntry(section.place, section.text("node"), lower, upper, section.text("where"))
     section.end()
     return entry
 
 
-def equality_entry(section: Section) -> EqualityEntry:
-    """One `[[equality]]`: terms that sum to a value."""
-    given = section.get("terms")
+def read_equality(section: Section) -> EqualityEntry:
+    """Read one `[[equality]]`: terms that sum to a value."""
+    tables = section.get("terms")
     terms: tuple[TermEntry, ...] = ()
-    if not isinstance(given, list) or not given or not all(isinstance(part, dict) for part in given):
+    if not isinstance(tables, list) or not tables or not all(isinstance(part, dict) for part in tables):
         remedy = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
-        section.report("terms", "is missing" if given is None else f"{given!r} is no list of terms", remedy)
+        section.report(
+            "terms", "the key is missing" if tables is None else f"must be a list of terms, got {tables!r}", remedy
+        )
     else:
         terms = tuple(
-            _term(Section(part, f"{section.place} term {i}", section.findings)) for i, part in enumerate(given, 1)
+            _term(Section(part, f"{section.place} term {i}", section.findings)) for i, part in enumerate(tables, 1)
         )
     entry = EqualityEntry(section.place, terms, section.number("value", 0.0))
     section.end()
@@ -46,41 +48,41 @@ def _term(section: Section) -> TermEntry:
     at: Any = section.get("at")
     coordinates = None
     if at is not None:
-        numbers = [numeric(x) for x in (at if isinstance(at, list) else [at])]
+        numbers = [as_number(x) for x in (at if isinstance(at, list) else [at])]
         if any(x is None or not math.isfinite(x) for x in numbers):
-            section.report("at", f"{at!r} is no list of coordinates", "Write at = [x, y], one an axis.")
+            section.report("at", f"must be a list of coordinates, got {at!r}", "Write at = [x, y], one per axis.")
         coordinates = tuple(x for x in numbers if x is not None)
     entry = TermEntry(section.text("parameter"), coordinates, section.number("factor", 1.0))
     section.end()
     return entry
 
 
-def shape_ranges(section: Section, key: str) -> dict[str, tuple[float, float]]:
-    """`gradient = { x = [0, inf] }`: the range of each direction; `key` is `gradient` or `curvature`."""
+def read_ranges(section: Section, key: str) -> dict[str, tuple[float, float]]:
+    """Read the range of each direction, as in `gradient = { x = [0, inf] }`; `key` is `gradient` or `curvature`."""
     if not section.has(key):
         return {}
     inner = section.inner(key)
     if inner is None:
         return {}
-    made = {}
+    ranges = {}
     for direction in DIRECTIONS:
         if inner.has(direction):
-            given = inner.values[direction]
-            ends = [_side(x) for x in given] if isinstance(given, list) else []
+            value = inner.values[direction]
+            ends = [_side(x) for x in value] if isinstance(value, list) else []
             if len(ends) != 2 or any(math.isnan(x) for x in ends):
-                remedy = f"Write {direction} = [0, inf]; one side 0 makes it monotonic."
-                inner.report(direction, f"{given!r} is no range of two numbers", remedy)
+                remedy = f"Write {direction} = [0, inf]; a limit of 0 makes the table monotonic."
+                inner.report(direction, f"must be a range of two numbers, got {value!r}", remedy)
             elif not ends[0] <= ends[1]:
-                inner.report(direction, f"{ends[0]:g} lies above {ends[1]:g}", "Exchange them.")
+                inner.report(direction, f"lower limit {ends[0]:g} exceeds upper limit {ends[1]:g}", "Swap them.")
             else:
-                made[direction] = (ends[0], ends[1])
+                ranges[direction] = (ends[0], ends[1])
     inner.end()
-    return made
+    return ranges
 
 
 def _side(value: Any) -> float:
-    """A number, also an infinite one or one written as text; NaN where it is none."""
+    """Return a number, which may be infinite or "inf", NaN for anything else."""
     if isinstance(value, str) and value.strip().casefold() in ("inf", "+inf", "-inf"):
         return float(value)
-    number = numeric(value)
+    number = as_number(value)
     return math.nan if number is None else number

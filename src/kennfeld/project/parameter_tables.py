@@ -1,7 +1,4 @@
-"""The parameters of a project: today's calibration, overridden by `[parameters.NAME]`.
-
-`[parameters.NAME]` of an expansion in radial basis functions, which has no axes and comes from a file.
-"""
+"""Builds the parameters of a project: the initial calibration, overridden by `[parameters.NAME]`."""
 
 import glob
 from collections.abc import Callable, Mapping, Sequence
@@ -18,73 +15,66 @@ from kennfeld.formatting import nearest
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
-from kennfeld.project.axes import Axes, made_free
-from kennfeld.project.initial_calibration import described, sized
-from kennfeld.project.model import ProjectModel, axes_finding, coordinates_of, initial_level
+from kennfeld.project.axes import Axes, free_breakpoints
+from kennfeld.project.initial_calibration import describe_parameter, format_shape
+from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
 from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
-from kennfeld.project.steps import grid_points_within, lacking_axes
+from kennfeld.project.steps import grid_points_within, missing_directions
 from kennfeld.rbf import RBF
 
 __all__ = ["Tables", "build_tables"]
 
-Report = Callable[[str, str, str], None]  # key, what, mend
-TABLES = "Tables have it; remove it."
+Report = Callable[[str, str, str], None]  # key, message, remedy
 
 
 def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Parameter | None:
-    """The expansion as the project file wants it; None where that cannot be, and `report` hears why."""
-    found = [*_meaningless(entry), *_wrong_lock(entry), *_wrong_bounds(old, entry)]
-    for key, message, remedy in found:
+    """Apply the settings of a project file to an expansion; return None, after reports, if they are invalid."""
+    problems = [*_table_keys(entry), *_wrong_lock(entry), *_wrong_bounds(old, entry)]
+    for key, message, remedy in problems:
         report(key, message, remedy)
-    if found:
+    if problems:
         return None
-    given = {"unit": entry.unit, "description": entry.description}
-    made = old.changed(**{key: value for key, value in given.items() if value is not None})
+    texts = {"unit": entry.unit, "description": entry.description}
+    expansion = old.changed(**{key: text for key, text in texts.items() if text is not None})
     if entry.bounds is not None:
         lower, upper = entry.bounds
-        made = made.changed(lower=lower, upper=upper)
-    return made.changed(locked=np.full(made.values.shape, entry.lock is True))
+        expansion = expansion.changed(lower=lower, upper=upper)
+    return expansion.changed(locked=np.full(old.values.shape, entry.lock is True))
 
 
-def _meaningless(entry: ParameterEntry) -> list[tuple[str, str, str]]:
-    given = {
-        "initial": entry.initial is not None,
+def _table_keys(entry: ParameterEntry) -> list[tuple[str, str, str]]:
+    """Return a problem for each key that only tables have."""
+    message = f"not supported for {entry.name}, an RBF expansion"
+    is_set = {
         "smoothness": entry.smoothness is not None,
         "gradient": bool(entry.gradient),
         "curvature": bool(entry.curvature),
         "pin": bool(entry.pins),
         "extrapolation": entry.extrapolation is not None,
     }
-    message = f"{entry.name} is an expansion in radial basis functions, which has no"
-    initial = "Its values are those of the initial file; remove it."
-    return [
-        (
-            key,
-            f"{message} {'values of its own here' if key == 'initial' else key}",
-            initial if key == "initial" else TABLES,
-        )
-        for key, there in given.items()
-        if there
-    ]
+    problems = [(key, message, "Remove it.") for key, value in is_set.items() if value]
+    if entry.initial is not None:
+        problems.insert(0, ("initial", message, "Remove it; the values are those of the initial file."))
+    return problems
 
 
 def _wrong_lock(entry: ParameterEntry) -> list[tuple[str, str, str]]:
     if isinstance(entry.lock, bool):
         return []
-    message = f"{entry.name} is an expansion in radial basis functions, of which no part has a place on an axis"
-    return [("lock", message, "Write lock = true, or give values that shall stay the same lower and upper bound.")]
+    message = f"a part of {entry.name} cannot be locked by ranges: an RBF expansion has no axes"
+    return [("lock", message, "Write lock = true, or set equal lower and upper bounds for values to be kept.")]
 
 
 def _wrong_bounds(old: RBF, entry: ParameterEntry) -> list[tuple[str, str, str]]:
     if entry.bounds is None or all(side.shape == old.values.shape for side in entry.bounds):
         return []
-    message = f"{entry.name} has {old.size} values of several kinds: offset, slopes, weights, centres and widths"
+    message = f"the bounds of {entry.name} must have {old.size} values: offset, slopes, weights, centres and widths"
     return [("bounds", message, f"Write two lists of {old.size} numbers, in the order of trust.csv.")]
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The parameters before the first iteration; `free` are the names to fit, `unlocked` still want "no-data"."""
+    """The initial parameters and the names of those to fit; `locked_without_data` have lock = "no-data"."""
 
     parameters: ParameterSet
     free: tuple[str, ...] = ()
@@ -93,37 +83,41 @@ class Tables:
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """The free names as glob patterns that match nothing else."""
+        """The free names, escaped as glob patterns."""
         return tuple(glob.escape(name) for name in self.free)
 
 
 def build_tables(
     file: ProjectFile, initial: ParameterSet, axes: Axes, function: ProjectModel | None, findings: list[Finding]
 ) -> Tables | None:
-    """The parameters of a project; None where one of them cannot be made."""
-    made: dict[str, Parameter] = {}
+    """Build the parameters of a project; return None, with findings, if one of them is invalid."""
+    built: dict[str, Parameter] = {}
     for entry in file.parameters.values():
-        table = _Table(entry, initial, axes, function, findings).made()
+        table = _TableBuilder(entry, initial, axes, function, findings).build()
         if table is not None:
-            made[entry.name] = table
+            built[entry.name] = table
     try:
-        parameters = initial.merged(ParameterSet(made.values()))
+        parameters = initial.merged(ParameterSet(built.values()))
     except ArgumentError as error:
-        remedy = "Tables of one group axis share their breakpoints: give each of them { axis = ... }."
+        remedy = "Tables with the same group axis share its breakpoints: write { axis = ... } in each."
         findings.append(Finding(file.place("[axes]"), str(error), remedy))
         return None
-    if len(made) < len(file.parameters):
+    if len(built) < len(file.parameters):
         return None
     return Tables(
         parameters,
         _free(file, parameters, function, findings),
-        {name: found for name, entry in file.parameters.items() if (found := _factors(entry, made[name], findings))},
+        {
+            name: factors
+            for name, entry in file.parameters.items()
+            if (factors := _factors(entry, built[name], findings))
+        },
         tuple(name for name, entry in file.parameters.items() if entry.lock == "no-data"),
     )
 
 
-class _Table:
-    """One parameter on its way from the project file."""
+class _TableBuilder:
+    """Builds one parameter from its section and its initial value."""
 
     def __init__(
         self,
@@ -136,8 +130,8 @@ class _Table:
         self.entry, self.axes, self.function, self.findings = entry, axes, function, findings
         self.old = initial.get(entry.name)
 
-    def made(self) -> Parameter | None:
-        """The parameter, or None with a finding."""
+    def build(self) -> Parameter | None:
+        """Build the parameter; return None, with findings, if it is invalid."""
         entry, before = self.entry, len(self.findings)
         if isinstance(self.old, RBF) and not entry.axes:
             return apply_rbf_settings(self.old, entry, self._report)
@@ -160,82 +154,82 @@ class _Table:
         severity: Any = "warning" if warning else "error"
         self.findings.append(Finding(f"{self.entry.place} {key}".strip(), message, remedy, severity=severity))
 
-    def _lacking(self) -> tuple[str, str, str]:
-        """That nothing gives values: the key, what is wrong, the mend."""
-        name, drawn = self.entry.name, self.function is not None and bool(self.function.model.values)
-        if not drawn or self.function is None or name in self.function.graph.parameters:
-            message = "the parameter is in no initial file and has no values"
+    def _missing_values(self) -> tuple[str, str, str]:
+        """Return key, message and remedy for missing values."""
+        name, has_values = self.entry.name, self.function is not None and bool(self.function.model.values)
+        if not has_values or self.function is None or name in self.function.graph.parameters:
+            message = "no values: the key is missing and no initial file has the parameter"
             return "initial", message, self._initial_advice()
         if ":" in name:
-            return "", "this field of the block is no number that can be fitted", "Name a field that holds a number."
+            return "", "this field of the block is not a number that can be fitted", "Name a numeric field."
         known = list(self.function.graph.parameters)
-        remedy = nearest(name, known) or f"Its parameters are {', '.join(known[:12])}."
-        return "", f"the model has no parameter {name}", remedy
+        remedy = nearest(name, known) or f"The model has {', '.join(known[:12])}."
+        return "", f"unknown parameter {name}", remedy
 
     def _initial_advice(self) -> str:
         level = 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
         return f"Write initial = {level}, or all values."
 
     def _inherited(self, values: Float) -> dict[str, Any]:
-        """What the initial file says besides values and axes; bounds only while the shape stays."""
+        """Return the attributes of the initial file; bounds only if the shape is unchanged."""
         if self.old is None:
             unit = self.function.graph.units.get(self.entry.name, "") if self.function else ""
             return {"unit": unit}
-        kept = ["unit", "description", "extrapolation"]
+        names = ["unit", "description", "extrapolation"]
         if self.old.values.shape == values.shape:
-            kept += ["lower", "upper"]
-        return {name: getattr(self.old, name) for name in kept}
+            names += ["lower", "upper"]
+        return {name: getattr(self.old, name) for name in names}
 
     def _axes(self) -> tuple[Axis, ...] | None:
-        """The axes: those of the project file over those of the initial file."""
-        given = self.entry.axes
+        """Return the axes of the project file, else of the initial file; None, with a finding, if one is invalid."""
+        entries = self.entry.axes
         old = self.old.axes if self.old is not None else ()
-        count = max([len(old), *(DIRECTIONS.index(direction) + 1 for direction in given)])
-        fed = coordinates_of(self.function.graph, self.entry.name) if self.function else []
-        beyond = [direction for direction in DIRECTIONS[len(fed) : count] if direction in given]
-        if self.function and fed and any(given[direction].quantiles for direction in beyond):
-            # the function has nothing to take these quantiles of
+        count = max([len(old), *(DIRECTIONS.index(direction) + 1 for direction in entries)])
+        coordinates = coordinates_of(self.function.graph, self.entry.name) if self.function else []
+        beyond = [direction for direction in DIRECTIONS[len(coordinates) : count] if direction in entries]
+        if self.function and coordinates and any(entries[direction].quantiles for direction in beyond):
+            # the lookup has no coordinate for these quantiles
             kind = {2: "map", 3: "cube"}.get(count, "table")
-            self.findings.append(axes_finding(self.function, self.entry.name, kind, count))
+            self.findings.append(axis_count_finding(self.function, self.entry.name, kind, count))
             return None
-        made: list[Axis | None] = []
+        axes: list[Axis | None] = []
         for i, direction in enumerate(DIRECTIONS[:count]):
-            if direction in given and given[direction].inherits:
-                made.append(self._freed(direction, old[i] if i < len(old) else None))
-            elif direction in given:
-                made.append(self.axes.made(given[direction], fed[i] if i < len(fed) else ""))
+            if direction in entries and entries[direction].inherits:
+                axes.append(self._free_axis(direction, old[i] if i < len(old) else None))
+            elif direction in entries:
+                axes.append(self.axes.build(entries[direction], coordinates[i] if i < len(coordinates) else ""))
             elif i < len(old):
-                made.append(old[i])
+                axes.append(old[i])
             else:
                 self._report(direction, "the axis is missing", f"Write {direction} = {{ ... }}.")
-                made.append(None)
-        whole = tuple(axis for axis in made if axis is not None)
-        return whole if len(whole) == len(made) else None
+                axes.append(None)
+        valid = tuple(axis for axis in axes if axis is not None)
+        return valid if len(valid) == len(axes) else None
 
-    def _freed(self, direction: str, old: Axis | None) -> Axis | None:
-        """The axis of the initial file, its breakpoints free."""
+    def _free_axis(self, direction: str, old: Axis | None) -> Axis | None:
+        """Return the axis of the initial file with free breakpoints."""
         entry = self.entry.axes[direction]
         if old is None:
-            remedy = "Write breakpoints, begin, end and count, or count, beside it."
-            self._report(direction, "no initial file has breakpoints to begin from", remedy)
+            remedy = "Write breakpoints; or begin, end and count; or count."
+            self._report(direction, "breakpoints are free, but no initial file has any", remedy)
             return None
-        return made_free(old, entry, self.findings)
+        return free_breakpoints(old, entry, self.findings)
 
     def _values(self, axes: Sequence[Axis]) -> Float | None:
         shape = tuple(len(axis) for axis in axes)
         if self.old is not None and self.old.kind == "block" and not axes:
             shape = self.old.values.shape
-        given = self.entry.initial
-        if given is not None:
-            return self._spread("initial", given, shape, axes)
+        values = self.entry.initial
+        if values is not None:
+            return self._spread("initial", values, shape, axes)
         if self.old is None:
-            self._report(*self._lacking())
+            self._report(*self._missing_values())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
             return _regridded(self.old, axes)
         if self.old.values.shape == shape:
             return self.old.values
-        message = f"the initial file holds {described(self.old)}, the axes here ask for {sized(shape)}"
+        message = f"the initial file has {describe_parameter(self.old)}, but the axes require {format_shape(shape)}"
         self._report("initial", message, self._initial_advice())
         return None
 
@@ -244,52 +238,51 @@ class _Table:
             return np.array(np.broadcast_to(given, shape))
         if not shape:
             remedy = "Give it an axis, x = { ... }, or a single number."
-            self._report(key, f"{sized(given.shape)} values for a scalar", remedy)
+            self._report(key, f"must be one value for a scalar, got {format_shape(given.shape)}", remedy)
             return None
-        message = f"has {sized(given.shape)} values; its axes ask for {sized(shape)}"
+        message = f"has {format_shape(given.shape)} values, but the axes require {format_shape(shape)}"
         turned = given.shape == shape[::-1] and len(shape) == 2
-        remedy = "It seems to be transposed: write a row for each x." if turned else "Write a row for each x."
-        self._report(key, message, remedy if len(shape) > 1 else "Write one value a breakpoint.")
+        remedy = "It seems to be transposed: write one row per x." if turned else "Write one row per x."
+        self._report(key, message, remedy if len(shape) > 1 else "Write one value per breakpoint.")
         return None
 
     def _bounds(self, values: Float) -> dict[str, Float]:
-        """Bounds of the table's shape; reports where they leave the start outside."""
+        """Return bounds of the table's shape; warn if initial values are outside."""
         if self.entry.bounds is None:
             return {}
-        sides = [self._spread("bounds", side, values.shape) for side in self.entry.bounds]
-        lower, upper = sides
+        lower, upper = (self._spread("bounds", side, values.shape) for side in self.entry.bounds)
         if lower is None or upper is None:
             return {}
         outside = (values < lower) | (values > upper)
         if outside.any():
             at = tuple(np.argwhere(outside)[0])
-            message = f"{int(outside.sum())} of {values.size} initial values lie outside, such as {values[at]:g}"
-            self._report("bounds", message, "They will be moved onto the bounds.", warning=True)
+            message = f"{int(outside.sum())} of {values.size} initial values are outside, such as {values[at]:g}"
+            self._report("bounds", message, "They will be clipped to the bounds.", warning=True)
         return {"lower": lower, "upper": upper}
 
     def _locked(self, table: Parameter) -> Bool:
-        """The values that a lock holds; those without data are found later."""
+        """Return the mask of locked values; "no-data" is applied later."""
         lock = self.entry.lock
         if isinstance(lock, bool) or lock == "no-data":
             return np.full(table.values.shape, lock is True)
-        held = np.zeros(table.values.shape, dtype=bool)
+        locked = np.zeros(table.values.shape, dtype=bool)
         for number, part in enumerate(lock, 1):
-            held |= self._range(table, part, f"lock {number}")
-        return held
+            locked |= self._range(table, part, f"lock {number}")
+        return locked
 
     def _range(self, table: Parameter, part: Range, key: str) -> Bool:
-        beyond = lacking_axes(table, part)
+        beyond = missing_directions(table, part)
         if beyond:
             self._report(key, f"{table.name} has no axis {beyond[0]}")
             return np.zeros(table.values.shape, dtype=bool)
         inside = grid_points_within(table, part)
         if not inside.any():
-            self._report(key, "no grid point lies in this range", warning=True)
+            self._report(key, "no grid point is in this range", warning=True)
         return inside
 
 
 def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
-    """The table interpolated onto other axes."""
+    """Interpolate a table onto other axes."""
     values = old.values
     for i, (before, after) in enumerate(zip(old.axes, axes, strict=True)):
         if not np.array_equal(before.breakpoints, after.breakpoints):
@@ -300,24 +293,24 @@ def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
 
 
 def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -> tuple[Factor, ...]:
-    """Smoothness along each axis."""
-    given = entry.smoothness
-    if given is None:
+    """Return the smoothness along each axis."""
+    factors = entry.smoothness
+    if factors is None:
         return ()
-    if not isinstance(given, Mapping):
-        return (given,) * len(table.axes)
+    if not isinstance(factors, Mapping):
+        return (factors,) * len(table.axes)
     known = DIRECTIONS[: len(table.axes)]
-    for direction in given:
+    for direction in factors:
         if direction not in known:
             message = f"{entry.name} has no axis {direction}"
             findings.append(Finding(f"{entry.place} smoothness", message, f"It has {', '.join(known) or 'none'}."))
-    return tuple(given.get(direction, 0.0) for direction in known)
+    return tuple(factors.get(direction, 0.0) for direction in known)
 
 
 def _free(
     file: ProjectFile, parameters: ParameterSet, function: ProjectModel | None, findings: list[Finding]
 ) -> tuple[str, ...]:
-    """The parameters to fit among those that the function uses."""
+    """Return the parameters to fit, among those that the function uses."""
     used = list(function.graph.parameters) if function else list(parameters)
     chosen = set()
     for pattern in file.calibration.free:

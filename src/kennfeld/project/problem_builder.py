@@ -1,4 +1,4 @@
-"""Everything a project needs, put together; what is wrong is collected on the way, and nothing is raised."""
+"""Builds the problem of a project from all files it names. Problems are collected, not raised."""
 
 import time
 from collections.abc import Sequence
@@ -19,15 +19,23 @@ from kennfeld.optimize.projection import infeasible
 from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.calculated import Calculated, read_calculated, uses_clock
+from kennfeld.preprocessing.calculated import Calculated, parse_calculated, uses_clock
 from kennfeld.preprocessing.model_step import is_timed
-from kennfeld.preprocessing.pipeline import ChannelRequest, LoadedData, load
-from kennfeld.preprocessing.units import says_nothing
+from kennfeld.preprocessing.pipeline import LoadedData, load_datasets
+from kennfeld.preprocessing.recordings import ChannelRequest
+from kennfeld.preprocessing.units import is_unit_missing
 from kennfeld.project.axes import Axes, check_free_axes
-from kennfeld.project.checks import method_findings, sample_findings, settling_findings, weight_channels
+from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
 from kennfeld.project.initial_calibration import read_initial
-from kennfeld.project.model import ProjectModel, axes_finding, is_drawn, read_function, read_surrogates, undefined
+from kennfeld.project.model import (
+    ProjectModel,
+    axis_count_finding,
+    find_undefined,
+    is_simulink,
+    read_function,
+    read_surrogates,
+)
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import build_steps, uncovered_values
@@ -37,12 +45,12 @@ if TYPE_CHECKING:
 
 __all__ = ["ProjectProblem", "assemble"]
 
-_REMARKS = 6  # of a model's import
+MAX_REMARKS = 6  # on a model's import
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectProblem:
-    """What came of a project file: the problem, None where an error stands in `findings`."""
+    """The problem of a project, None if a finding is an error, and how long reading took."""
 
     findings: tuple[Finding, ...]
     problem: Problem | None
@@ -52,25 +60,25 @@ class ProjectProblem:
 
 
 def assemble(file: ProjectFile) -> ProjectProblem:
-    """Read everything that a project file names."""
+    """Read all files that a project file names and build the problem."""
     began = time.perf_counter()
-    work = ProblemBuilder(file)
+    builder = ProblemBuilder(file)
     problem, steps = None, tuple[Step, ...]()
     try:
-        problem = work.problem()
+        problem = builder.problem()
         if problem is not None:
-            steps = build_steps(file, problem, work.findings)
+            steps = build_steps(file, problem, builder.findings)
     except InputError as error:
-        work.findings += error.findings
+        builder.findings += error.findings
     except ArgumentError as error:
-        work.findings.append(Finding(file.path.name, str(error)))
-    findings, places = tuple(dict.fromkeys(work.findings)), dict(work.loaded.places)
-    sound = problem if not work.failed else None
-    return ProjectProblem(findings, sound, time.perf_counter() - began, places, steps)
+        builder.findings.append(Finding(file.path.name, str(error)))
+    findings, places = tuple(dict.fromkeys(builder.findings)), dict(builder.loaded.places)
+    valid = None if builder.failed else problem
+    return ProjectProblem(findings, valid, time.perf_counter() - began, places, steps)
 
 
 class ProblemBuilder:
-    """The parts of a project on their way to a problem."""
+    """Builds a problem from a project file, adding to `findings`."""
 
     def __init__(self, file: ProjectFile) -> None:
         self.file = file
@@ -80,20 +88,20 @@ class ProblemBuilder:
         self.surrogates: tuple[Surrogate, ...] = ()
 
     def problem(self) -> Problem | None:
-        """The problem, or None where a finding is an error."""
+        """Build the problem; return None if a finding is an error."""
         file, findings = self.file, self.findings
-        calculated = read_calculated(file, findings)
+        calculated = parse_calculated(file, findings)
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
             initial = merge_start_values(self.function.model.values, initial).from_origin(initial.origin)
-        self.loaded = load(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
+        self.loaded = load_datasets(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
-        # without all that gives values, what a section overrides is not known, and much would seem wrong that is not
-        unknown = initial is None or (self.function is None and is_drawn(file))
+        # without all values it is unknown what a section overrides, and false errors would follow
+        unknown = initial is None or (self.function is None and is_simulink(file))
         tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
         self._check_group_axes()
@@ -112,29 +120,27 @@ class ProblemBuilder:
         self.findings += matrix_findings(f"{file.path.name} [calibration] free", problem.free_size)
         self._check_samples(problem)
         self._check_limits(problem)
-        findings += method_findings(file, problem)
-        findings += sample_findings(file, problem, self.loaded)
+        findings += check_method(file, problem)
+        findings += check_weights(file, problem, self.loaded)
         return None if self.failed else self._feasible(self._locked(problem, tables))
 
     def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
-        """The initial parameters with the expansions of the surrogates, which no calibration changes."""
+        """Add the expansions of the surrogates, which are never fitted, to the initial parameters."""
         for surrogate in self.surrogates:
             if surrogate.name in self.file.parameters or surrogate.name in (initial or ()):
-                message = f"{surrogate.name} is a parameter too"
-                self._report(f"[surrogates] {surrogate.name}", message, "Give the surrogate another name.")
+                message = f"{surrogate.name} is also the name of a parameter"
+                self._report(f"[surrogates] {surrogate.name}", message, "Rename the surrogate.")
         if initial is None or not self.surrogates:
             return initial
-        from kennfeld.surrogate import expansions
+        from kennfeld.surrogate import as_parameters
 
-        return expansions(self.surrogates).merged(initial).from_origin(initial.origin)
+        return as_parameters(self.surrogates).merged(initial).from_origin(initial.origin)
 
     def _feasible(self, problem: Problem) -> Problem | None:
-        """The problem, None where its limits contradict each other."""
-        found = infeasible(problem)
-        self.findings += [
-            replace(one, place=self.file.path.name) if one.place == "constraints" else one for one in found
-        ]
-        return None if found else problem
+        """Return the problem, None if its constraints cannot be satisfied together."""
+        findings = infeasible(problem)
+        self.findings += [replace(f, place=self.file.path.name) if f.place == "constraints" else f for f in findings]
+        return None if findings else problem
 
     def _problem(
         self, function: ProjectModel, tables: Tables, criteria: tuple[Criterion, ...], constraints: Constraints
@@ -155,7 +161,7 @@ class ProblemBuilder:
 
     @property
     def failed(self) -> bool:
-        """Whether a finding is an error."""
+        """If a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
     def _report(self, part: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
@@ -163,9 +169,9 @@ class ProblemBuilder:
         self.findings.append(Finding(self.file.place(part), message, remedy, severity=severity))  # type: ignore[arg-type]
 
     def _function(self, known: list[str], initial: ParameterSet | None) -> ProjectModel | None:
-        """The function; what it looks up and nobody defines is found only when all initial files could be read."""
+        """Read the function. Undefined parameters are reported only if all initial files could be read."""
         if len(self.surrogates) < len(self.file.surrogates):
-            return None  # what calls a missing one would seem wrong
+            return None  # calls of missing surrogates would be false errors
         function = read_function(self.file, known, self.surrogates, self.findings, initial)
         if function is None:
             return None
@@ -173,40 +179,40 @@ class ProblemBuilder:
             if surrogate.name not in function.graph.parameters:
                 self._report(f"[surrogates] {surrogate.name}", "the function does not call it", warning=True)
         known = [*known, *function.model.values]
-        lacking = undefined(function, known) if initial is not None else []
+        lacking = find_undefined(function, known) if initial is not None else []
         self.findings += lacking
         for name in self.file.parameters:
             if name not in function.graph.parameters:
                 self._unused(name, function, known)
-        self._tell(function.model.remarks)
+        self._add_remarks(function.model.remarks)
         inputs = function.graph.inputs
         for name in self.file.channels:
             if name not in inputs:
                 remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
-                self._report(f"[channels] {name}", f"{name} is no input of the function", remedy)
+                self._report(f"[channels] {name}", f"unknown input {name}", remedy)
         return function
 
     def _unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
-        """A section of a parameter that the function does not look up."""
-        place, given = f"[parameters.{name}]", self.file.parameters[name]
-        if not is_drawn(self.file):
+        """Report the section of a parameter that the function does not use."""
+        place, entry = f"[parameters.{name}]", self.file.parameters[name]
+        if not is_simulink(self.file):
             remedy = nearest(name, [n for n in function.graph.parameters if n not in known])
             self._report(place, f"the function does not use {name}", remedy, warning=True)
-        elif ":" in name and given.initial is not None:
-            message = "the block needs this field as a fixed number: it has the value given here, and is not fitted"
+        elif ":" in name and entry.initial is not None:
+            message = "the block requires this field to be constant; it has the value given here and is not fitted"
             self.findings.append(Finding(self.file.place(place), message, severity="remark"))
-        elif given.initial is not None or given.axes:  # without them, that it has no value says the same
+        elif entry.initial is not None or entry.axes:  # otherwise the missing value is reported
             remedy = nearest(name, function.graph.parameters)
             self._report(place, f"the function does not use {name}", remedy, warning=True)
 
-    def _tell(self, remarks: Sequence[str]) -> None:
-        """What the import of the model did otherwise than the model says, the first of it."""
-        more = [f"and {len(remarks) - _REMARKS} more; see kennfeld info"] if len(remarks) > _REMARKS else []
+    def _add_remarks(self, remarks: Sequence[str]) -> None:
+        """Add the first remarks on deviations of the imported model."""
+        more = [f"and {len(remarks) - MAX_REMARKS} more; see kennfeld info"] if len(remarks) > MAX_REMARKS else []
         place = self.file.place("[model] file")
-        self.findings += [Finding(place, one, severity="remark") for one in (*remarks[:_REMARKS], *more)]
+        self.findings += [Finding(place, remark, severity="remark") for remark in (*remarks[:MAX_REMARKS], *more)]
 
     def _wanted(self, calculated: Calculated, *, known_all: bool) -> ChannelRequest:
-        """The channels to read. Without all parameters an input may be a scalar, so that it may be missing."""
+        """Return the channels to read. If parameters are unknown, an input may be a scalar and its channel missing."""
         file, function = self.file, self.function
         inputs = function.graph.inputs if function else ()
         needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
@@ -233,7 +239,7 @@ class ProblemBuilder:
         )
 
     def _units(self) -> dict[str, tuple[str, str]]:
-        """The units that the function has for channels, those of its inputs before those of nodes with a target."""
+        """Return the units of channels in the function; those of inputs precede those of nodes with a target."""
         file, graph = self.file, self.function.graph if self.function else None
         if graph is None:
             return {}
@@ -241,12 +247,12 @@ class ProblemBuilder:
         nodes = [(e.target.name, e.node, "node") for e in file.criteria if e.target.kind in ("channel", "name")]
         found: dict[str, tuple[str, str]] = {}
         for channel, name, kind in [*inputs, *nodes]:
-            if not says_nothing(unit := graph.units.get(name, "")):
+            if not is_unit_missing(unit := graph.units.get(name, "")):
                 found.setdefault(channel, (unit, f"the {kind} {name}"))
         return found
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
-        """Warn of calculated channels that nothing uses; conditions may use any."""
+        """Warn of unused calculated channels."""
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
         conditions += " ".join(["", *(one.channel for entry in self.file.datasets for one in entry.steady)])
         if self.function is None:
@@ -258,10 +264,10 @@ class ProblemBuilder:
                 and name not in conditions
                 and not any(name in graph.inputs for graph in calculated.graphs.values())
             ):
-                self._report(f"[calculated] {name}", "nothing uses this channel", warning=True)
+                self._report(f"[calculated] {name}", "unused channel", warning=True)
 
     def _step(self) -> float | None:
-        """The model's own step, where it matters."""
+        """Return the model's step in s, None if its result does not depend on it."""
         if self.function is None or not is_timed(self.function.graph):
             return None
         return self.file.model.step or self.function.model.step
@@ -269,11 +275,11 @@ class ProblemBuilder:
     def _check_datasets(self) -> None:
         entries = self.file.datasets
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
-            remedy = 'Write use = "training" and a weight above 0 in one of them.'
+            remedy = 'Write use = "training" and a weight > 0 in one of them.'
             self._report("[[dataset]]", "no dataset is used for training", remedy)
         if self.function is None:
             return
-        self.findings += settling_findings(self.function.graph, self.loaded)
+        self.findings += check_settling(self.function.graph, self.loaded)
         places = self.loaded.places
         self.findings += step_findings(
             self.function.model, self.loaded.datasets, self._step(), lambda data: places[data.name]
@@ -282,45 +288,45 @@ class ProblemBuilder:
             return
         for data in self.loaded.datasets:
             if data.time is None and data.settling is None:
-                message = f"the function needs time steps, but dataset {data.name} has no time stamps"
-                remedy = "Name the time channel `time`; or write settle = ..., if these are steady-state points."
+                message = f"the function requires time steps, but dataset {data.name} has no time stamps"
+                remedy = "Name the time channel `time`, or write settle = ... if these are steady-state points."
                 self.findings.append(Finding(self.loaded.places[data.name], message, remedy))
 
     def _check_group_axes(self) -> None:
-        """Group axes that no table names, so that nothing comes of them."""
+        """Warn of group axes that no table names."""
         axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
         for name in self.file.axes:
             if not any(axis.group == name for axis in axes):
                 remedy = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
-                self._report(f"[axes.{name}]", "no table of this file names the axis", remedy, warning=True)
+                self._report(f"[axes.{name}]", "no table of this file uses the axis", remedy, warning=True)
 
     def _check_shifts(self) -> None:
-        """What stands in the way of finding a shift."""
+        """Report shifts that cannot be estimated."""
         step, sought = self._step(), self.loaded.unknown_shifts
         training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
         for data in self.loaded.datasets:
             place = f"{self.loaded.places[data.name]} shift"
             for channel in sought.get(data.name, ()):
                 if channel not in training:
-                    message = f"the shift of {channel} is found on training data, and none asks for it"
+                    message = f'shift = "auto" for {channel} must be set on a training dataset'
                     self.findings.append(
-                        Finding(place, message, 'Write "auto" in a training dataset too, or a number.')
+                        Finding(place, message, 'Write "auto" in a training dataset too, or a number here.')
                     )
             if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
                 own = [entry.raster for entry in self.file.datasets if entry.raster]
                 if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
-                    message = f"a shift cannot be found while the model's step of {step:g} s is finer than the data's"
+                    message = f"no shift can be estimated: the model's step of {step:g} s is below that of the data"
                     self.findings.append(Finding(place, message, f"Write raster = {step:g}, or a number."))
 
     def _check_tables(self, tables: Tables, function: ProjectModel) -> None:
-        """What the function and its parameters must agree on."""
+        """Report wrong numbers of axes, missing values, and if nothing is free."""
         for name, count in function.graph.parameters.items():
             if name not in tables.parameters:
                 continue
             parameter = tables.parameters[name]
             has = parameter.coordinates
             if has != count:
-                self.findings.append(axes_finding(function, name, parameter.kind, has))
+                self.findings.append(axis_count_finding(function, name, parameter.kind, has))
             missing = np.argwhere(~np.isfinite(parameter.values))
             if missing.size:
                 at = ", ".join(str(int(i) + 1) for i in missing[0])
@@ -331,33 +337,32 @@ class ProblemBuilder:
         if not tables.free and function.graph.parameters:
             self._report(
                 "[calibration] free",
-                "no parameter that the function uses is free",
+                "no parameter of the function is free",
                 'Write free = ["*"] in [calibration].',
             )
 
     def _check_limits(self, problem: Problem) -> None:
-        """Limits of outputs that cannot be read."""
+        """Report invalid output limits."""
         if problem.limits:
             self.findings += [replace(f, place=self.file.place(f"[[{f.place}]]")) for f in check_limits(problem)]
 
     def _check_samples(self, problem: Problem) -> None:
-        """Datasets and criteria that no sample reaches."""
+        """Report datasets without complete samples, and criteria without a target value."""
         for bound in problem.training:
             if not bound.count:
                 place = self.loaded.places[bound.dataset.name]
-                message = f"no sample of dataset {bound.dataset.name} has all inputs: {_emptiest(problem, bound)}"
+                message = f"no sample of dataset {bound.dataset.name} has all inputs: {_missing_shares(problem, bound)}"
                 self.findings.append(Finding(place, message, "Check these channels, or max_gap."))
         if not any(bound.count for bound in problem.training):
             return
         for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
-            reached = any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training)
-            if not reached:
-                message = f"no training sample reaches the criterion on {entry.node}"
+            if not any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training):
+                message = f"no training sample has a target for {entry.node}"
                 remedy = "Check its target channel and the conditions of the datasets."
                 self.findings.append(Finding(entry.place, message, remedy))
 
     def _locked(self, problem: Problem, tables: Tables) -> Problem:
-        """The problem with the values locked that no training sample touches, where that is asked for."""
+        """Lock the values that no training sample touches, of parameters with lock = "no-data"."""
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
@@ -367,8 +372,8 @@ class ProblemBuilder:
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
 
 
-def _emptiest(problem: Problem, bound: BoundDataset) -> str:
-    """The input channels that miss most, with their share."""
+def _missing_shares(problem: Problem, bound: BoundDataset) -> str:
+    """Return the input channels with most missing samples, and their shares."""
     shares = {}
     for name in problem.model.graph.inputs:
         channel = problem.channels.get(name, name)

@@ -1,7 +1,4 @@
-"""What a run leaves in its folder: complete, or the folder as it was.
-
-The trust in each value as a table for a spreadsheet.
-"""
+"""Writes the results folder of a calibration, completely or not at all."""
 
 import csv
 import json
@@ -14,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.atomic_files import replacing, write_whole
+from kennfeld.atomic_files import replace_atomically, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
@@ -25,7 +22,7 @@ from kennfeld.optimize import Result, TraceLine
 from kennfeld.optimize.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
-from kennfeld.project.manifest import KEY, digests
+from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.rbf import RBF
 
 __all__ = ["COLUMNS", "ResultSource", "require_room", "write", "write_simulation", "write_text", "write_trust"]
@@ -35,24 +32,24 @@ COLUMNS = (
     *("parameter", *AXES, "value", "unit", "deviation", "scatter"),
     *("samples", "leverage", "informed", "by_smoothness"),
 )
-MANY = 2000  # values up to which the leverage is computed: its cost grows with the third power
+MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
 
 RESULT = "result.json"
-ELSEWHERE = "Name another folder with -o."
+REMEDY = "Name another folder with -o."
 
 
 def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
-    """Write a line for each free value, breakpoints last; what is not known stays empty."""
+    """Write trust.csv: a line for each free value, breakpoints last; unknown cells are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MANY else {}
+        leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
         for name in trust.deviation:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
 
 
 def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
-    """The values of a parameter, their unit, and its breakpoints: of an axis numbers, of an expansion names."""
+    """Return the values of a parameter or axis, their unit, and its breakpoints (names, for an expansion)."""
     if name in parameters:
         table = parameters[name]
         if isinstance(table, RBF):
@@ -89,16 +86,16 @@ class ResultSource(Protocol):
 
     @property
     def formats(self) -> Sequence[str]:
-        """File endings of the calibration formats asked for, such as `.dcm`."""
+        """File extensions of the calibration formats to write, such as `.dcm`."""
 
     @property
     def surrogates(self) -> Collection[str]:
-        """The data-driven models, which have files of their own."""
+        """Names of the surrogates, which have files of their own."""
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> list[Dataset]:
-        """Nodes and targets over all datasets."""
+        """Return nodes and targets over all datasets."""
 
 
 def write(
@@ -107,28 +104,36 @@ def write(
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
     further: Mapping[str, Any] | None = None,
-    told: list[Finding] | None = None,
+    findings: list[Finding] | None = None,
 ) -> tuple[Path, ...]:
-    """Write a result into a folder, with further texts by file name, and give the paths of its files.
-
-    `further` are keys of `result.json` besides those of the result. What should be said about calibration files goes
-    to `told`, and so does why an image cannot hold the values: that leaves out the image alone. So do the parameters
-    that a format has no name for: they are in `parameters.json`.
+    """Write a result into a folder and return the paths of its files.
 
     Existing files of these names are replaced, all of them or none. `result.json` comes last and lists the SHA-256 of
-    the others, but for those of `documents`, which may be made again. Raises `InputError` where that is not possible.
+    the others except `documents`, which can be regenerated. An image that cannot hold the values is skipped, and so are
+    parameters whose name a format cannot represent; `parameters.json` has all of them.
+
+    Args:
+        result: the calibration.
+        project: the project that was calibrated.
+        folder: the results folder.
+        documents: texts of further files, by name.
+        further: additional keys of `result.json`.
+        findings: to be extended by remarks on the calibration files.
+
+    Raises:
+        InputError: the folder cannot be written.
     """
     target = Path(folder)
     simulation = project.simulate(result.parameters, result.shifts)
-    with _written_beside(target) as scratch:
+    with _scratch(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
-            said = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
-            (told if told is not None else []).extend(said)
+            remarks = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
+            (findings if findings is not None else []).extend(remarks)
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
         names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
-        content = result.as_json() | dict(further or {}) | {KEY: digests(scratch, names)}
+        content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
         _write_json(content, scratch / RESULT)
@@ -136,7 +141,7 @@ def write(
         move(names, scratch, target)
     for ending in project.formats:
         if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
-            (target / f"parameters{ending}").unlink(missing_ok=True)  # an older one would be taken for this one
+            (target / f"parameters{ending}").unlink(missing_ok=True)  # of an earlier run
     return tuple(target / name for name in names)
 
 
@@ -146,52 +151,50 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
     except InputError as error:
         if path.suffix in IMAGE_ENDINGS:
             return error.findings
-        left = unwritable(parameters, path.suffix) if path.suffix != ".json" else {}
-        if not left:
+        skipped = unwritable(parameters, path.suffix) if path.suffix != ".json" else {}
+        if not skipped:
             raise
-        said = [replace(one, remedy="parameters.json holds it.", severity="warning") for one in left.values()]
-        return [*said, *write_parameters(parameters.without(left), path)]
+        warnings = [replace(f, remedy="parameters.json has it.", severity="warning") for f in skipped.values()]
+        return [*warnings, *write_parameters(parameters.without(skipped), path)]
 
 
 def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
-    """Write simulated datasets, one below the other, as Parquet or CSV by the ending of `path`."""
+    """Write simulated datasets, one after the other, as Parquet or CSV according to the extension of `path`."""
     target = Path(path)
     if target.suffix.lower() not in (".parquet", ".csv"):
-        raise InputError.of(
-            str(target), f"{target.suffix or 'no ending'} is no format for a simulation", "Write .parquet or .csv."
-        )
-    with _reported(target):
+        raise InputError.of(str(target), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}")
+    with _convert_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(target) as beside:
+        with replace_atomically(target) as beside:
             _save(datasets, beside)
     return target
 
 
 def require_room(folder: str | Path) -> None:
-    """Raise `InputError` where nothing can be written into a folder; leaves no trace."""
+    """Raise `InputError` if a folder cannot be written; leaves no trace."""
     target = Path(folder)
-    made = [path for path in (target, *target.parents) if not path.exists()]
+    created = [path for path in (target, *target.parents) if not path.exists()]
     try:
-        with _written_beside(target) as scratch:
+        with _scratch(target) as scratch:
             (scratch / "result.json").write_bytes(b"{}")
     finally:
-        for path in made:
+        for path in created:
             with suppress(OSError):
                 path.rmdir()
 
 
 def write_text(text: str, path: str | Path) -> Path:
-    """Write a text into a file of its own, whole or not at all."""
+    """Write a text file, completely or not at all."""
     target = Path(path)
-    with _reported(target):
+    with _convert_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, text, durable=True)
     return target
 
 
 @contextmanager
-def _reported(target: Path) -> Iterator[None]:
-    """Turn an error of the system into one that names the file and the remedy."""
+def _convert_errors(target: Path) -> Iterator[None]:
+    """Convert an `OSError` into an `InputError` with file and remedy."""
     try:
         yield
     except OSError as error:
@@ -200,13 +203,13 @@ def _reported(target: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _written_beside(folder: Path) -> Iterator[Path]:
-    """A hidden folder within `folder`, which is made if need be; it is gone at the end, whatever happens."""
+def _scratch(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder within `folder`, which is created if needed; remove it at the end in any case."""
     try:
         with scratch_folder(folder) as scratch:
             yield scratch
     except OSError as error:
-        raise InputError.of(str(folder), f"cannot be written: {error.strerror or error}", ELSEWHERE) from None
+        raise InputError.of(str(folder), f"cannot be written: {error.strerror or error}", REMEDY) from None
 
 
 def _write_json(content: Any, path: Path) -> None:
@@ -232,16 +235,16 @@ def _save(datasets: Sequence[Dataset], path: Path) -> None:
 
 
 def _table(datasets: Sequence[Dataset]) -> Any:
-    """Columns dataset, piece (counted from 1), time, then the channels; no value where a dataset lacks one."""
+    """Return the columns dataset, piece (from 1), time, then the channels; null if a dataset lacks one."""
     import pyarrow as pa
 
     columns: dict[str, tuple[Any, str]] = {
         "dataset": (_names(datasets), ""),
         "piece": (_numbers([_pieces(data) for data in datasets]), ""),
-        "time": (_numbers([_nothing(data) if data.time is None else data.time for data in datasets]), "s"),
+        "time": (_numbers([_nan_column(data) if data.time is None else data.time for data in datasets]), "s"),
     }
     for name in dict.fromkeys(name for data in datasets for name in data):
-        values = _numbers([data[name].values if name in data else _nothing(data) for data in datasets])
+        values = _numbers([data[name].values if name in data else _nan_column(data) for data in datasets])
         unit = next(data[name].unit for data in datasets if name in data)
         columns[f"{name} (model)" if name in columns else name] = (values, unit)
     schema = [
@@ -251,7 +254,7 @@ def _table(datasets: Sequence[Dataset]) -> Any:
     return pa.table([values for values, _ in columns.values()], schema=pa.schema(schema))
 
 
-def _nothing(data: Dataset) -> Float:
+def _nan_column(data: Dataset) -> Float:
     return np.full(data.samples, np.nan)
 
 
@@ -261,11 +264,11 @@ def _pieces(data: Dataset) -> Int:
     return np.cumsum(begins)
 
 
-# Arrow arrays are made from buffers below: whatever converts from Python loads pandas, which costs 0.4 s
+# the Arrow arrays below are created from buffers, as conversions from Python load pandas, which takes 0.4 s
 
 
 def _numbers(parts: Sequence[Float | Int]) -> Any:
-    """One array of all parts, without a value where it is NaN."""
+    """Return one array of all parts; NaN becomes null."""
     import pyarrow as pa
 
     values = np.concatenate(parts)
@@ -275,7 +278,7 @@ def _numbers(parts: Sequence[Float | Int]) -> Any:
 
 
 def _names(datasets: Sequence[Dataset]) -> Any:
-    """The name of the dataset for each sample."""
+    """Return the name of the dataset for each sample."""
     import pyarrow as pa
 
     encoded = [data.name.encode() for data in datasets]

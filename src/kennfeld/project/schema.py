@@ -1,4 +1,4 @@
-"""What a project file says, as frozen values; how it is written is known in `sections.py` alone."""
+"""Values of a project file; `sections.py` reads them from its text."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from kennfeld.preprocessing.recipe import DatasetEntry
 
 __all__ = [
     "DIRECTIONS",
-    "MOST_STARTS",
+    "MAX_STARTS",
     "PROTECTED",
     "SIMULINK",
     "AxisEntry",
@@ -38,27 +38,27 @@ __all__ = [
 DIRECTIONS = ("x", "y", "z", "w")
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
-MOST_STARTS = 10_000  # as of `optimize.Options`, which takes long to load
+MAX_STARTS = 10_000  # equals that of `optimize.Options`, which takes long to load
 Factor = float | Literal["auto"]
-Range = Mapping[str, tuple[float, float]]  # by direction, ends included
+Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
 Lock = bool | Literal["no-data"] | tuple[Range, ...]
 
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`; what follows the step is for Simulink models."""
+    """`[model]`; the fields after `step` are for Simulink models."""
 
     file: str
     step: float | None = None
     subsystem: str = ""
-    parameters: tuple[str, ...] = ()  # files that give values to its variables
+    parameters: tuple[str, ...] = ()  # files with values of its variables
     bind: Mapping[str, str] = field(default_factory=dict)  # block: channel or formula
-    folders: tuple[str, ...] = ()  # where its libraries and referenced models are, besides beside it
+    folders: tuple[str, ...] = ()  # of libraries and referenced models, in addition to its own
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """What breakpoints keep while they are fitted, see `Axis`."""
+    """Constraints on breakpoints that are fitted, see `Axis`."""
 
     min_distance: float | None = None
     range: tuple[float, float] | None = None
@@ -66,10 +66,10 @@ class Freedom:
 
 @dataclass(frozen=True)
 class AxisEntry:
-    """Where the breakpoints of an axis come from; at most one way is filled in.
+    """Source of the breakpoints of an axis, at most one of `breakpoints`, `group` and `quantiles`.
 
-    `breakpoints` as given or spread evenly; `group` names a group axis; `quantiles` asks for so many of the training
-    data's quantiles. Without any of them they come from the initial files. With `freedom` they are fitted.
+    `breakpoints` are given or evenly spaced; `group` names a group axis; `quantiles` is a number of quantiles of the
+    training data. Without any, they come from the initial files. With `freedom` they are fitted.
     """
 
     place: str
@@ -81,7 +81,7 @@ class AxisEntry:
 
     @property
     def inherits(self) -> bool:
-        """Whether the breakpoints are those of the initial files."""
+        """If the breakpoints are those of the initial files."""
         return not (self.breakpoints or self.group or self.quantiles) and self.freedom is not None
 
 
@@ -115,7 +115,7 @@ class ParameterEntry:
 
 @dataclass(frozen=True)
 class TargetEntry:
-    """What a criterion compares its node with; a bare name is a channel, else a node."""
+    """Target of a criterion; a bare name is a channel, else a node."""
 
     kind: Literal["name", "channel", "node", "number"]
     name: str = ""
@@ -158,7 +158,7 @@ class LimitEntry:
 
 @dataclass(frozen=True)
 class TermEntry:
-    """One term of an `[[equality]]`; without coordinates the sum of all values."""
+    """One term of an `[[equality]]`; without coordinates, the sum of all values."""
 
     parameter: str
     at: tuple[float, ...] | None
@@ -176,10 +176,10 @@ class EqualityEntry:
 
 @dataclass(frozen=True)
 class CalibrationEntry:
-    """`[calibration]`; `output` as file endings."""
+    """`[calibration]`; `output` are file extensions."""
 
     initial: tuple[str, ...] = ()
-    descriptions: Mapping[str, str] = field(default_factory=dict)  # the A2L file of each image among them
+    descriptions: Mapping[str, str] = field(default_factory=dict)  # the A2L file of each image
     variant: str = ""
     output: tuple[str, ...] = ()
     free: tuple[str, ...] = ("*",)
@@ -218,7 +218,7 @@ class StepEntry:
 
 @dataclass(frozen=True, eq=False)
 class ProjectFile:
-    """All of a project file; `findings` are the warnings about it."""
+    """Contents of a project file; `findings` are the warnings about it."""
 
     path: Path
     name: str
@@ -240,9 +240,13 @@ class ProjectFile:
 
     @property
     def folder(self) -> Path:
-        """What the paths in the file are relative to."""
+        """The folder that paths in the file are relative to."""
         return self.path.parent
 
     def place(self, part: str) -> str:
-        """How a finding names a part: `kennfeld.toml [model] file`."""
+        """Return the location of a part, as in `kennfeld.toml [model] file`."""
         return f"{self.path.name} {part}"
+
+    def siblings(self, path: Path) -> list[str]:
+        """Return the names of the files in the folder of a path."""
+        return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []

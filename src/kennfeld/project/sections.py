@@ -1,9 +1,4 @@
-"""From the tables of a project file to its values; every problem of the file is found in one pass.
-
-`[channels]` and `[calculated]`, which may also be written `[channels.calculated]`.
-
-The key `steady` of a `[[dataset]]`.
-"""
+"""Reads the sections of a project file into the values of `schema`. One pass reports every problem of the file."""
 
 import math
 from pathlib import Path
@@ -13,9 +8,9 @@ from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.preprocessing.recipe import DatasetEntry, SteadyEntry
-from kennfeld.project.limit_sections import equality_entry, limit_entry
+from kennfeld.project.limit_sections import read_equality, read_limit
 from kennfeld.project.schema import (
-    MOST_STARTS,
+    MAX_STARTS,
     PROTECTED,
     SIMULINK,
     CalibrationEntry,
@@ -26,9 +21,9 @@ from kennfeld.project.schema import (
     RegionEntry,
     TargetEntry,
 )
-from kennfeld.project.step_sections import steps
-from kennfeld.project.structuring import Section, finite
-from kennfeld.project.table_sections import group_axis, parameter_entry
+from kennfeld.project.step_sections import read_steps
+from kennfeld.project.structuring import Section, as_finite
+from kennfeld.project.table_sections import read_group_axis, read_parameter
 from kennfeld.project.toml_file import is_training, read_toml
 
 __all__ = ["read_datasets", "read_project"]
@@ -38,85 +33,14 @@ _INNER = "calculated"
 _EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
 
 
-def channel_tables(root: Section) -> tuple[dict[str, str], dict[str, str]]:
-    """The channels of inputs and the formulas of calculated channels, each by name.
-
-    >>> found = []
-    >>> text = {"channels": {"Speed": "n", "calculated": {"n": "omega * 30 / pi"}}}
-    >>> channel_tables(Section(text, "kennfeld.toml", found)), found
-    (({'Speed': 'n'}, {'n': 'omega * 30 / pi'}), [])
-    """
-    calculated = root.text_table("calculated")
-    section = root.section("channels")
-    if section is None:
-        return {}, calculated
-    inner = section.inner(_INNER) if isinstance(section.values.get(_INNER), dict) else None  # a text is a channel
-    names = [name for name in section.values if inner is None or name != _INNER]
-    channels = {name: text for name in names if (text := section.text(name))}
-    return channels, calculated if inner is None else _both(calculated, inner)
-
-
-def _both(calculated: dict[str, str], inner: Section) -> dict[str, str]:
-    """The formulas of both tables; the same name in both is reported."""
-    more = {name: text for name in inner.values if (text := inner.text(name))}
-    for name in more:
-        if name in calculated:
-            inner.report(name, "the channel stands in [calculated] too", "Remove one.")
-    return more | calculated
-
-
-def steady_entries(section: Section) -> tuple[SteadyEntry, ...]:
-    """The conditions under which a recording is steady: one table, or a list of them."""
-    given: Any = section.get("steady")
-    if given is None:
-        return ()
-    tables = [given] if isinstance(given, dict) else given
-    if not isinstance(tables, list) or not tables or not all(isinstance(item, dict) for item in tables):
-        section.report("steady", "it must be a table, or a list of tables", _EXAMPLE)
-        return ()
-    made: list[SteadyEntry] = []
-    for number, item in enumerate(tables, 1):
-        place = f"{section.place} steady" + (f" {number}" if len(tables) > 1 else "")
-        entry = _entry(Section(item, place, section.findings))
-        if entry.channel in [other.channel for other in made]:
-            section.report(f"steady {number}", f"channel {entry.channel} is named twice", "Remove one.")
-        made.append(entry)
-    return tuple(made)
-
-
-def _entry(section: Section) -> SteadyEntry:
-    for key in ("channel", "window", "tolerance"):
-        if not section.has(key):
-            section.report(key, "the key is missing", _EXAMPLE)
-    entry = SteadyEntry(
-        channel=section.text("channel"),
-        window=section.number("window", math.inf, 0.0, above=True),
-        tolerance=section.number("tolerance", 0.0, 0.0),
-    )
-    section.end()
-    return entry
-
-
-def check_steady(section: Section, entry: DatasetEntry) -> None:
-    """Keys that points made of plateaus have no use for."""
-    if not section.has("steady"):
-        return
-    if section.has("warmup"):
-        remedy = f'Write where = "t > {entry.warmup:g}", or remove it.'
-        section.report("warmup", "warmup is for recordings that a function runs through, steady makes points", remedy)
-    if entry.unknown_shifts:
-        message = "a shift cannot be found on the points that steady makes"
-        section.report("shift", message, f"Write {entry.unknown_shifts[0]} = ... in s.")
-
-
 def read_project(path: Path) -> ProjectFile:
-    """The values of a project file. Raises `InputError` with every problem of the file itself."""
+    """Read a project file. Raises `InputError` with every problem of the file itself."""
     findings: list[Finding] = []
     tables = read_toml(path)
     if is_training(tables):
-        raise InputError.of(path.name, "this is a training file, no project", "Run `kennfeld surrogate train`.")
+        raise InputError.of(path.name, "this is a training file, not a project", "Run `kennfeld surrogate train`.")
     root = Section(tables, path.name, findings)
-    channels, calculated = channel_tables(root)
+    channels, calculated = read_channels(root)
     file = ProjectFile(
         path=path,
         name=path.resolve().parent.name if path.stem == "kennfeld" else path.stem,
@@ -125,13 +49,13 @@ def read_project(path: Path) -> ProjectFile:
         calculated=calculated,
         datasets=read_datasets(root),
         calibration=_calibration(root),
-        axes={name: group_axis(name, section) for name, section in root.named("axes").items()},
-        parameters={name: parameter_entry(name, section) for name, section in root.named("parameters").items()},
+        axes={name: read_group_axis(name, section) for name, section in root.named("axes").items()},
+        parameters={name: read_parameter(name, section) for name, section in root.named("parameters").items()},
         criteria=_criteria(root),
         optimizer=_optimizer(root),
-        limits=tuple(limit_entry(section) for section in root.sections("limit")),
-        equalities=tuple(equality_entry(section) for section in root.sections("equality")),
-        steps=steps(root),
+        limits=tuple(read_limit(section) for section in root.sections("limit")),
+        equalities=tuple(read_equality(section) for section in root.sections("equality")),
+        steps=read_steps(root),
         surrogates=root.text_table("surrogates"),
         units=root.text_table("units"),
         findings=tuple(finding for finding in findings if finding.severity == "warning"),
@@ -143,16 +67,14 @@ def read_project(path: Path) -> ProjectFile:
 
 
 def _end(root: Section) -> None:
-    """Report sections that no project file has, and keys that stand before the first section."""
+    """Report unknown sections, and keys before the first section."""
     known = ("model", "channels", "calculated", "dataset", "calibration", "axes", "parameters", "criterion")
     more = ("limit", "equality", "optimizer", "step", "surrogates", "units")
     for key, value in root.values.items():
         if key not in (*known, *more):
-            message = "section" if isinstance(value, dict | list) else "key"
-            remedy = nearest(key, [*known, *more])
-            root.report(
-                f"[{key}]" if message == "section" else key, f"is no {message} that a project file knows", remedy
-            )
+            is_section = isinstance(value, dict | list)
+            message = "unknown section" if is_section else "unknown key"
+            root.report(f"[{key}]" if is_section else key, message, nearest(key, [*known, *more]))
 
 
 def _model(root: Section) -> ModelEntry:
@@ -166,12 +88,12 @@ def _model(root: Section) -> ModelEntry:
     drawn = section.text("subsystem"), section.texts("parameters"), section.text_table("bind"), section.texts("folders")
     section.end()
     if file and any(drawn) and not file.lower().endswith((*SIMULINK, PROTECTED)):
-        section.report("file", f"{file} is no Simulink model, which subsystem, parameters, bind and folders are for")
+        section.report("file", f"subsystem, parameters, bind and folders require a Simulink model, got {file}")
     return ModelEntry(file, step, *drawn)
 
 
 def read_datasets(root: Section) -> tuple[DatasetEntry, ...]:
-    """The entries of `[[dataset]]`, of which there has to be one."""
+    """Return the entries of `[[dataset]]`; there must be at least one."""
     sections = root.sections("dataset")
     if not sections and "dataset" not in root.values:
         root.report("[[dataset]]", "the section is missing", 'Write [[dataset]] and files = ["..."].')
@@ -198,7 +120,7 @@ def _dataset(section: Section) -> DatasetEntry:
         settle=section.number("settle", 0.0, 0.0, above=True) or None,
         average=section.number("average", 0.0, 0.0),
         step=section.number("step", 0.0, 0.0, above=True) or None,
-        steady=steady_entries(section),
+        steady=read_steady(section),
         cache=section.flag("cache") is not False,
     )
     _check_settling(section, entry)
@@ -208,26 +130,26 @@ def _dataset(section: Section) -> DatasetEntry:
 
 
 def _check_settling(section: Section, entry: DatasetEntry) -> None:
-    """Keys that need `settle`, and those that it excludes."""
+    """Report keys that require `settle`, and those that contradict it."""
     if not section.has("settle"):
         for key in ("average", "step"):
             if section.has(key):
-                section.report(key, f"{key} has no meaning without settle", "Write settle = ... in s, or remove it.")
+                section.report(key, f"{key} requires settle", "Write settle = ... in s, or remove it.")
         return
     for key in ("raster", "warmup", "max_gap"):
-        if section.has(key) and not section.has("steady"):  # which makes points of a recording first
-            section.report(key, f"{key} is for recordings in time, settle for steady-state points", "Remove one.")
+        if section.has(key) and not section.has("steady"):  # which averages a recording to points first
+            section.report(key, f"{key} contradicts settle, which is for steady-state points", "Remove one.")
     for key, value in (("average", entry.average), ("step", entry.step)):
         if entry.settle is not None and value is not None and value > entry.settle:
-            section.report(key, f"{value:g} s are longer than settle = {entry.settle:g} s", "Shorten it.")
+            section.report(key, f"must be <= settle = {entry.settle:g} s, got {value:g} s", "Shorten it.")
 
 
 def _shift(section: Section) -> tuple[dict[str, float], tuple[str, ...]]:
-    """The shifts that are given, and the channels whose shift is to be found."""
+    """Return the given shifts, and the channels whose shift is to be estimated."""
     if not section.has("shift"):
         return {}, ()
     if section.values["shift"] == "auto":
-        section.report("shift", '"auto" stands for one channel', 'Write shift = { Channel = "auto" }.')
+        section.report("shift", 'shift = "auto" must name a channel', 'Write shift = { Channel = "auto" }.')
         return {}, ()
     inner = section.inner("shift")
     if inner is None:
@@ -253,18 +175,18 @@ def _calibration(root: Section) -> CalibrationEntry:
 
 
 def _ending(section: Section, word: str) -> str:
-    """The file ending of an output format; empty where there is none."""
+    """Return the file extension of an output format, empty if it is unknown."""
     ending = f".{word.casefold().removeprefix('.')}"
     if ending in endings():
         return ending
     known = [known.removeprefix(".") for known in endings()]
     remedy = nearest(word, known) or f"Choose from {', '.join(known)}."
-    section.report("output", f"{word!r} is no calibration format", remedy)
+    section.report("output", f"unknown calibration format {word!r}", remedy)
     return ""
 
 
 def _initial(section: Section) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The initial files, and the A2L file of each image among them."""
+    """Return the initial files, and the A2L file of each image among them."""
     value = section.get("initial")
     if value is None:
         return (), {}
@@ -284,7 +206,9 @@ def _initial(section: Section) -> tuple[tuple[str, ...], dict[str, str]]:
         elif isinstance(item, str) and item.strip():
             names.append(item)
         else:
-            section.report("initial", f"{item!r} is no file", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
+            section.report(
+                "initial", f"must be a file, got {item!r}", 'Write "start.dcm" or { a2l = "...", hex = "..." }.'
+            )
     return tuple(dict.fromkeys(names)), descriptions
 
 
@@ -301,7 +225,7 @@ def _criterion(section: Section) -> CriterionEntry:
             section.report(key, "the key is missing", f"Write {key} = {example}.")
     loss = section.choice("loss", "square", ("square", "huber", "soft_l1"))
     if loss == "square" and "delta" in section.values:
-        section.report("delta", "delta has no meaning for the loss square", 'Write loss = "huber" or "soft_l1".')
+        section.report("delta", "delta requires the loss huber or soft_l1", 'Write loss = "huber" or "soft_l1".')
     entry = CriterionEntry(
         place=section.place,
         node=section.text("node"),
@@ -318,15 +242,15 @@ def _criterion(section: Section) -> CriterionEntry:
 
 
 def _regions(section: Section) -> tuple[RegionEntry, ...]:
-    given = section.get("regions")
+    tables = section.get("regions")
     example = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
-    if given is None:
+    if tables is None:
         return ()
-    if not isinstance(given, list) or not all(isinstance(item, dict) for item in given):
-        section.report("regions", "it must be a list of tables", example)
+    if not isinstance(tables, list) or not all(isinstance(item, dict) for item in tables):
+        section.report("regions", "must be a list of tables", example)
         return ()
-    made = []
-    for number, item in enumerate(given, 1):
+    regions = []
+    for number, item in enumerate(tables, 1):
         inner = Section(item, f"{section.place} region {number}", section.findings)
         where, weight = inner.text("where"), inner.number("weight", 1.0, 0.0)
         for key in ("where", "weight"):
@@ -334,13 +258,13 @@ def _regions(section: Section) -> tuple[RegionEntry, ...]:
                 inner.report(key, "the key is missing", example)
         inner.end()
         if where:
-            made.append(RegionEntry(where, weight))
-    return tuple(made)
+            regions.append(RegionEntry(where, weight))
+    return tuple(regions)
 
 
 def _target(section: Section) -> TargetEntry:
     value: Any = section.get("target")
-    number = finite(value)
+    number = as_finite(value)
     if number is not None:
         return TargetEntry("number", value=number)
     if isinstance(value, str) and value.strip():
@@ -348,13 +272,13 @@ def _target(section: Section) -> TargetEntry:
     if not isinstance(value, dict):
         if value is not None:
             remedy = 'Write { channel = "..." }, { node = "..." }, a number or a name.'
-            section.report("target", f"{value!r} is no target", remedy)
+            section.report("target", f"must be a channel, a node or a number, got {value!r}", remedy)
         return TargetEntry("number", value=math.nan)
     inner = Section(value, f"{section.place} target", section.findings)
     channel, node = inner.text("channel"), inner.text("node")
     inner.end()
     if len(inner.values.keys() & {"channel", "node"}) != 1:
-        inner.report("", "needs either a channel or a node", 'Write { channel = "..." } or { node = "..." }.')
+        inner.report("", "must be either a channel or a node", 'Write { channel = "..." } or { node = "..." }.')
     return TargetEntry("channel", channel) if channel else TargetEntry("node", node)
 
 
@@ -365,7 +289,7 @@ def _optimizer(root: Section) -> OptimizerEntry:
     method = section.choice("method", "gauss-newton", ("gauss-newton", "global"))
     if method != "global" and section.has("max_evaluations"):
         remedy = 'Write method = "global", or max_iterations.'
-        section.report("max_evaluations", f"max_evaluations has no meaning for the method {method}", remedy)
+        section.report("max_evaluations", f"max_evaluations requires the method global, got {method}", remedy)
     continuation = section.choice("continuation", "auto", ("auto", "off"))
     entry = OptimizerEntry(
         max_iterations=section.whole("max_iterations", 200, 1),
@@ -373,10 +297,83 @@ def _optimizer(root: Section) -> OptimizerEntry:
         continuation="off" if continuation == "off" else "auto",
         method="global" if method == "global" else "gauss-newton",
         max_evaluations=section.whole("max_evaluations", 0, 1),
-        starts=section.whole("starts", 1, 1, MOST_STARTS),
+        starts=section.whole("starts", 1, 1, MAX_STARTS),
         seed=section.whole("seed", 0, 0),
         spread=section.number("spread", 0.5, 0.0, above=True),
         save_every=section.whole("save_every", 0, 0),
     )
     section.end()
     return entry
+
+
+def read_channels(root: Section) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the channels of inputs and the formulas of calculated channels, each by name.
+
+    Calculated channels are in `[calculated]` or `[channels.calculated]`.
+
+    >>> found = []
+    >>> text = {"channels": {"Speed": "n", "calculated": {"n": "omega * 30 / pi"}}}
+    >>> read_channels(Section(text, "kennfeld.toml", found)), found
+    (({'Speed': 'n'}, {'n': 'omega * 30 / pi'}), [])
+    """
+    calculated = root.text_table("calculated")
+    section = root.section("channels")
+    if section is None:
+        return {}, calculated
+    inner = section.inner(_INNER) if isinstance(section.values.get(_INNER), dict) else None  # a text is a channel
+    names = [name for name in section.values if inner is None or name != _INNER]
+    channels = {name: text for name in names if (text := section.text(name))}
+    return channels, calculated if inner is None else _both(calculated, inner)
+
+
+def _both(calculated: dict[str, str], inner: Section) -> dict[str, str]:
+    """Return the formulas of both tables and report names in both."""
+    more = {name: text for name in inner.values if (text := inner.text(name))}
+    for name in more:
+        if name in calculated:
+            inner.report(name, "duplicate of the channel in [calculated]", "Remove one.")
+    return more | calculated
+
+
+def read_steady(section: Section) -> tuple[SteadyEntry, ...]:
+    """Return the steady-state conditions of a recording, one table or a list of them."""
+    given: Any = section.get("steady")
+    if given is None:
+        return ()
+    tables = [given] if isinstance(given, dict) else given
+    if not isinstance(tables, list) or not tables or not all(isinstance(item, dict) for item in tables):
+        section.report("steady", "must be a table or a list of tables", _EXAMPLE)
+        return ()
+    made: list[SteadyEntry] = []
+    for number, item in enumerate(tables, 1):
+        place = f"{section.place} steady" + (f" {number}" if len(tables) > 1 else "")
+        entry = _entry(Section(item, place, section.findings))
+        if entry.channel in [other.channel for other in made]:
+            section.report(f"steady {number}", f"duplicate channel {entry.channel}", "Remove one.")
+        made.append(entry)
+    return tuple(made)
+
+
+def _entry(section: Section) -> SteadyEntry:
+    for key in ("channel", "window", "tolerance"):
+        if not section.has(key):
+            section.report(key, "the key is missing", _EXAMPLE)
+    entry = SteadyEntry(
+        channel=section.text("channel"),
+        window=section.number("window", math.inf, 0.0, above=True),
+        tolerance=section.number("tolerance", 0.0, 0.0),
+    )
+    section.end()
+    return entry
+
+
+def check_steady(section: Section, entry: DatasetEntry) -> None:
+    """Report keys that contradict `steady`."""
+    if not section.has("steady"):
+        return
+    if section.has("warmup"):
+        remedy = f'Write where = "t > {entry.warmup:g}", or remove it.'
+        section.report("warmup", "warmup contradicts steady: averaged points have no warm-up", remedy)
+    if entry.unknown_shifts:
+        message = 'shift = "auto" contradicts steady: averaged points have no time'
+        section.report("shift", message, f"Write {entry.unknown_shifts[0]} = ... in s.")

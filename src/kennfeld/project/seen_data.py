@@ -1,4 +1,4 @@
-"""Test data of a project that the fit has seen: the same files, or the same samples."""
+"""Finds test data that are training data too: the same files, or the same samples."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ from kennfeld.errors import Finding
 from kennfeld.optimize import Problem
 from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
 from kennfeld.preprocessing.recipe import DatasetEntry
-from kennfeld.preprocessing.recordings import matching
+from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project.schema import ProjectFile
 
 __all__ = ["seen_test_data"]
@@ -19,8 +19,8 @@ def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str
 
     Args:
         file: the project.
-        problem: what was made of it.
-        places: of the datasets, by name.
+        problem: its problem.
+        places: locations of the datasets, by name.
     """
     of_files = list(_shared_files(file))
     known = {finding.place for finding in of_files}
@@ -29,7 +29,7 @@ def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str
 
 
 def _shared_files(file: ProjectFile) -> Iterator[Finding]:
-    """Files of test data with the content of training files; a file may be parted by conditions."""
+    """Yield test files with the content of training files, unless conditions select different samples."""
     training = [entry for entry in file.datasets if entry.use == "training" and entry.weight > 0]
     for test in (entry for entry in file.datasets if entry.use == "test"):
         others = [entry for entry in training if entry.where == test.where and entry.steady == test.steady]
@@ -39,17 +39,19 @@ def _shared_files(file: ProjectFile) -> Iterator[Finding]:
         for path, other in pairs:
             first.setdefault(path, other)
         if first:
-            yield Finding(test.place, "; ".join(_told(*pair) for pair in first.items()), HOLD_BACK, severity="warning")
+            yield Finding(
+                test.place, "; ".join(_sentence(*pair) for pair in first.items()), HOLD_BACK, severity="warning"
+            )
 
 
 def _paths(file: ProjectFile, entry: DatasetEntry) -> list[str]:
-    return list(dict.fromkeys(path for pattern in entry.files for path in matching(file.folder, pattern)))
+    return list(dict.fromkeys(path for pattern in entry.files for path in find_recordings(file.folder, pattern)))
 
 
-def _told(path: str, other: str) -> str:
+def _sentence(path: str, other: str) -> str:
     name, same = Path(path).name, Path(other).name
     if path == other:
-        return f"the test file {name} is a training file too"
+        return f"the test file {name} is also a training file"
     return f"the test file {name} has the same content as the training file {same if same != name else other}"
 
 
@@ -57,15 +59,17 @@ def _is_same(path: str, other: str) -> bool:
     """Return whether two files, or sheets of workbooks, have the same content; reads only files of the same size."""
     if path == other:
         return True
-    (one, sheet), (two, other_sheet) = _parted(path), _parted(other)
+    (first, sheet), (second, other_sheet) = _split_sheet(path), _split_sheet(other)
     try:
-        return sheet == other_sheet and one.stat().st_size == two.stat().st_size and _digest(one) == _digest(two)
+        return (
+            sheet == other_sheet and first.stat().st_size == second.stat().st_size and _digest(first) == _digest(second)
+        )
     except OSError:
         return False
 
 
-def _parted(path: str) -> tuple[Path, str]:
-    """The file and the sheet of `file.xlsx#sheet`."""
+def _split_sheet(path: str) -> tuple[Path, str]:
+    """Return file and sheet of `file.xlsx#sheet`."""
     whole = Path(path)
     if whole.is_file():
         return whole, ""

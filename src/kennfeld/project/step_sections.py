@@ -1,4 +1,4 @@
-"""`[[step]]` of a project file."""
+"""Reads `[[step]]` of a project file."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,13 +8,13 @@ from kennfeld.project.schema import DIRECTIONS, Lock, StepEntry
 from kennfeld.project.structuring import Section
 from kennfeld.project.table_sections import read_factor, read_lock
 
-__all__ = ["steps"]
+__all__ = ["read_steps"]
 
 Value = TypeVar("Value")
 
 
-def steps(root: Section) -> tuple[StepEntry, ...]:
-    """The steps of a sequence."""
+def read_steps(root: Section) -> tuple[StepEntry, ...]:
+    """Read the steps of a sequence."""
     return tuple(_step(section) for section in root.sections("step"))
 
 
@@ -37,7 +37,6 @@ def _step(section: Section) -> StepEntry:
 
 
 def _locks(section: Section) -> dict[str, Lock]:
-    """Locks by parameter."""
     if not section.has("lock"):
         return {}
     inner = section.inner("lock")
@@ -47,35 +46,35 @@ def _locks(section: Section) -> dict[str, Lock]:
 def _by_axis(
     section: Section, key: str, read: Callable[[Section, str], Value]
 ) -> Value | dict[str, Value | dict[str, Value]] | None:
-    """A value for all tables, or by parameter a value, or one an axis."""
-    given = section.get(key)
-    if given is None:
+    """Read a value for all tables, or by parameter a value or one per axis."""
+    setting = section.get(key)
+    if setting is None:
         return None
-    if not isinstance(given, dict):
+    if not isinstance(setting, dict):
         return read(section, key)
-    inner = Section(given, f"{section.place} {key}", section.findings)
-    found: dict[str, Value | dict[str, Value]] = {}
-    for name, value in given.items():
+    inner = Section(setting, f"{section.place} {key}", section.findings)
+    values: dict[str, Value | dict[str, Value]] = {}
+    for name, value in setting.items():
         if isinstance(value, dict):
             axes = Section(value, f"{inner.place} {name}", section.findings)
-            found[name] = {axis: read(axes, axis) for axis in DIRECTIONS if axes.has(axis)}
+            values[name] = {axis: read(axes, axis) for axis in DIRECTIONS if axes.has(axis)}
             axes.end()
         else:
-            found[name] = read(inner, name)
-    return found
+            values[name] = read(inner, name)
+    return values
 
 
 def _criteria(section: Section) -> tuple[str | int, ...] | dict[str | int, float] | None:
-    """Nodes or numbers of criteria, or their weights by node."""
-    given: Any = section.get("criteria")
-    if given is None:
+    """Read nodes or numbers of criteria, or their weights by node."""
+    setting: Any = section.get("criteria")
+    if setting is None:
         return None
-    if isinstance(given, dict):
-        inner = Section(given, f"{section.place} criteria", section.findings)
-        return {(int(name) if name.isdecimal() else name): inner.number(name, 0.0, 0.0) for name in given}
-    listed = given if isinstance(given, list) else [given]
-    if all(isinstance(one, str | int) and not isinstance(one, bool) for one in listed):
-        return tuple(listed)
+    if isinstance(setting, dict):
+        inner = Section(setting, f"{section.place} criteria", section.findings)
+        return {(int(name) if name.isdecimal() else name): inner.number(name, 0.0, 0.0) for name in setting}
+    items = setting if isinstance(setting, list) else [setting]
+    if all(isinstance(item, str | int) and not isinstance(item, bool) for item in items):
+        return tuple(items)
     remedy = 'Write criteria = ["node", 2] or criteria = { node = 1.0 }.'
-    section.report("criteria", f"{given!r} names no criteria", remedy)
+    section.report("criteria", f"must name criteria, got {setting!r}", remedy)
     return None

@@ -1,7 +1,4 @@
-"""The steps of a project: names found among its parameters and criteria, locks as masks of grid points.
-
-Which grid points of a table a lock means.
-"""
+"""Builds the steps of a project: patterns resolved to parameters, locks to masks of grid points."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,16 +16,16 @@ from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, Range, StepEntry
 
-__all__ = ["build_steps", "grid_points_within", "lacking_axes", "uncovered_values"]
+__all__ = ["build_steps", "grid_points_within", "missing_directions", "uncovered_values"]
 
 
-def lacking_axes(table: Parameter, part: Range) -> list[str]:
-    """Directions of a range that the table does not have."""
+def missing_directions(table: Parameter, part: Range) -> list[str]:
+    """Return the directions of a range that the table does not have."""
     return [direction for direction in part if DIRECTIONS.index(direction) >= len(table.axes)]
 
 
 def grid_points_within(table: Parameter, part: Range) -> Bool:
-    """The grid points in a range of axis values, ends included."""
+    """Return a mask of the grid points within ranges of axis values, both ends included."""
     inside = np.ones(table.values.shape, dtype=bool)
     for direction, (first, last) in part.items():
         which = DIRECTIONS.index(direction)
@@ -39,7 +36,7 @@ def grid_points_within(table: Parameter, part: Range) -> Bool:
 
 
 def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
-    """For each of these tables, the values that no training sample touches; an expansion has none."""
+    """Return masks of the values that no training sample touches, by table; none of an expansion."""
     coverage = Coverage(problem.model.graph, problem.parameters, names)
     kept = {name: problem.parameters[name] for name in names}
     seen = {name: np.full(table.values.shape, table.kind == "rbf") for name, table in kept.items()}
@@ -50,7 +47,7 @@ def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
 
 
 def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:
-    """The samples that count: without states those with a target, else all, since the later ones depend on them."""
+    """Select samples with a target, or all of a model with states, as later samples depend on them."""
 
     def counts(bound: BoundDataset) -> Bool:
         if problem.model.graph.states:
@@ -62,21 +59,19 @@ def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:
 
 
 def build_steps(file: ProjectFile, problem: Problem, findings: list[Finding]) -> tuple[Step, ...]:
-    """The steps of a project file, and findings about them."""
-    made = [_Building(entry, problem, findings).step() for entry in file.steps]
+    """Return the steps of a project file; add findings about them."""
+    steps = [_StepBuilder(entry, problem, findings).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
-        mine = check_steps(problem, [made[number - 1]])
+        mine = check_steps(problem, [steps[number - 1]])
         findings += [replace(finding, place=finding.place.replace("step 1", entry.place, 1)) for finding in mine]
-    if made and made[-1].reduces:
-        message = "the sequence ends on a coarse grid: what lies between its points is interpolated"
+    if steps and steps[-1].reduces:
+        message = "the last step has a coarse grid; values between its points are interpolated"
         remedy = "Add a [[step]] without grid_reduction."
         findings.append(Finding(file.steps[-1].place, message, remedy, severity="warning"))
-    return tuple(made)
+    return tuple(steps)
 
 
-class _Building:
-    """One step on its way from the project file."""
-
+class _StepBuilder:
     def __init__(self, entry: StepEntry, problem: Problem, findings: list[Finding]) -> None:
         self.entry, self.problem, self.findings = entry, problem, findings
 
@@ -97,15 +92,15 @@ class _Building:
     def _report(self, key: str, message: str, remedy: str = "") -> None:
         self.findings.append(Finding(f"{self.entry.place} {key}", message, remedy))
 
-    def _matched(self, pattern: str) -> list[Parameter]:
+    def _matching(self, pattern: str) -> list[Parameter]:
         return [p for name, p in self.problem.parameters.items() if name == pattern or fnmatchcase(name, pattern)]
 
     def _masks(self, locks: Mapping[str, Lock]) -> dict[str, Any]:
-        """Masks by parameter; a pattern without a match stays, to be found with the others."""
+        """Return masks by parameter; a pattern without a match is kept, and reported by `check_steps`."""
         masks: dict[str, Any] = {}
         for pattern, lock in locks.items():
-            found = self._matched(pattern)
-            masks |= {p.name: self._mask(p, lock) for p in found} if found else {pattern: False}
+            matches = self._matching(pattern)
+            masks |= {p.name: self._mask(p, lock) for p in matches} if matches else {pattern: False}
         return masks
 
     def _mask(self, table: Parameter, lock: Lock) -> bool | Bool:
@@ -114,33 +109,32 @@ class _Building:
         if lock == "no-data":
             looked_up = table.name in self.problem.model.graph.parameters
             return uncovered_values(self.problem, [table.name])[table.name] if looked_up else False
-        held = np.zeros(table.values.shape, dtype=bool)
+        locked = np.zeros(table.values.shape, dtype=bool)
         for part in lock:
-            beyond = lacking_axes(table, part)
+            beyond = missing_directions(table, part)
             if beyond:
                 self._report(f"lock {table.name}", f"{table.name} has no axis {beyond[0]}")
             else:
-                held |= grid_points_within(table, part)
-        return held
+                locked |= grid_points_within(table, part)
+        return locked
 
     def _by_axis(self, key: str, given: Any, default: float) -> Any:
-        """A number for all tables, or by parameter a number or one an axis, in their order."""
+        """Return a number for all tables, or by parameter a number or one per axis."""
         if not isinstance(given, Mapping):
             return given
-        made: dict[str, Any] = {}
-        for pattern, one in given.items():
-            found = self._matched(pattern) if isinstance(one, Mapping) else []
-            made |= (
-                {p.name: self._an_axis_each(key, p, one, default, p.name == pattern) for p in found}
-                if found
-                else {pattern: one}
-            )
-        return {name: default if isinstance(one, Mapping) else one for name, one in made.items()}
+        values: dict[str, Any] = {}
+        for pattern, value in given.items():
+            matches = self._matching(pattern) if isinstance(value, Mapping) else []
+            for p in matches:
+                values[p.name] = self._per_axis(key, p, value, default, p.name == pattern)
+            if not matches:
+                values[pattern] = default if isinstance(value, Mapping) else value
+        return values
 
-    def _an_axis_each(
+    def _per_axis(
         self, key: str, table: Parameter, given: Mapping[str, float], default: float, exactly: bool
     ) -> tuple[Any, ...]:
-        """One an axis; a pattern may name axes that some of its tables do not have."""
+        """Return one number per axis; a pattern may name axes that some of its tables do not have."""
         known = DIRECTIONS[: len(table.axes)]
         for direction in given if exactly else ():
             if direction not in known:

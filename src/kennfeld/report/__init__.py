@@ -1,4 +1,4 @@
-"""The report: one HTML file that says what a calibration achieved, and how far to trust it."""
+"""HTML report of a calibration: errors before and after, parameters, uncertainty, settings."""
 
 from kennfeld.report.page import document, from_folder, safely
 

@@ -1,7 +1,4 @@
-"""The pictures of a report as plain data, which the page draws; small whatever the size of the data.
-
-Long data made short enough to draw, without losing what can be seen.
-"""
+"""Figures of a report as plain data that the page draws, reduced to a bounded number of points."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
@@ -16,20 +13,20 @@ from kennfeld.parameters import Axis, Parameter
 from kennfeld.report.markup import rounded
 from kennfeld.report.report_data import ParameterChange, ReportData
 
-__all__ = ["TraceEnvelope", "histogram", "some"]
+__all__ = ["TraceEnvelope", "histogram", "sample_indices"]
 
-ALL_POINTS = 120_000  # of all strips and scatter plots together
-TRACE_POINTS = (400, 4000)  # least and most of one trace
-DOTS = (200, 3000)
+TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
+TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace
+SCATTER_POINTS = (200, 3000)
 BINS = 50
-ALIKE = 1e-12  # relative range of errors up to which they are all the same
-OUTLYING = 0.001  # share of errors that may lie beyond the ends of a histogram
+EQUAL_TOLERANCE = 1e-12  # relative range of errors up to which they count as equal
+OUTLIER_SHARE = 0.001  # of errors that may lie beyond the ends of a histogram
 
 Figure = Mapping[str, Any]
 
 
 class TraceEnvelope:
-    """Groups neighbouring samples so that a trace has at most `most` points: the least and the greatest of each group.
+    """Reduces traces to at most `most` points: the minimum and the maximum of each group of consecutive samples.
 
     >>> groups = TraceEnvelope(8, most=4)
     >>> groups.trace(np.array([0.0, 5, 1, 2, 3, 3, 9, -1]))
@@ -42,19 +39,19 @@ class TraceEnvelope:
         self.firsts = np.arange(0, count, size)
 
     def trace(self, values: Float) -> Float:
-        """The values themselves, or least and greatest of each group in turn; NaN where a group has none."""
+        """Return minimum and maximum of each group in turn, NaN for a group without numbers; or the values."""
         if self.whole:
             return values
         pair: Float = np.stack([np.fmin.reduceat(values, self.firsts), np.fmax.reduceat(values, self.firsts)], axis=1)
         return pair.ravel()
 
     def places(self, x: Float) -> Float:
-        """Where the points of a trace lie: the first sample of each group, twice."""
+        """Return the coordinates of the points of a trace: the first sample of each group, twice."""
         return x if self.whole else np.repeat(x[self.firsts], 2)
 
 
-def some(count: int, most: int, always: Sequence[int] = ()) -> Int:
-    """At most so many of `count` samples, drawn at random but the same each time, in order; `always` are among them."""
+def sample_indices(count: int, most: int, always: Sequence[int] = ()) -> Int:
+    """Draw at most `most` of `count` sample numbers, in order and reproducibly, and add those in `always`."""
     if count <= most:
         return np.arange(count)
     drawn = np.random.default_rng(0).choice(count, most, replace=False)
@@ -62,14 +59,14 @@ def some(count: int, most: int, always: Sequence[int] = ()) -> Int:
 
 
 def histogram(values: Float, ends: tuple[float, float], bins: int) -> Int:
-    """How many values lie in each of the even bins between `ends`; those beyond count in the first and the last."""
+    """Count the values in bins of equal width between `ends`; those beyond count in the first and the last bin."""
     inside = np.clip(values[np.isfinite(values)], *ends)
     return np.histogram(inside, bins, ends)[0].astype(np.int64)
 
 
 def strip(before: CriterionSeries, after: CriterionSeries, series: int) -> Figure:
-    """Measured, model before and after, and the error, over time or over the samples' number; of `series` strips."""
-    most = int(np.clip(ALL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
+    """Return measured and calculated signal and the error over time or sample number, for one of `series` plots."""
+    most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
     groups = TraceEnvelope(after.model.size, most)
     x, title, unit = _along(after)
     traces = {
@@ -94,7 +91,7 @@ def strip(before: CriterionSeries, after: CriterionSeries, series: int) -> Figur
 
 
 def _along(series: CriterionSeries) -> tuple[Float, str, str]:
-    """What a strip is drawn over: time, the pieces in a row where time starts anew in each, else the number."""
+    """Return the x axis of a time plot: time, with pieces in a row if it restarts in each, else the sample number."""
     time, starts = series.time, series.bound.starts
     if time is None:
         return series.bound.kept.astype(np.float64), "sample", ""
@@ -107,15 +104,15 @@ def _along(series: CriterionSeries) -> tuple[Float, str, str]:
         step = float(time[first + 1] - time[first]) if last - first > 1 else 0.0
         row[first:last] += end - time[first]
         end = float(row[last - 1]) + step
-    return row, "time, the recordings in a row", "s"
+    return row, "time, recordings in a row", "s"
 
 
 def scatter(before: CriterionSeries, after: CriterionSeries, series: int, worst: Sequence[int]) -> Figure:
-    """Model over measurement, before and after; of many samples some, the worst among them."""
+    """Return model over measurement, before and after, at a selection of the samples that includes the `worst`."""
     scored = np.flatnonzero(after.scored)
-    most = int(np.clip(ALL_POINTS // (6 * max(series, 1)), *DOTS))
+    most = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
     always = np.flatnonzero(np.isin(after.bound.kept[scored], worst)).tolist()
-    chosen = scored[some(scored.size, most, always)]
+    chosen = scored[sample_indices(scored.size, most, always)]
     return {
         "kind": "scatter",
         "samples": scored.size,
@@ -128,7 +125,7 @@ def scatter(before: CriterionSeries, after: CriterionSeries, series: int, worst:
 
 
 def histograms(before: CriterionSeries, after: CriterionSeries) -> Figure:
-    """The errors before and after, each on its own axis and both on one."""
+    """Return histograms of the errors before and after, on axes of their own and on a common one."""
     old, new = before.error, after.error
     own = {"before": _ends(old), "after": _ends(new)}
     shared = (min(e[0] for e in own.values()), max(e[1] for e in own.values()))
@@ -141,17 +138,17 @@ def histograms(before: CriterionSeries, after: CriterionSeries) -> Figure:
 
 
 def _ends(error: Float) -> tuple[float, float]:
-    """The range of a histogram: all errors, or nearly all where a few lie far out."""
+    """Return the range of a histogram: that of all errors, or of nearly all if there are outliers."""
     known = error[np.isfinite(error)]
     if not known.size:
         return -1.0, 1.0
-    low, high = np.quantile(known, [OUTLYING, 1.0 - OUTLYING])
+    low, high = np.quantile(known, [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE])
     spread = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
     low, high = max(known.min(), low - 0.5 * spread), min(known.max(), high + 0.5 * spread)
     size = max(abs(low), abs(high))
-    if high - low > ALIKE * size:
+    if high - low > EQUAL_TOLERANCE * size:
         return float(low), float(high)
-    half = 0.5 * (size or 1.0)  # the errors differ by rounding, which has no room for bins
+    half = 0.5 * (size or 1.0)  # the errors differ by rounding only, too little for bins
     return float(low) - half, float(high) + half
 
 
@@ -162,23 +159,23 @@ def _bins(error: Float, ends: tuple[float, float]) -> Figure:
 
 
 def autocorrelation(of: Residuals, dataset: str) -> Figure | None:
-    """How errors of a recording are correlated with later ones."""
-    found = next(row.autocorrelation for row in of.summaries if row.dataset == dataset)
-    if found is None:
+    """Return the autocorrelation of the errors of a recording, up to four times the lag where it vanishes."""
+    memory = next(row.autocorrelation for row in of.summaries if row.dataset == dataset)
+    if memory is None:
         return None
-    end = max(int(np.argmax(np.abs(found.values) < found.band)) * 4, 50)  # what lies beyond has no memory left
-    part = slice(0, min(end, found.values.size) if (np.abs(found.values) < found.band).any() else found.values.size)
+    inside = np.abs(memory.values) < memory.band
+    end = max(int(np.argmax(inside)) * 4, 50) if inside.any() else memory.values.size
     return {
         "kind": "autocorrelation",
-        "unit": found.unit,
-        "lags": rounded(found.lags[part]),
-        "values": rounded(found.values[part], 4),
-        "band": rounded(found.band, 4),
+        "unit": memory.unit,
+        "lags": rounded(memory.lags[:end]),
+        "values": rounded(memory.values[:end], 4),
+        "band": rounded(memory.band, 4),
     }
 
 
 def cells(parts: Sequence[CellErrors], table: Parameter, unit: str, inputs: Sequence[str]) -> Figure:
-    """The errors by the cells of a table, of training and test data; of a cube, its first two axes."""
+    """Return the errors by cell of a table, for training and test data; of a cube, over its first two axes."""
     axes = table.index_axes[:2]
     return {
         "kind": "cells",
@@ -198,21 +195,21 @@ def _flat(part: CellErrors) -> Figure:
 
 
 def _axes(axes: Sequence[Axis], inputs: Sequence[str]) -> list[Figure]:
-    """Axes with what they carry, or what the function looks them up with."""
+    """Return axes with the name of their input, or of the coordinate with which the function looks them up."""
     named = zip_longest(axes, inputs[: len(axes)], "xyzw"[: len(axes)], fillvalue="")
     return [
         {
-            "title": axis.input or given or axis.name or letter,
+            "title": axis.input or coordinate or axis.name or letter,
             "unit": axis.unit,
             "points": rounded(axis.breakpoints, 8),
         }
-        for axis, given, letter in named
+        for axis, coordinate, letter in named
         if isinstance(axis, Axis)
     ]
 
 
 def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
-    """A table over its `inputs` before and after, with what is known about each of its values, all flat in C order."""
+    """Return a table over its `inputs` before and after, with the uncertainty of its values, flat in C order."""
     after = change.after
     extras = {
         "samples": change.samples,
@@ -235,24 +232,24 @@ def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
 
 
 def _deviations(deviation: Float) -> list[float | None]:
-    """Standard deviations; -1 stands for an endless one, None for one that is not known."""
+    """Encode standard deviations: -1 for an infinite one, None for an unknown one."""
     flat = deviation.ravel()
     return [-1 if np.isinf(value) else shown for value, shown in zip(flat, rounded(flat), strict=True)]
 
 
-def convergence(subject: ReportData) -> Figure | None:
-    """The cost over the accepted steps, by start and stage."""
-    if subject.result is None or not subject.result.trace:
+def convergence(report: ReportData) -> Figure | None:
+    """Return the cost over the accepted steps, by start and stage."""
+    if report.result is None or not report.result.trace:
         return None
     return {
         "kind": "convergence",
-        "before": rounded(subject.result.cost_before, 7),
-        "stages": list(_stages(subject.result.trace)),
+        "before": rounded(report.result.cost_before, 7),
+        "stages": list(_stages(report.result.trace)),
     }
 
 
 def _stages(trace: Sequence[Any]) -> Iterator[dict[str, Any]]:
-    """Runs of lines of one stage; steps are counted through each start."""
+    """Group consecutive lines of one stage; steps are numbered through each start."""
     stage: dict[str, Any] | None = None
     steps: dict[int, int] = {}
     for line in trace:

@@ -1,7 +1,4 @@
-"""HTML as values: text is escaped where it enters, so that no name of a channel or a file can become markup.
-
-Numbers as a report shows them: rounded for pictures, with a few digits in text.
-"""
+"""HTML elements with escaped text, and number formats of the report."""
 
 import html
 import math
@@ -34,26 +31,26 @@ _VOID = frozenset({"meta", "br", "input"})
 
 
 def rounded(values: Any, digits: int = 5) -> list[Any]:
-    """Nested lists of numbers with so many significant digits; what is not finite is None.
+    """Round numbers to significant digits, as nested lists with None for NaN and infinity.
 
     >>> rounded([1 / 3, float("nan"), 123456.7])
     [0.33333, None, 123460.0]
     """
-    given: Float = np.asarray(values, dtype=np.float64)
-    known = np.isfinite(given)
-    size = np.abs(np.where(known & (given != 0), given, 1.0))
+    numbers: Float = np.asarray(values, dtype=np.float64)
+    known = np.isfinite(numbers)
+    size = np.abs(np.where(known & (numbers != 0), numbers, 1.0))
     power = digits - 1 - np.floor(np.log10(size))
     up, down = 10.0 ** np.clip(power, 0, 300), 10.0 ** np.clip(-power, 0, 300)
-    made = np.round(np.where(known, given, 0.0) / down * up) / up * down
+    result = np.round(np.where(known, numbers, 0.0) / down * up) / up * down
     if known.all():
-        return made.tolist()  # type: ignore[no-any-return]
-    holed = made.astype(object)
-    holed[~known] = None
-    return holed.tolist()  # type: ignore[no-any-return]
+        return result.tolist()  # type: ignore[no-any-return]
+    with_none = result.astype(object)
+    with_none[~known] = None
+    return with_none.tolist()  # type: ignore[no-any-return]
 
 
 def shown(value: float | None, digits: int = 4) -> str:
-    """A number as text.
+    """Format a number with significant digits.
 
     >>> shown(76.38123), shown(123456.7), shown(0.00001234), shown(float("nan")), shown(2812)
     ('76.38', '123457', '1.234e-05', '–', '2812')
@@ -68,7 +65,7 @@ def shown(value: float | None, digits: int = 4) -> str:
 
 
 def recorded(value: float | None) -> str:
-    """A number as it was recorded, without zeros that nobody wrote.
+    """Format a recorded number, without trailing zeros.
 
     >>> recorded(2554.1), recorded(48.0)
     ('2554.1', '48')
@@ -79,13 +76,13 @@ def recorded(value: float | None) -> str:
 
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
-    """A number with its unit: `1.83 Nm`."""
+    """Format a number with its unit: `1.83 Nm`."""
     plain = "" if unit in ("", "-", "1") else f" {unit}"
     return shown(value, digits) + plain
 
 
 def percent(share: float | None) -> str:
-    """A share in percent, with as many digits as make sense.
+    """Format a share in percent.
 
     >>> percent(0.9761), percent(0.9989), percent(0.0034), percent(float("inf"))
     ('98 %', '99.9 %', '0.34 %', '–')
@@ -94,25 +91,25 @@ def percent(share: float | None) -> str:
         return MISSING
     value = 100 * share
     if 99 <= abs(value) < 100:
-        return f"{math.copysign(min(abs(value), 99.9), value):.1f} %"  # never all where something is left
+        return f"{math.copysign(min(abs(value), 99.9), value):.1f} %"  # never 100 % of an incomplete share
     return f"{value:.0f} %" if abs(value) >= 9.95 or value == 0 else f"{value:.2g} %"
 
 
 class Html(str):
-    """Text that is markup already."""
+    """Markup, which is not escaped again."""
 
     __slots__ = ()
 
 
 def element(tag: str, /, *children: Child, **attributes: str | int | bool | None) -> Html:
-    """An element; `class_` stands for `class`, `data_x` for `data-x`, and None leaves a child or an attribute out.
+    """Return an element; `class_` is written `class`, `data_x` is `data-x`, None omits a child or an attribute.
 
     >>> element("p", "a < b", class_="note")
     '<p class="note">a &lt; b</p>'
     """
-    given = "".join(_attribute(key, value) for key, value in attributes.items() if value not in (None, False))
+    written = "".join(_attribute(key, value) for key, value in attributes.items() if value not in (None, False))
     inside = "".join(_flat(children))
-    return Html(f"<{tag}{given}>" if tag in _VOID else f"<{tag}{given}>{inside}</{tag}>")
+    return Html(f"<{tag}{written}>" if tag in _VOID else f"<{tag}{written}>{inside}</{tag}>")
 
 
 def _attribute(key: str, value: str | int | bool | None) -> str:
@@ -133,7 +130,7 @@ def _flat(children: Iterable[Child]) -> Iterable[str]:
 
 
 def table(heading: Iterable[str], rows: Iterable[Iterable[str]], *, words: int = 1, class_: str | None = None) -> Html:
-    """A table; the first `words` columns hold words, the others numbers."""
+    """Return a table; the first `words` columns hold text, the others numbers."""
     head = element(
         "tr", [element("th", cell, class_=None if i < words else "number") for i, cell in enumerate(heading)]
     )
@@ -146,7 +143,7 @@ def table(heading: Iterable[str], rows: Iterable[Iterable[str]], *, words: int =
 
 
 def details(summary: Child, *children: Child, open_: bool = False, **more: str) -> Html:
-    """A part that can be folded away."""
+    """Return a collapsible part."""
     return element(
         "details", element("summary", summary), element("div", *children, class_="inner"), open=open_, **more
     )

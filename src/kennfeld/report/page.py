@@ -1,7 +1,4 @@
-"""The page: sections, table of contents, data and program in one file that needs nothing else.
-
-From a project and its result to the file that is handed on.
-"""
+"""The report as one self-contained HTML file: sections, table of contents, data and scripts."""
 
 import json
 import traceback
@@ -15,12 +12,12 @@ from kennfeld import __version__
 from kennfeld.errors import Finding
 from kennfeld.optimize import Result
 from kennfeld.project import Project
-from kennfeld.project.manifest import KEY, warnings_of_others
+from kennfeld.project.manifest import KEY, check_other_files
 from kennfeld.report.markup import Html, element
 from kennfeld.report.pieces import Pictures
-from kennfeld.report.report_data import ReportData, subject
+from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
-from kennfeld.report.stored_result import READ, stored, stored_trust
+from kennfeld.report.stored_result import READ, read_result, read_trust
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
@@ -29,20 +26,20 @@ __all__ = ["document", "from_folder", "page", "safely"]
 
 STATIC = Path(__file__).parent / "static"
 SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")
-# nothing is loaded from anywhere, whatever a name in the data may try
+# load nothing, whatever a name in the data contains
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
-def page(subject: ReportData, made: datetime | None = None) -> str:
-    """The report as the text of an HTML file; `made` is the time it bears, now by default."""
+def page(report: ReportData, made: datetime | None = None) -> str:
+    """Return the report as the text of an HTML file; `made` is the time it shows, now by default."""
     time = (made or datetime.now().astimezone()).isoformat(" ", "seconds")
     pictures = Pictures()
-    parts = list(sections(subject, pictures))
-    title = f"{subject.project.name}: calibration report"
+    parts = list(sections(report, pictures))
+    title = f"{report.project.name}: calibration report"
     data = {
         "version": __version__,
         "made": time,
-        "result": subject.written,
+        "result": report.written,
         "figures": pictures.data,
     }
     return "<!doctype html>\n" + element(
@@ -58,7 +55,7 @@ def page(subject: ReportData, made: datetime | None = None) -> str:
         element(
             "body",
             _contents(parts),
-            element("main", _head(subject, time), [_section(*part[:3]) for part in parts], _foot(time)),
+            element("main", _head(report, time), [_section(*part[:3]) for part in parts], _foot(time)),
             element("script", _json(data), type="application/json", id="report-data"),
             [element("script", Html(_static(name))) for name in SCRIPTS],
         ),
@@ -67,7 +64,6 @@ def page(subject: ReportData, made: datetime | None = None) -> str:
 
 
 def _contents(parts: Any) -> Html:
-    """The table of contents."""
     entries = []
     for anchor, title, _, below in parts:
         entries.append(element("a", title, href=f"#{anchor}"))
@@ -76,20 +72,18 @@ def _contents(parts: Any) -> Html:
     return element("nav", element("div", "Kennfeld", class_="brand"), entries, aria_label="Contents")
 
 
-def _head(subject: ReportData, time: str) -> Html:
-    status = "not calibrated yet" if subject.result is None else subject.result.status
+def _head(report: ReportData, time: str) -> Html:
+    status = "not calibrated yet" if report.result is None else report.result.status
     return element(
         "header",
-        element("h1", subject.project.name),
+        element("h1", report.project.name),
         element(
             "p",
-            f"Calibration report · {subject.project.path.resolve()} · {time} · kennfeld {__version__} · ",
+            f"Calibration report · {report.project.path.resolve()} · {time} · kennfeld {__version__} · ",
             element("span", status, class_=f"status {status.partition(' ')[0]}"),
             class_="note",
         ),
-        element(
-            "noscript", element("p", "The pictures of this report are drawn by the page itself: allow JavaScript.")
-        ),
+        element("noscript", element("p", "The figures of this report need JavaScript.")),
     )
 
 
@@ -98,7 +92,7 @@ def _section(anchor: str, title: str, content: Html) -> Html:
 
 
 def _foot(time: str) -> Html:
-    return element("footer", f"Made by kennfeld {__version__} at {time}. This file needs no network and no other file.")
+    return element("footer", f"Created by kennfeld {__version__} at {time}. This file is self-contained.")
 
 
 @cache
@@ -107,7 +101,7 @@ def _static(name: str) -> str:
 
 
 def _json(data: Any) -> Html:
-    """JSON within a script element, which no text in it can end."""
+    """Return JSON for a script element, escaped so that no text in it can close the element."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return Html(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
@@ -118,45 +112,51 @@ def document(
     findings: Sequence[Finding] = (),
     left: "Sequence[Extrapolation] | None" = None,
 ) -> str:
-    """The report on a result as the text of one HTML file; without a result, on the start as given.
+    """Return the report on a result, or on the start values if there is none, as the text of one HTML file.
 
     Args:
-        project: what was calibrated.
-        result: what came of it.
-        findings: the messages of `project.check()`, which the report repeats.
-        left: where surrogates are used outside the data they were trained on; computed where it is not given.
+        project: the project.
+        result: its calibration result.
+        findings: the findings of `project.check()`, which the report lists.
+        left: use of surrogates outside their training data; computed by default.
 
-    Raises `InputError` where the project has no problem to compute.
+    Raises:
+        InputError: the project does not define a problem that can be evaluated.
 
     >>> import kennfeld as kf
     >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
     >>> text = document(project, project.calibrate(), project.check())  # doctest: +SKIP
     """
-    return page(subject(project, result, findings, left=left))
+    return page(collect_report_data(project, result, findings, left=left))
 
 
 def from_folder(project: Project, folder: str | Path) -> str:
-    """The report on the result that an earlier run left in a folder; on the start where there is none.
+    """Return the report on the result in a folder, or on the start values if the folder has no result.
 
-    Raises `InputError` where a file of the result is missing or damaged, and where the project has errors.
+    Args:
+        project: the project.
+        folder: a results folder, as written by `kennfeld run`.
+
+    Raises:
+        InputError: a file of the result is missing or damaged, or the project has errors.
     """
     findings = project.check()
-    found = stored(Path(folder), project.problem())
-    if found is None:
+    stored = read_result(Path(folder), project.problem())
+    if stored is None:
         return document(project, None, findings)
-    result, written = found
-    findings += warnings_of_others(Path(folder), written, READ)
-    said = {key: value for key, value in written.items() if key != KEY}
-    return page(subject(project, result, findings, stored_trust(Path(folder), result.parameters), said))
+    result, written = stored
+    findings += check_other_files(Path(folder), written, READ)
+    contents = {key: value for key, value in written.items() if key != KEY}
+    return page(collect_report_data(project, result, findings, read_trust(Path(folder), result.parameters), contents))
 
 
 def safely(
     project: Project, result: Result, findings: Sequence[Finding] = (), left: "Sequence[Extrapolation] | None" = None
 ) -> str:
-    """The report on a result; where it cannot be made, a page that says so, because the result must not be lost."""
+    """Return the report on a result, or a page with the error if it cannot be created: the result must not be lost."""
     try:
         return document(project, result, findings, left)
     except Exception:
-        sentence = "This report could not be made; the other files of the result are complete. Please report this:"
-        said = element("body", element("p", sentence), element("pre", traceback.format_exc()))
-        return "<!doctype html>\n" + element("html", element("head", element("meta", charset="utf-8")), said)
+        sentence = "This report could not be created; the other files of the result are complete. Please report:"
+        body = element("body", element("p", sentence), element("pre", traceback.format_exc()))
+        return "<!doctype html>\n" + element("html", element("head", element("meta", charset="utf-8")), body)

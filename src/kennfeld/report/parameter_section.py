@@ -1,4 +1,4 @@
-"""The section of the parameters: each before and after, with what is known of it."""
+"""Report section of the parameters: values before and after, and their uncertainty."""
 
 from collections.abc import Sequence
 
@@ -14,26 +14,26 @@ from kennfeld.report.report_data import ParameterChange, ReportData
 __all__ = ["parameters"]
 
 
-def parameters(subject: ReportData, pictures: Pictures) -> tuple[Html, list[tuple[str, str]]]:
-    """A card for each parameter; and its entries in the table of contents."""
-    scalars = [c for c in subject.changes if c.after.size == 1]
-    tables = [c for c in subject.changes if c.after.size > 1]
-    cards = [_card(i, c, pictures, subject) for i, c in enumerate(tables)]
+def parameters(report: ReportData, pictures: Pictures) -> tuple[Html, list[tuple[str, str]]]:
+    """Return a card for each table, with their entries in the table of contents."""
+    scalars = [c for c in report.changes if c.after.size == 1]
+    tables = [c for c in report.changes if c.after.size > 1]
+    cards = [_card(i, c, pictures, report) for i, c in enumerate(tables)]
     entries = [(f"parameter-{i}", c.name) for i, c in enumerate(tables)]
-    fixed = [n for n in subject.problem.model.graph.parameters if n not in subject.problem.free_names]
+    fixed = [n for n in report.problem.model.graph.parameters if n not in report.problem.free_names]
     content = element(
         "div",
         note(
-            "The parameters that are free to be fitted."
-            if subject.result is None
-            else "The parameters that were fitted, the greatest change first. The relative change is the root mean "
-            "square of the change over that of the values."
+            "Free parameters."
+            if report.result is None
+            else "Fitted parameters, largest change first. The relative change is the root mean square of the change "
+            "divided by that of the values."
         ),
         _overview(tables) if tables else None,
         [element("h4", "Scalars"), _scalar_table(scalars)] if scalars else None,
-        _breakpoints(subject),
+        _breakpoints(report),
         cards,
-        details(f"Parameters that were kept: {len(fixed)}", _fixed_table(subject, fixed)) if fixed else None,
+        details(f"Fixed parameters: {len(fixed)}", _fixed_table(report, fixed)) if fixed else None,
     )
     return content, entries
 
@@ -87,13 +87,13 @@ def _scalar_table(changes: Sequence[ParameterChange]) -> Html:
     return table(head, rows, words=2, class_="wide")
 
 
-def _breakpoints(subject: ReportData) -> list[Html] | None:
-    """Those that were fitted, with how far they can be trusted."""
-    trust, rows = subject.trust, []
-    for key, axis in subject.problem.free_axes.items() if subject.result is not None else ():
-        name = f"axis {key}" if str(key) in subject.problem.parameters else str(key)
+def _breakpoints(report: ReportData) -> list[Html] | None:
+    """Return the table of fitted breakpoints, with their standard deviations."""
+    trust, rows = report.trust, []
+    for key, axis in report.problem.free_axes.items() if report.result is not None else ():
+        name = f"axis {key}" if str(key) in report.problem.parameters else str(key)
         place, which = axis.places[0]
-        after = subject.parameters[place].axes[which].breakpoints
+        after = report.parameters[place].axes[which].breakpoints
         if after.size != len(axis.axis):
             continue
         deviation, samples = trust.deviation.get(name), trust.samples.get(name)
@@ -115,36 +115,35 @@ def _deviation(value: float) -> str:
 
 
 def _state(change: ParameterChange) -> str:
-    """What holds a scalar."""
     if change.after.locked.any():
         return "locked"
     if change.informed is not None and not change.informed.all():
-        return "no data: kept"
+        return "no data: start kept"
     return {-1: "at the lower bound", 1: "at the upper bound", 0: ""}[int(change.bound.item())]
 
 
-def _card(number: int, change: ParameterChange, pictures: Pictures, subject: ReportData) -> Html:
+def _card(number: int, change: ParameterChange, pictures: Pictures, report: ReportData) -> Html:
     after = change.after
     unit = f" [{after.unit}]" if after.unit not in ("", "-") else ""
     parts = [element("b", change.name), f"{unit} {after.kind} of {'x'.join(map(str, after.values.shape))}"]
-    parts.append(f", changed by {percent(change.size)}" if subject.result is not None else "")
+    parts.append(f", changed by {percent(change.size)}" if report.result is not None else "")
     words = [after.description] if after.description else []
     if change.moved:
-        words.append("Breakpoints have moved; the values before are interpolated at the new ones.")
+        words.append("Breakpoints have moved; the previous values are interpolated at the new ones.")
     return details(
         parts,
         note(". ".join(word.rstrip(".") for word in words) + ".") if words else None,
-        pictures.place(figures.parameter(change, subject.inputs(change.name)), "", f"{change.name} before and after"),
+        pictures.place(figures.parameter(change, report.inputs(change.name)), "", f"{change.name} before and after"),
         open_=number < OPEN_PARTS,
         class_="part card",
         id=f"parameter-{number}",
     )
 
 
-def _fixed_table(subject: ReportData, names: Sequence[str]) -> Html:
+def _fixed_table(report: ReportData, names: Sequence[str]) -> Html:
     rows = []
     for name in names:
-        p = subject.parameters[name]
+        p = report.parameters[name]
         size = "x".join(map(str, p.values.shape)) or "1"
         rows.append([name, p.kind, p.unit or MISSING, size, _range(p)])
     return table(["parameter", "kind", "unit", "values", "value"], rows, words=3)

@@ -1,22 +1,22 @@
-"""What the sections of a report share: pictures, notes, and how much is unfolded or listed."""
+"""Figures, notes and display limits shared by the sections of a report."""
 
 from kennfeld.report import figures
 from kennfeld.report.markup import Html, element
 
-__all__ = ["MOST_LISTED", "OPEN_PARTS", "Pictures", "note"]
+__all__ = ["MAX_LISTED", "OPEN_PARTS", "Pictures", "note"]
 
-OPEN_PARTS = 4  # how many datasets, and parameters, are unfolded at first
-MOST_LISTED = 8
+OPEN_PARTS = 4  # datasets, and parameters, that are unfolded initially
+MAX_LISTED = 8
 
 
 class Pictures:
-    """The pictures of a page by number; each leaves a place where the page draws it."""
+    """The figures of a page by number; each has a placeholder in which the page draws it."""
 
     def __init__(self) -> None:
         self.data: list[figures.Figure] = []
 
     def place(self, figure: figures.Figure | None, caption: str, label: str) -> Html | None:
-        """A place for a picture, with a caption and, for those who cannot see it, a label."""
+        """Return the placeholder of a figure, with a caption and a label for screen readers."""
         if figure is None:
             return None
         self.data.append(figure)
@@ -26,5 +26,5 @@ class Pictures:
 
 
 def note(text: str) -> Html:
-    """A sentence that explains what stands above."""
+    """Return an explanatory paragraph."""
     return element("p", text, class_="note")

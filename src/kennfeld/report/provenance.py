@@ -1,7 +1,4 @@
-"""What was asked for: the settings of a project that differ from their defaults, as rows of a table.
-
-Which files a report rests on, so that it can be told later whether these are still the same.
-"""
+"""Provenance of a report: the settings of the project that differ from defaults, and its files with hashes."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.preprocessing.recordings import matching
+from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
 from kennfeld.project.schema import TargetEntry
 
@@ -25,7 +22,7 @@ _SINGULAR = {"criteria": "criterion", "equalities": "equality"}
 
 
 def settings(project: Project) -> list[Row]:
-    """Every setting that was given, section by section, under the names of the project file's parts."""
+    """Return the settings of a project file that differ from their defaults, by section."""
     rows: list[Row] = []
     for field in fields(project.file):
         value = getattr(project.file, field.name)
@@ -35,7 +32,7 @@ def settings(project: Project) -> list[Row]:
 
 
 def _part(name: str, value: Any) -> Iterator[Row]:
-    """A section, a table of sections, or a list of them."""
+    """Return the rows of a section, a table of sections, or a list of them."""
     if is_dataclass(value):
         yield from _entry(name, value, complete=name == "optimizer")
     elif isinstance(value, Mapping):
@@ -43,12 +40,12 @@ def _part(name: str, value: Any) -> Iterator[Row]:
             if is_dataclass(inner):
                 yield from _entry(f"{name}.{key}", inner)
             else:
-                yield name, key, worded(inner)
+                yield name, key, format_setting(inner)
     elif isinstance(value, tuple):
         for number, inner in enumerate(value, 1):
             if is_dataclass(inner):
-                called = getattr(inner, "name", "") or getattr(inner, "node", "") or str(number)
-                yield from _entry(f"{_SINGULAR.get(name, name.removesuffix('s'))} {called}", inner)
+                title = getattr(inner, "name", "") or getattr(inner, "node", "") or str(number)
+                yield from _entry(f"{_SINGULAR.get(name, name.removesuffix('s'))} {title}", inner)
 
 
 def _entry(section: str, entry: Any, *, complete: bool = False) -> Iterator[Row]:
@@ -57,7 +54,7 @@ def _entry(section: str, entry: Any, *, complete: bool = False) -> Iterator[Row]
         if field.name in _HIDDEN or value is None:
             continue
         if complete or not _is_default(value, field):
-            yield section, field.name, worded(value)
+            yield section, field.name, format_setting(value)
 
 
 def _is_default(value: Any, field: Any) -> bool:
@@ -68,11 +65,11 @@ def _is_default(value: Any, field: Any) -> bool:
     return field.default is not MISSING and type(field.default) is type(value) and bool(field.default == value)
 
 
-def worded(value: Any) -> str:
-    """A setting as text, short.
+def format_setting(value: Any) -> str:
+    """Format a setting as short text.
 
-    >>> worded((0.0, 600.0)), worded({"x": 0.1}), worded(True), worded(np.zeros((20, 20)))
-    ('0, 600', 'x 0.1', 'yes', '20 x 20 values from 0 to 0')
+    >>> format_setting((0.0, 600.0)), format_setting({"x": 0.1}), format_setting(np.zeros((20, 20)))
+    ('0, 600', 'x 0.1', '20 x 20 values from 0 to 0')
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -81,13 +78,17 @@ def worded(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {worded(inner)}" for key, inner in value.items())
+        return ", ".join(f"{key} {format_setting(inner)}" for key, inner in value.items())
     if isinstance(value, TargetEntry):
-        return worded(value.value) if value.kind == "number" else f"{value.kind} {value.name}".removeprefix("name ")
+        return (
+            format_setting(value.value)
+            if value.kind == "number"
+            else f"{value.kind} {value.name}".removeprefix("name ")
+        )
     if hasattr(value, "__dataclass_fields__"):
         return ", ".join(f"{key} {text}" for _, key, text in _entry("", value) if text)
     if isinstance(value, Sequence) and not isinstance(value, str):
-        shown = [worded(inner) for inner in value[:40]]
+        shown = [format_setting(inner) for inner in value[:40]]
         return ", ".join([*shown, f"... {len(value)} in all"] if len(value) > 40 else shown)
     return str(value)
 
@@ -101,7 +102,7 @@ def _array(value: Any) -> str:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file as it was when the report was made; `digest` is its SHA-256, empty where it could not be read."""
+    """A file at the time of the report; `digest` is its SHA-256 in hex, empty if it could not be read."""
 
     role: str
     name: str
@@ -111,11 +112,11 @@ class SourceFile:
 
 
 def sources(project: Project) -> list[SourceFile]:
-    """The project file and every file that it names, each once."""
-    found: dict[Path, str] = {}
+    """Return the project file and every file that it names, each once."""
+    roles: dict[Path, str] = {}
     for role, path in _named(project):
-        found.setdefault(path, role)
-    return [_source(role, path, project.file.folder) for path, role in found.items()]
+        roles.setdefault(path, role)
+    return [_source(role, path, project.file.folder) for path, role in roles.items()]
 
 
 def _named(project: Project) -> Iterator[tuple[str, Path]]:
@@ -132,17 +133,17 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
         yield "start", file.folder / name
     for entry in file.datasets:
         for pattern in entry.files:
-            for path in matching(file.folder, pattern):
+            for path in find_recordings(file.folder, pattern):
                 yield f"data, {entry.use}", _without_sheet(path)
 
 
 def _without_function(path: Path) -> Path:
-    """The file of `module.py:function`."""
+    """Return the file of `module.py:function`."""
     return path if path.is_file() else path.with_name(path.name.partition(":")[0])
 
 
 def _without_sheet(path: str) -> Path:
-    """The file of `file.xlsx#sheet`."""
+    """Return the file of `file.xlsx#sheet`."""
     whole = Path(path)
     return whole if whole.is_file() else Path(path.rpartition("#")[0])
 

@@ -1,4 +1,4 @@
-"""Everything that a report tells about, computed once."""
+"""The data of a report, computed once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,24 +14,24 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize import Problem, Quality, Result
-from kennfeld.optimize.lookup_coverage import BLOCK, Lookups, coordinates
-from kennfeld.optimize.quality import spread
-from kennfeld.optimize.tuning.shift_estimation import moved
+from kennfeld.optimize.lookup_coverage import Lookups, coordinates
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, spread
+from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
-from kennfeld.report.stored_result import TrustSummary, view
+from kennfeld.report.stored_result import TrustSummary, summarise_trust
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["ParameterChange", "ReportData", "Score", "subject"]
+__all__ = ["ParameterChange", "ReportData", "Score", "collect_report_data"]
 
 
 @dataclass(frozen=True)
 class Score:
-    """The errors of one criterion on one dataset, before and after; both are the same while nothing is calibrated."""
+    """Errors of one criterion on one dataset, before and after; both are the same before calibration."""
 
     number: int  # of the criterion
     criterion: str
@@ -47,7 +47,7 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class ParameterChange:
-    """A free parameter before and after, over the same grid points, and what is known about each of them."""
+    """A free parameter before and after on the same grid, and the uncertainty of its values."""
 
     before: Parameter
     after: Parameter
@@ -59,7 +59,7 @@ class ParameterChange:
 
     @property
     def name(self) -> str:
-        """Of the parameter."""
+        """Name of the parameter."""
         return self.after.name
 
     @property
@@ -69,14 +69,14 @@ class ParameterChange:
 
     @property
     def size(self) -> float:
-        """Root mean square of the difference over that of the values, before or after, whichever is greater."""
+        """Root mean square of the difference, relative to that of the values before or after, whichever is larger."""
         with np.errstate(over="ignore", invalid="ignore"):
             scale = max(_rms(self.before.values), _rms(self.after.values))
             return _rms(self.difference) / scale if scale > 0 else 0.0
 
     @property
     def bound(self) -> Int:
-        """-1 at the lower bound, 1 at the upper, else 0; locked values are at none."""
+        """-1 at the lower bound, 1 at the upper bound, else 0; locked values count as 0."""
         p = self.after
         held = p.locked | (p.lower == p.upper)
         at = (p.values >= p.upper).astype(np.int64) - (p.values <= p.lower).astype(np.int64)
@@ -84,7 +84,7 @@ class ParameterChange:
 
     @property
     def uncovered(self) -> Bool:
-        """Grid points that no training sample touches."""
+        """True at grid points without training samples."""
         return np.zeros(self.after.values.shape, dtype=bool) if self.samples is None else self.samples == 0
 
 
@@ -94,7 +94,7 @@ def _rms(values: Float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """A project and a result of it; without a result, the start alone."""
+    """A project and its result, or its start values if there is no result."""
 
     project: Project
     problem: Problem
@@ -106,30 +106,30 @@ class ReportData:
     changes: tuple[ParameterChange, ...]
     trust: TrustSummary = field(default_factory=TrustSummary)
     written: Mapping[str, Any] | None = None  # the contents of `result.json`
-    left: "tuple[Extrapolation, ...]" = ()  # where surrogates are used outside the data they were trained on
-    seen: tuple[Finding, ...] = ()  # test data that are training data too
+    extrapolation: "tuple[Extrapolation, ...]" = ()  # use of surrogates outside their training data
+    seen: tuple[Finding, ...] = ()  # test data that are also training data
 
     @property
     def parameters(self) -> ParameterSet:
-        """The calibrated parameters, or the start."""
+        """The calibrated parameters, or the start values."""
         return self.problem.parameters if self.result is None else self.result.parameters
 
     def inputs(self, name: str) -> Sequence[str]:
-        """What the function looks a table up with, an axis each; empty where that has no name."""
+        """Return the coordinates with which the function looks a table up, one per axis; empty if unnamed."""
         return coordinates_of(self.problem.model.graph, name)
 
     @cached_property
     def scores(self) -> tuple[Score, ...]:
-        """A row for each criterion and dataset that scores it; what stands in `result.json` is taken from there."""
+        """A score for each criterion and dataset; numbers in `result.json` take precedence."""
         summaries = {(i, r.dataset): r for i, of in self.numbered for r in of.summaries}
         written = self._written()
-        made = []
+        scores = []
         for old, new in zip(self.before, self.after, strict=True):
             name, row = old.bound.dataset.name, written.get((old.criterion, old.bound.dataset.name))
             now = summaries[new.criterion, name]
             rmse = (_rms_known(old.error), now.rmse) if row is None else (row.rmse_before, row.rmse_after)
             r2, largest = (now.r2, now.largest) if row is None else (row.r2_after, row.max_abs_after)
-            made.append(
+            scores.append(
                 Score(
                     number=old.criterion,
                     criterion=self.problem.criteria[old.criterion].node,
@@ -143,38 +143,39 @@ class ReportData:
                     largest=(_largest(old.error), largest),
                 )
             )
-        return tuple(made)
+        return tuple(scores)
 
     @property
     def numbered(self) -> list[tuple[int, Residuals]]:
         """The residuals with the number of their criterion."""
-        numbers = dict.fromkeys(one.criterion for one in self.after)
+        numbers = dict.fromkeys(series.criterion for series in self.after)
         return list(zip(sorted(numbers), self.residuals, strict=True))
 
     def _written(self) -> dict[tuple[int, str], Quality]:
-        """The rows of the result's quality by criterion and dataset; a node with several targets has several rows."""
+        """Return the quality rows of the result by criterion number and dataset."""
         rows: dict[tuple[int, str], Quality] = {}
         counted: dict[tuple[str, str], int] = {}
         for row in self.result.quality if self.result else ():
             key = (row.criterion, row.dataset)
+            # a node with several targets has a row for each, in the order of the criteria
             numbers = [i for i, c in enumerate(self.problem.criteria) if c.node == row.criterion]
-            which = counted.get(key, 0)
-            counted[key] = which + 1
-            if which < len(numbers):
-                rows[numbers[which], row.dataset] = row
+            position = counted.get(key, 0)
+            counted[key] = position + 1
+            if position < len(numbers):
+                rows[numbers[position], row.dataset] = row
         return rows
 
     @property
     def stale(self) -> bool:
-        """Whether project or data have changed since the result was written: its errors cannot be reproduced."""
-        for (number, name), row in self._written().items():
-            found = [_rms_known(s.error) for s in self.after if (s.criterion, s.bound.dataset.name) == (number, name)]
-            if row.samples and not (found and np.isclose(found[0], row.rmse_after, rtol=1e-3, equal_nan=True)):
+        """True if the errors of the result cannot be reproduced, since the project or its data have changed."""
+        for key, row in self._written().items():
+            rmse = [_rms_known(s.error) for s in self.after if (s.criterion, s.bound.dataset.name) == key]
+            if row.samples and not (rmse and np.isclose(rmse[0], row.rmse_after, rtol=1e-3, equal_nan=True)):
                 return True
         return False
 
 
-def subject(
+def collect_report_data(
     project: Project,
     result: Result | None,
     findings: Sequence[Finding] = (),
@@ -182,26 +183,34 @@ def subject(
     written: Mapping[str, Any] | None = None,
     left: "Sequence[Extrapolation] | None" = None,
 ) -> ReportData:
-    """Compute what a report tells; trust and `result.json` are those of the result unless others are given.
+    """Compute the data of a report.
 
-    `left` is computed too, unless it is known.
+    Args:
+        project: the project.
+        result: its result, if there is one.
+        findings: the findings of the project check.
+        trust: uncertainty of the values; by default that of the result.
+        written: contents of `result.json`; by default those of the result.
+        left: use of surrogates outside their training data; computed by default.
 
-    Raises `InputError` where the project has no problem to compute.
+    Raises:
+        InputError: the project does not define a problem that can be evaluated.
     """
-    problem = project.problem() if result is None else moved(project.problem(), result.shifts)
+    problem = project.problem() if result is None else apply_shifts(project.problem(), result.shifts)
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
-    small = max((data.samples for data in problem.datasets), default=0) <= BLOCK
+    small = max((data.samples for data in problem.datasets), default=0) <= SAMPLES_PER_BLOCK
     evaluator = Evaluator(problem, coordinates(problem) if small else {})
     before = evaluator.series(start)
     after = before if result is None else evaluator.series(parameters)
     lookups = Lookups(problem, parameters, evaluator.values if small else ())
     if trust is None:
-        trust = view(None if result is None else result.trust)
+        trust = summarise_trust(None if result is None else result.trust)
     tallied = tally(lookups, parameters, after)
-    left = _left(problem, parameters) if left is None else tuple(left)
+    extrapolation = _extrapolation(problem, parameters) if left is None else tuple(left)
     if result is not None and written is None:
-        written = result.as_json() | ({"surrogates": [row.as_json() for row in left]} if left else {})
+        surrogates = [row.as_json() for row in extrapolation]
+        written = result.as_json() | ({"surrogates": surrogates} if surrogates else {})
     return ReportData(
         project=project,
         problem=problem,
@@ -213,12 +222,12 @@ def subject(
         changes=_changes(problem, start, parameters, trust, tallied.touching),
         trust=trust,
         written=written,
-        left=left,
+        extrapolation=extrapolation,
         seen=tuple(project.seen_test_data()),
     )
 
 
-def _left(problem: Problem, parameters: ParameterSet) -> "tuple[Extrapolation, ...]":
+def _extrapolation(problem: Problem, parameters: ParameterSet) -> "tuple[Extrapolation, ...]":
     if not problem.model.surrogates:
         return ()
     from kennfeld.analysis.extrapolation import find_extrapolation
@@ -229,13 +238,13 @@ def _left(problem: Problem, parameters: ParameterSet) -> "tuple[Extrapolation, .
 def _changes(
     problem: Problem, start: ParameterSet, parameters: ParameterSet, trust: TrustSummary, counted: Mapping[str, Int]
 ) -> tuple[ParameterChange, ...]:
-    """The free parameters, the one that changed most first."""
-    made = []
+    """Return the free parameters, the largest change first."""
+    changes = []
     for name in problem.free_names:
         after, before = parameters[name], start[name]
         moved = not _same_grid(before, after)
         shape = after.values.shape
-        made.append(
+        changes.append(
             ParameterChange(
                 before=_resampled(before, after) if moved else before,
                 after=after,
@@ -246,13 +255,13 @@ def _changes(
                 by_smoothness=_shaped(trust.by_smoothness, name, shape),
             )
         )
-    return tuple(sorted(made, key=lambda change: -change.size))
+    return tuple(sorted(changes, key=lambda change: -change.size))
 
 
 def _shaped(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:
-    """The array of a parameter where there is one of its shape."""
-    found = arrays.get(name)
-    return None if found is None or np.shape(found) != shape else np.asarray(found)
+    """Return the array of a parameter, None if it has another shape."""
+    array = arrays.get(name)
+    return None if array is None or np.shape(array) != shape else np.asarray(array)
 
 
 def _same_grid(one: Parameter, other: Parameter) -> bool:
@@ -262,7 +271,6 @@ def _same_grid(one: Parameter, other: Parameter) -> bool:
 
 
 def _resampled(before: Parameter, after: Parameter) -> Parameter:
-    """The parameter before at the breakpoints of after."""
     points = np.meshgrid(*(axis.breakpoints for axis in after.index_axes), indexing="ij")
     sides = [
         cell_weights(position(x.ravel(), axis.breakpoints, before.extrapolation), len(axis))[0]

@@ -1,9 +1,10 @@
-"""The sections that set calculated against measured: curves over time, and what is left over."""
+"""Report sections of measured and calculated signals, and of the residuals."""
 
 from collections.abc import Sequence
 
 from kennfeld.analysis import Residuals, WorstSample
 from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.formatting import count_noun
 from kennfeld.report import figures
 from kennfeld.report.markup import Child, Html, details, element, percent, recorded, shown, table, with_unit
 from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
@@ -12,12 +13,12 @@ from kennfeld.report.report_data import ReportData
 __all__ = ["fit", "residuals"]
 
 
-def fit(subject: ReportData, pictures: Pictures) -> Html:
-    """A strip for each criterion and dataset, and how the errors are spread."""
-    pairs = list(zip(subject.before, subject.after, strict=True))
+def fit(report: ReportData, pictures: Pictures) -> Html:
+    """Return a time plot, a scatter plot and a histogram for each criterion and dataset."""
+    pairs = list(zip(report.before, report.after, strict=True))
     parts = []
     for i, (before, after) in enumerate(pairs):
-        of = dict(subject.numbered)[after.criterion]
+        of = dict(report.numbered)[after.criterion]
         data = after.bound.dataset
         summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(after)}, {data.use}"]
         parts.append(
@@ -29,8 +30,8 @@ def fit(subject: ReportData, pictures: Pictures) -> Html:
 def _samples(series: CriterionSeries) -> str:
     scored, kept = int(series.scored.sum()), series.bound.count
     dropped = series.bound.dataset.samples - kept
-    said = f"{scored} sample{'s' * (scored != 1)}" + (f" scored of {kept}" if kept != scored else "")
-    return said + (f", {dropped} left out for lack of an input" if dropped else "")
+    counts = count_noun(scored, "sample") + (f" scored of {kept}" if kept != scored else "")
+    return counts + (f", {dropped} skipped because an input is missing" if dropped else "")
 
 
 def _pictures(
@@ -38,35 +39,35 @@ def _pictures(
 ) -> list[Html | None]:
     name = after.bound.dataset.name
     strip = figures.strip(before, after, count)
-    drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of least and greatest."
-    zoom = "Drag to zoom, double-click to go back; click a name to hide or show it."
+    drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of minima and maxima."
+    zoom = "Drag to zoom, double-click to reset; click a name to hide or show it."
     worst = [w.sample for w in of.worst if w.dataset == name]
     scatter = figures.scatter(before, after, count, worst)
     dots = len(scatter["number"])
-    some = f" {dots} of {scatter['samples']} samples, the worst among them." if dots < scatter["samples"] else ""
+    some = f" {dots} of {scatter['samples']} samples, including the worst." if dots < scatter["samples"] else ""
     return [
         pictures.place(strip, zoom + drawn, f"measured and calculated {of.criterion} on {name}"),
         element(
             "div",
             pictures.place(scatter, f"Calculated over measured.{some}", f"calculated over measured, {name}"),
-            pictures.place(figures.histograms(before, after), "How the errors are spread.", f"errors on {name}"),
+            pictures.place(figures.histograms(before, after), "Distribution of the errors.", f"errors on {name}"),
             class_="row two",
         ),
     ]
 
 
-def residuals(subject: ReportData, pictures: Pictures) -> Html:
-    """The errors by dataset, time and cell, and the worst samples."""
-    return element("div", [_of_criterion(subject, number, of, pictures) for number, of in subject.numbered])
+def residuals(report: ReportData, pictures: Pictures) -> Html:
+    """Return the errors by dataset, time and cell, and the worst samples."""
+    return element("div", [_of_criterion(report, number, of, pictures) for number, of in report.numbered])
 
 
-def _of_criterion(subject: ReportData, number: int, of: Residuals, pictures: Pictures) -> Html:
-    several = len(subject.problem.criteria) > 1
+def _of_criterion(report: ReportData, number: int, of: Residuals, pictures: Pictures) -> Html:
+    several = len(report.problem.criteria) > 1
     memories = [
         pictures.place(
             figures.autocorrelation(of, row.dataset),
-            f"{row.dataset}: correlation of the error with itself later. Errors without memory stay in the grey band; "
-            f"{row.samples} samples tell as much as {shown(row.autocorrelation.independent, 3)} independent ones.",
+            f"{row.dataset}: autocorrelation of the error. White noise stays within the grey band; "
+            f"{row.samples} samples count as {shown(row.autocorrelation.independent, 3)} independent ones.",
             f"autocorrelation of the errors on {row.dataset}",
         )
         for row in of.summaries
@@ -74,38 +75,32 @@ def _of_criterion(subject: ReportData, number: int, of: Residuals, pictures: Pic
     ]
     maps = [
         pictures.place(
-            figures.cells([c for c in of.cells if c.parameter == name], subject.parameters[name], of.unit, inputs),
-            f"Mean error by cell of {name}; point at a cell for its RMSE and its samples.",
+            figures.cells([c for c in of.cells if c.parameter == name], report.parameters[name], of.unit, inputs),
+            f"Mean error by cell of {name}; hover over a cell for its RMSE and number of samples.",
             f"errors by cell of {name}",
         )
-        for name, inputs in {c.parameter: subject.inputs(c.parameter) for c in of.cells}.items()
+        for name, inputs in {c.parameter: report.inputs(c.parameter) for c in of.cells}.items()
     ]
     return element(
         "div",
         element("h3", f"{of.criterion} against {of.target}") if several else None,
         element("h4", "By dataset"),
         _summary_table(of),
-        note(_how_scaled(of)),
+        note(_explain_scaling(of)),
         [element("h4", "In time"), element("div", memories, class_="row two")] if memories else None,
         [element("h4", "By cell of a table"), _folded(maps)] if maps else None,
         element("h4", "The worst samples"),
-        note("Of neighbours in time whose errors have one sign, only the worst is listed.") if memories else None,
+        note("Of consecutive samples with errors of one sign, only the worst is listed.") if memories else None,
         _worst_table(of),
     )
 
 
 def _folded(maps: Sequence[Html | None]) -> list[Child]:
-    """The first pictures, and the others folded away."""
-    first, rest = maps[:6], maps[6:]
-    shown_first = element("div", first, class_="row two")
-    return (
-        [shown_first, details(f"{len(rest)} more tables", element("div", rest, class_="row two"))]
-        if rest
-        else [shown_first]
-    )
+    first, rest = (element("div", part, class_="row two") for part in (maps[:6], maps[6:]))
+    return [first, details(f"{len(maps) - 6} more tables", rest)] if len(maps) > 6 else [first]
 
 
-def _how_scaled(of: Residuals) -> str:
+def _explain_scaling(of: Residuals) -> str:
     s = with_unit(of.deviation, of.unit)
     if of.scaling == "studentized":
         return (

@@ -1,8 +1,8 @@
-"""Data-driven models: trained on recordings, stored as one readable file, used in a formula like any node."""
+"""Data-driven models: trained on recordings, stored in a readable file, used in a formula like any node."""
 
 from kennfeld.surrogate.surrogate_file import (
     Surrogate,
-    expansions,
+    as_parameters,
     read_surrogate,
     recognises_surrogate,
     write_surrogate,
@@ -16,7 +16,7 @@ __all__ = [
     "Surrogate",
     "SurrogateQuality",
     "Validity",
-    "expansions",
+    "as_parameters",
     "read_surrogate",
     "recognises_surrogate",
     "write_surrogate",

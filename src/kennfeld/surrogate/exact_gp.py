@@ -1,7 +1,7 @@
-"""The exact Gaussian process: every training point is a centre. Its cost grows with the cube of the points.
+"""Exact Gaussian process: every training point is a centre, and the cost grows with the cube of their number.
 
 y = plane + f + noise, where f has variance s^2 and the kernel R, and noise the variance s^2 eta. The plane has a vague
-prior and s^2 is worked out in closed form, so the likelihood is searched over the length scales and eta alone:
+prior and s^2 has a closed form, so the likelihood is maximised over the length scales and eta only:
 
     P = K^-1 - K^-1 U (U'K^-1 U)^-1 U'K^-1,  K = R + eta I,  s^2 = y'P y / (n - rank)
     -2 log L = (n - rank) log s^2 + log|K| + log|U'K^-1 U|
@@ -22,7 +22,7 @@ __all__ = ["Exact", "exact_likelihood"]
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """What the formulas above need at one set of length scales and eta."""
+    """Intermediate results of the formulas above for one set of length scales and eta."""
 
     root: Float  # lower Cholesky factor of K
     projected: Float  # P
@@ -48,7 +48,7 @@ def _solve(kernel: Float, noise: float, y: Float, plane: Plane) -> _Solved:
 
 
 def exact_likelihood(values: Float, x: Float, y: Float, plane: Plane) -> tuple[float, Float]:
-    """Logarithm of the likelihood and its gradient, by the logarithms of the lengths and of eta, the last.
+    """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
     `x` Float[points, inputs] and `y` Float[points] are in units of their spread. Raises `LinAlgError` where the matrix
     is not positive definite.
@@ -76,7 +76,7 @@ class Exact:
 
     @classmethod
     def at(cls, x: Float, y: Float, lengths: Float, noise: float) -> "Exact":
-        """The process through points and values."""
+        """Return the process through points and values."""
         plane = Plane.over(x)
         return cls(x, y, plane, lengths, noise, _solve(bells(x, x, lengths), noise, y, plane))
 
@@ -86,14 +86,14 @@ class Exact:
         return self.solved.variance
 
     def terms(self) -> tuple[float, Float, Float, Float]:
-        """Offset, slopes, weights and centres of the mean."""
+        """Return offset, slopes, weights and centres of the mean."""
         weights = self.solved.weights
         rest = self.y - bells(self.x, self.x, self.lengths) @ weights - self.noise * weights
         flat = self.plane.back @ (self.plane.basis.T @ rest)
         return float(flat[0]), flat[1:], weights, self.x
 
     def deviation(self, x: Float) -> Float:
-        """Standard deviation of plane and f at Float[points, inputs]."""
+        """Return the standard deviation of plane and f at Float[points, inputs]."""
         near = bells(x, self.x, self.lengths)
         explained = np.linalg.solve(self.solved.root, near.T)
         open_plane = np.linalg.solve(self.solved.plane_root, (self.plane.at(x) - near @ self.solved.coupled).T)
@@ -102,6 +102,6 @@ class Exact:
         return deviation
 
     def left_out(self) -> Float:
-        """Residual at each point of the process without it."""
+        """Return the residual at each point of the process trained without it."""
         residual: Float = self.solved.weights / np.diag(self.solved.projected)
         return residual

@@ -1,8 +1,8 @@
-"""Static Gaussian processes: squared-exponential kernel with a length scale an input, linear mean, noise estimated.
+"""Static Gaussian process: squared-exponential kernel with a length scale per input, linear mean, estimated noise.
 
-scikit-learn's `GaussianProcessRegressor` was measured beside it (one thread, 5 inputs): 500 points 0.9 s, 9.4 s
-with four more starts; 2000 points 24 s. This one takes 0.7 s and 5.3 s with three starts. The other's mean is
-constant, it has no sparse approximation and does not leave one out. `docs/surrogates.md` has both side by side.
+For comparison, scikit-learn's `GaussianProcessRegressor` (one thread, 5 inputs) takes 0.9 s for 500 points, 9.4 s with
+four more starts, and 24 s for 2000 points; this one takes 0.7 s and 5.3 s with three starts. The former has a constant
+mean, no sparse approximation and no leave-one-out residuals. See `docs/surrogates.md`.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import greedy
 from kennfeld.surrogate.hyperparameters import exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.sparse_gp import Sparse
-from kennfeld.surrogate.training_data import Scaling, checked_points
+from kennfeld.surrogate.training_data import Scaling, check_points
 from kennfeld.surrogate.validity import Validity
 
 __all__ = ["GaussianProcess", "Method", "gaussian_process"]
@@ -44,11 +44,11 @@ class GaussianProcess:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether inducing inputs stand for the training points."""
+        """True if inducing inputs represent the training points."""
         return isinstance(self._process, Sparse)
 
     def predict(self, x: Float) -> tuple[Float, Float]:
-        """Mean and standard deviation, each Float[...], at points Float[..., inputs].
+        """Return mean and standard deviation, each Float[...], at points Float[..., inputs].
 
         The deviation is that of the function; a new measurement deviates by sqrt(deviation^2 + noise^2).
         """
@@ -61,7 +61,7 @@ class GaussianProcess:
         return mean, (self._scaling.height * deviation).reshape(mean.shape)
 
     def leave_one_out(self) -> Float:
-        """Residual at each training point, Float[points], of the process without that point, in closed form.
+        """Return the residual at each training point, Float[points], without that point, in closed form.
 
         Length scales and noise, and the inducing inputs of a sparse process, are those of all points.
         """
@@ -74,7 +74,7 @@ class GaussianProcess:
         return float(np.sqrt(np.mean(self.leave_one_out() ** 2)))
 
     def outside(self, x: Float) -> Bool:
-        """Whether points Float[..., inputs] are too far from the training data to be trusted."""
+        """Return whether points Float[..., inputs] are too far from the training data to be trusted."""
         return self.validity.outside(x)
 
 
@@ -100,7 +100,7 @@ def gaussian_process(
     >>> bool(abs(process.predict(np.array([2.05]))[0] - np.sin(2.05)) < 1e-3)
     True
     """
-    points, values = checked_points(x, y, names)
+    points, values = check_points(x, y, names)
     if method not in ("auto", "exact", "sparse"):
         raise ArgumentError(f"method={method!r} of a Gaussian process must be auto, exact or sparse")
     if centres < 1:

@@ -1,8 +1,7 @@
-"""The linear mean below a Gaussian process: an offset and a slope an input, about which nothing is known beforehand.
+"""Building blocks of Gaussian processes: kernel, linear mean and selection of centres.
 
-Centres that stand for many points.
-
-The squared-exponential kernel with one length scale an input (automatic relevance determination).
+The kernel is the squared-exponential one with a length scale per input (automatic relevance determination). The mean is
+a plane, an offset and a slope per input, with a vague prior.
 """
 
 from dataclasses import dataclass
@@ -13,20 +12,18 @@ from kennfeld.arrays import Float, Int
 
 __all__ = ["Plane", "bells", "factor", "greedy", "k_means", "scaled_second_moment"]
 
-RANK = 1e-10  # share of the largest singular value below which inputs move together
-
-ROUNDS = 30
-LEFT = 1e-7  # share of the variance that is not worth another centre
-
+RANK = 1e-10  # share of the largest singular value below which inputs are collinear
+ROUNDS = 30  # of k-means
+LEFT = 1e-7  # share of the variance below which no further centre is added
 JITTER = 1e-8  # share of the kernel's variance
 MOST_JITTER = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Orthonormal directions of the planes over some points.
+    """Orthonormal basis of the planes over some points.
 
-    Inputs that move together leave the plane undetermined across them; there it stays level.
+    Collinear inputs leave the plane undetermined in one direction; its slope is 0 there.
     """
 
     basis: Float  # Float[points, rank]
@@ -34,23 +31,23 @@ class Plane:
 
     @classmethod
     def over(cls, x: Float) -> "Plane":
-        """The planes over points Float[points, inputs]."""
+        """Return the planes over points Float[points, inputs]."""
         u, s, v = np.linalg.svd(_columns(x), full_matrices=False)
         keep = s > RANK * s[0]
         return cls(u[:, keep], v[keep].T / s[keep])
 
     @property
     def rank(self) -> int:
-        """How many directions there are."""
+        """Number of directions."""
         return int(self.basis.shape[1])
 
     def without(self, values: Float) -> Float:
-        """What of Float[points, ...] is no plane."""
+        """Return Float[points, ...] without its projection onto the plane."""
         rest: Float = values - self.basis @ (self.basis.T @ values)
         return rest
 
     def at(self, x: Float) -> Float:
-        """The basis at other points: Float[points, rank]."""
+        """Return the basis at other points: Float[points, rank]."""
         values: Float = _columns(x) @ self.back
         return values
 
@@ -60,7 +57,7 @@ def _columns(x: Float) -> Float:
 
 
 def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
-    """Indices of points, each the one about which those before leave most open.
+    """Return indices of points, each the one with the largest remaining variance given those before.
 
     `x` Float[points, inputs] in the units of `lengths`. It is the pivoted Cholesky factorisation of the kernel matrix
     (D. R. Burt, C. E. Rasmussen, M. van der Wilk: Convergence of Sparse Variational Inference in Gaussian Processes
@@ -87,7 +84,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
 
 
 def k_means(x: Float, count: int, seed: int) -> Float:
-    """Means of `count` groups of points: Float[points, inputs] -> Float[count, inputs]; fewer where points are equal.
+    """Return `count` cluster means: Float[points, inputs] -> Float[count, inputs]; fewer if points coincide.
 
     Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
     """
@@ -114,13 +111,13 @@ def _scattered(x: Float, count: int, rng: np.random.Generator) -> Float:
 
 
 def _distances(x: Float, centres: Float) -> Float:
-    """Squared distances less the points' own squares."""
+    """Return squared distances without the points' own squares."""
     distances: Float = np.einsum("id,id->i", centres, centres) - 2 * (x @ centres.T)
     return distances
 
 
 def bells(x: Float, z: Float, lengths: Float) -> Float:
-    """exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) between points and centres: Float[points, centres]."""
+    """Return exp(-1/2 sum_d ((x_d - z_d) / lengths_d)^2) of points and centres: Float[points, centres]."""
     a, b = x / lengths, z / lengths
     exponent = a @ b.T
     exponent -= 0.5 * np.einsum("id,id->i", a, a)[:, None]
@@ -130,7 +127,7 @@ def bells(x: Float, z: Float, lengths: Float) -> Float:
 
 
 def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
-    """sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
+    """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
 
     With `weighted` = dF/dK times K, this is the derivative of F by the logarithms of the lengths.
     """
@@ -141,7 +138,7 @@ def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) ->
 
 
 def factor(matrix: Float) -> Float:
-    """Lower Cholesky factor of a kernel matrix, with just as much added to its diagonal as that takes."""
+    """Return the lower Cholesky factor of a kernel matrix, with the smallest sufficient jitter on its diagonal."""
     jitter = JITTER
     while True:
         padded = matrix.copy()

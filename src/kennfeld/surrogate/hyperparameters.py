@@ -17,13 +17,13 @@ FIRST_NOISE = 1e-2
 SCREENED = 300  # points that the starts are tried on
 SEARCHED = 2000  # points of the sparse search
 SEARCHED_CENTRES = 120
-ROUNDS = 2  # inducing inputs are chosen anew at the lengths just found
+ROUNDS = 2  # inducing inputs are chosen again at the lengths just found
 
 Likelihood = Callable[[Float], tuple[float, Float]]
 
 
 def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations: int = 100) -> tuple[Float, float]:
-    """Length scales Float[inputs] and eta of the exact process, all in units of spread."""
+    """Return length scales Float[inputs] and eta of the exact process, all in units of spread."""
     rng = np.random.default_rng(seed)
     part = _part(len(y), SCREENED, rng)
     found = _screened(x[part], y[part], starts, rng, iterations)
@@ -36,7 +36,7 @@ def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations
 def sparse_hyperparameters(
     x: Float, y: Float, centres: int, starts: int, seed: int, iterations: int = 30
 ) -> tuple[Float, float]:
-    """Length scales Float[inputs] and eta of the sparse process: the exact one of a few points, led on by the bound."""
+    """Return length scales and eta of the sparse process: the exact ones of a subset, improved on the bound."""
     rng = np.random.default_rng(seed)
     few = _part(len(y), SCREENED, rng)
     found = _screened(x[few], y[few], starts, rng, iterations)
@@ -54,7 +54,7 @@ def _part(count: int, most: int, rng: np.random.Generator) -> np.ndarray[tuple[i
 
 
 def _screened(x: Float, y: Float, starts: int, rng: np.random.Generator, iterations: int) -> Float:
-    """The best end of several climbs of the exact likelihood."""
+    """Return the best end of several climbs of the exact likelihood."""
     plane = Plane.over(x)
     ends = [
         _climb(lambda values: exact_likelihood(values, x, y, plane), start, iterations)
@@ -64,14 +64,14 @@ def _screened(x: Float, y: Float, starts: int, rng: np.random.Generator, iterati
 
 
 def _starts(inputs: int, count: int, rng: np.random.Generator) -> list[Float]:
-    """The first is of middling smoothness; the others are drawn around it."""
+    """Return the first is of middling smoothness; the others are drawn around it."""
     middle = np.append(np.full(inputs, 0.5 * np.log(max(inputs, 2))), np.log(FIRST_NOISE))
     drawn = [middle + rng.normal(0.0, [*([1.0] * inputs), 2.0]) for _ in range(max(count, 1) - 1)]
     return [middle, *drawn]
 
 
 def _climb(likelihood: Likelihood, start: Float, iterations: int) -> tuple[float, Float]:
-    """Highest likelihood and where it is."""
+    """Return the highest likelihood and its position."""
     from scipy.optimize import minimize
 
     def negative(values: Float) -> tuple[float, Float]:

@@ -1,10 +1,9 @@
-"""Lags chosen one after another: each time the one that most lowers the RMSE of free runs on blocks left out.
+"""Model selection for dynamic surrogates, by the RMSE of free runs on held-out blocks.
 
-Small models are trained for free run for each candidate (few centres, few steps); what is chosen is trained in full
-afterwards. Candidates are the present sample and lags that grow by a third or so, because neighbours
-say nearly the same; a lag that was chosen may then move by a sample.
-
-How smooth a dynamic model is, and how firmly it is held: chosen by free runs on blocks that training leaves out.
+Lags are selected one after another, each time the one that lowers the RMSE most. For each candidate a small model is
+trained for free run (few centres, few steps); the selection is trained in full afterwards. Candidates are the present
+sample and lags that grow by about a third, because neighbouring lags carry nearly the same information; a selected lag
+may then move by a sample. The length scales and the regularisation are selected on the same blocks.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,16 +24,16 @@ from kennfeld.surrogate.narx_training import (
 )
 from kennfeld.surrogate.recursion import Lags, Recording, Runs
 
-__all__ = ["MIDDLE", "ModelChoice", "choose", "folds", "select_lags"]
+__all__ = ["MIDDLE", "ModelChoice", "choose_regularisation", "folds", "select_lags"]
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
-MIDDLE = LONGEST[1]  # where none is chosen
+MIDDLE = LONGEST[1]  # without a selection
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 BLOCKS = 6
-FEW = 3  # of them are left out in turn where there are more samples than are used
+FEW = 3  # of them are held out in turn if there are more samples than are used
 SAMPLES = 3000  # used for choosing
 CENTRES = 60
-ITERATIONS = 6  # at most, where there are more samples than are used
+ITERATIONS = 6  # at most, if there are more samples than are used
 SHORTEST = 20  # samples of a block beyond the lags
 
 LAG_CENTRES = 20
@@ -50,7 +49,7 @@ MOST_OUTPUT = 4  # longest lag of the output among the candidates
 
 @dataclass(frozen=True, eq=False)
 class HoldoutFold:
-    """One division of the recordings."""
+    """One division of the recordings into training and held-out runs."""
 
     training: Runs
     held_out: Runs
@@ -59,7 +58,7 @@ class HoldoutFold:
 
 @dataclass(frozen=True, eq=False)
 class ModelChoice:
-    """What was chosen, and the RMSE of free runs on the blocks left out, in units of the output."""
+    """The selection, and the RMSE of free runs on held-out blocks, in units of the output."""
 
     lengths: Float
     settings: TrainingSettings
@@ -67,29 +66,29 @@ class ModelChoice:
 
 
 def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[HoldoutFold]:
-    """Divisions of the pieces that leave out one block each, with the inputs before it known.
+    """Return folds that hold out one block of the pieces each, with the inputs before it known.
 
-    Where there are more than `samples`, blocks are left aside evenly.
+    If there are more than `samples`, blocks are skipped evenly.
     """
     blocks = list(_blocks(pieces, lags, count, samples))
     every = range(len(blocks))
     thinned = sum(len(piece) for piece in pieces) > samples
     if thinned:
         every = range(0, len(blocks), max(len(blocks) // FEW, 1))
-    made = []
+    result = []
     for left_out in every:
         training = [block for i, block in enumerate(blocks) if i != left_out]
         if training:
-            made.append(
+            result.append(
                 HoldoutFold(
                     Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned
                 )
             )
-    return made
+    return result
 
 
 def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
-    """(piece, first, end) of each block: at least `count`, evenly over the pieces, about equally long."""
+    """Return (piece, first, end) of each block: at least `count`, evenly over the pieces, of similar length."""
     total = sum(len(piece) for piece in pieces)
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
     cut = []
@@ -104,7 +103,7 @@ def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -
 
 
 def _joined(pieces: Sequence[Recording], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Recording]:
-    """Neighbouring blocks joined, then cut into runs of the longest horizon."""
+    """Join neighbouring blocks, then cut them into runs of the longest horizon."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
         if joined and joined[-1][0] == i and joined[-1][2] == first:
@@ -122,14 +121,14 @@ def _alone(pieces: Sequence[Recording], block: tuple[int, int, int], lags: Lags)
     return Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
 
 
-def choose(
+def choose_regularisation(
     divisions: Sequence[HoldoutFold],
     lengths: Float,
     centres: int,
     settings: TrainingSettings,
     report: Callable[[str], None] = lambda line: None,
 ) -> ModelChoice:
-    """The length scales and `hold` with the least RMSE over the blocks left out.
+    """Return the length scales and `hold` with the least RMSE over the blocks left out.
 
     `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
     """
@@ -149,7 +148,7 @@ def choose(
 
 
 def _lowest(table: Float) -> tuple[int, int]:
-    """Where the table, smoothed along its rows, is lowest: a single low among high ones is luck."""
+    """Return the minimum of the table smoothed along its rows: a single low among high values is chance."""
     with np.errstate(divide="ignore"):
         logarithm = np.minimum(np.log(table), 1e3)
     wide = np.pad(logarithm, ((0, 0), (1, 1)), mode="edge")
@@ -159,7 +158,7 @@ def _lowest(table: Float) -> tuple[int, int]:
 
 
 def held_out_rmse(divisions: Sequence[HoldoutFold], starts: Sequence[Expansion], settings: TrainingSettings) -> float:
-    """RMSE over the blocks left out, in units of the output, of models trained for free run from `starts`."""
+    """Return the RMSE over held-out blocks, in units of the output, of models trained for free run."""
     squares, count = 0.0, 0
     for fold, start in zip(divisions, starts, strict=True):
         trained = train_free_run(start, fold.training, settings)
@@ -170,16 +169,16 @@ def held_out_rmse(divisions: Sequence[HoldoutFold], starts: Sequence[Expansion],
 
 
 def candidates(longest: int) -> tuple[int, ...]:
-    """0, 1, 2, 3, 4, 5, 7, 10, ... up to `longest`.
+    """Return 0, 1, 2, 3, 4, 5, 7, 10, ... up to `longest`.
 
     >>> candidates(20)
     (0, 1, 2, 3, 4, 5, 7, 10, 13, 18)
     """
-    made, lag = {0}, 1.0
+    result, lag = {0}, 1.0
     while round(lag) <= longest:
-        made.add(round(lag))
+        result.add(round(lag))
         lag = max(lag + 1, lag * 1.35)
-    return tuple(sorted(made))
+    return tuple(sorted(result))
 
 
 def select_lags(
@@ -192,7 +191,7 @@ def select_lags(
     input_lags: Sequence[tuple[int, ...]] | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> Lags:
-    """Lags of the output and of each input, up to `longest` samples; those given are kept as they are.
+    """Return lags of the output and of each input, up to `longest` samples; given ones are kept.
 
     Begins with the last output and the last sample of each input. A lag of the output is only of use if it is short:
     up to 4 are tried.
@@ -218,19 +217,19 @@ def select_lags(
 
 
 def _more(lags: Lags, reach: int, outputs: bool, inputs: bool) -> set[Lags]:
-    """The same with one lag more, or with one lag moved; what is given is kept."""
-    made = set()
+    """Return the same with one lag more, or with one lag moved; what is given is kept."""
+    result = set()
     if outputs:
-        made |= {Lags(chosen, lags.inputs) for chosen in _changed(lags.output, range(1, MOST_OUTPUT + 1))}
+        result |= {Lags(chosen, lags.inputs) for chosen in _changed(lags.output, range(1, MOST_OUTPUT + 1))}
     if inputs:
         for j, before in enumerate(lags.inputs):
             for chosen in _changed(before, candidates(reach)):
-                made.add(Lags(lags.output, (*lags.inputs[:j], chosen, *lags.inputs[j + 1 :])))
-    return made
+                result.add(Lags(lags.output, (*lags.inputs[:j], chosen, *lags.inputs[j + 1 :])))
+    return result
 
 
 def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
-    """One lag more; a lag one sample earlier or later; a single lag replaced."""
+    """Return one lag more; a lag one sample earlier or later; a single lag replaced."""
     more = {(*lags, lag) for lag in among if lag not in lags}
     if len(lags) == 1:
         more |= {(lag,) for lag in among if lag not in lags}

@@ -1,20 +1,18 @@
-"""Training for free run: the numbers of an expansion are moved until the recursion, fed with itself, meets the output.
+"""Training of dynamic surrogates: one step ahead, then for free run, in which the recursion is fed with its own output.
 
+The one-step solution is a sparse Gaussian process from measured past values to the present one. Free-run training is
 Levenberg-Marquardt on the residuals of the free run, with exact sensitivities through the recursion:
 
     dy_k/dp = df/dp (x_k) + sum over output lags l of df/dy_{k-l} dy_{k-l}/dp
 
 The weights are moved in the whitened basis L^-1 k(z, x), in which the square of their change is the roughness of the
-change of f (its norm in the space of the kernel). `Settings.hold` times that square is added to the squared residuals:
-what the data do not ask for stays as the one-step solution has it, or, with `toward_plane`, becomes the plane.
+change of f (its norm in the reproducing kernel Hilbert space). `TrainingSettings.hold` times that square is added to
+the squared residuals: what the data do not determine stays at the one-step solution or, with `toward_plane`, shrinks to
+the plane.
 
-Training for free run over longer and longer stretches.
-
-A model that was trained one step ahead may run far off within thousands of steps, and the error there says little about
-where to go: its slopes grow and fade with the length of the run. Over short stretches from measured outputs the way is
-plain, and each longer stretch begins near its end. Stretches run side by side, so short ones are quick as well.
-
-Training one step ahead: a sparse Gaussian process from measured past values to the present one.
+Free runs are trained over increasing horizons: after thousands of steps the gradients of a one-step model explode or
+vanish, while short runs from measured outputs converge well and give a good start for longer ones. The short runs of a
+horizon are simulated in parallel.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +28,7 @@ from kennfeld.surrogate.gp_kernel import bells, factor, greedy
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
-from kennfeld.surrogate.training_data import Scaling, checked_points
+from kennfeld.surrogate.training_data import Scaling, check_points
 
 __all__ = [
     "HORIZONS",
@@ -58,11 +56,11 @@ LEFT = 1e-6
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How training for free run is done.
+    """Settings of free-run training.
 
-    `hold` ties the expansion to where it began, or to its plane; 1 is about one standard deviation of the output.
-    `moves_centres` refines centres and widths as well. Training ends when two steps in a row lower the cost by
-    less than `tolerance`, relatively, or after `iterations`.
+    `hold` is the regularisation toward the start, or toward the plane of the expansion; 1 corresponds to about one
+    standard deviation of the output. `moves_centres` refines centres and widths as well. Training ends when two
+    consecutive steps lower the cost by less than `tolerance`, relatively, or after `iterations`.
     """
 
     hold: float = 10.0
@@ -74,7 +72,7 @@ class TrainingSettings:
 
 
 class _Values:
-    """The numbers that training moves, and the expansion they stand for; in units of the training data's spread."""
+    """The trained values and their expansion, in units of the training data's spread."""
 
     def __init__(self, start: Expansion, runs: Runs, settings: TrainingSettings) -> None:
         self.start, self.moves_centres = start, settings.moves_centres
@@ -106,25 +104,25 @@ class _Values:
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
     def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
-        """df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
+        """Return df/dp, in units of height, and df/dx of the first `own` inputs, at points Float[points, inputs]."""
         from scipy.linalg import solve_triangular
 
         plane = [np.ones((len(x), 1)), (x - self.centre) / self.spread]
         if not self.moves_centres:
             near = bells(x, expansion.centres, self.lengths)
             whitened = solve_triangular(self.root, near.T, lower=True).T
-            return np.concatenate([*plane, whitened], axis=1), _slopes(expansion, x, near, own)
+            return np.concatenate([*plane, whitened], axis=1), _input_slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
-        return np.concatenate(columns, axis=1), _slopes(expansion, x, near, own)
+        return np.concatenate(columns, axis=1), _input_slopes(expansion, x, near, own)
 
 
-def _slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
-    """df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+def _input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
+    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
     steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
     pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
     return expansion.slopes[:own] + pulled
@@ -136,7 +134,7 @@ def train_free_run(
     settings: TrainingSettings,
     report: Callable[[int, float], None] = lambda step, rmse: None,
 ) -> Expansion:
-    """The expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
+    """Return the expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
 
     `report` is called after each step with the RMSE in units of the output. Where the start itself runs away, it is
     returned as it is. All widths of `start` must be one row repeated.
@@ -187,7 +185,7 @@ def _misfit(run: FreeRun, runs: Runs, values: _Values) -> float:
 
 
 def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
-    """J'J and J'r of the free run, block by block of its steps; the last rows of a block begin the next."""
+    """Return J'J and J'r of the free run, block by block of its steps; the last rows of a block begin the next."""
     lags, size = runs.lags.output, values.first.size
     steps, pieces = run.y.shape
     back = max(lags)
@@ -213,7 +211,7 @@ def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> 
 
 
 def free_run_rmse(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNLIMITED) -> float:
-    """RMSE of the free run in units of the output; infinite where it runs away."""
+    """Return the RMSE of the free run in units of the output; infinite if it diverges."""
     with np.errstate(over="ignore", invalid="ignore"):
         residual = (simulate(expansion, runs, limits).y - runs.target)[runs.scored]
         rmse = float(np.sqrt(np.mean(residual**2)))
@@ -221,12 +219,12 @@ def free_run_rmse(expansion: Expansion, runs: Runs, limits: tuple[float, float] 
 
 
 def split_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> list[Recording]:
-    """The pieces in stretches of about `horizon` samples, which share the lags at their ends."""
+    """Return the pieces in stretches of about `horizon` samples, which share the lags at their ends."""
     return [piece.part(*span) for piece in pieces for span in horizon_ranges(0, len(piece), lags, horizon)]
 
 
 def horizon_ranges(first: int, end: int, lags: Lags, horizon: int) -> Iterator[tuple[int, int]]:
-    """First and end of each stretch."""
+    """Return first and end of each stretch."""
     parts = max(round((end - first) / max(horizon, 5 * lags.longest)), 1)
     edges = np.linspace(first, end, parts + 1).astype(int).tolist()
     yield from ((max(a - lags.longest, first), b) for a, b in pairwise(edges))
@@ -239,7 +237,7 @@ def train_over_horizons(
     settings: TrainingSettings,
     report: Callable[[int, int, float], None] = lambda horizon, step, rmse: None,
 ) -> Expansion:
-    """The expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
+    """Return the expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
     longest = max(len(piece) for piece in pieces)
     expansion = start
     for horizon in [h for h in HORIZONS if h < longest] or [longest]:
@@ -253,7 +251,7 @@ def train_over_horizons(
 
 
 def one_step_lengths(runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int) -> Float:
-    """The length scale of each number of a point, in units of its spread, by the highest likelihood."""
+    """Return the length scale of each number of a point, in units of its spread, by the highest likelihood."""
     x, y = _free(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
@@ -263,7 +261,7 @@ def one_step_lengths(runs: Runs, centres: int, limits: tuple[float, float], star
 def one_step_expansion(
     runs: Runs, lengths: Float, centres: int, limits: tuple[float, float], seed: int = 0
 ) -> Expansion:
-    """The process with given length scales, in units of spread, and at most so many centres; the noise is estimated."""
+    """Fit the process with given length scales, in units of spread, and a limited number of centres."""
     x, y = _free(runs, limits)
     scaling = Scaling.of(x, y)
     inner = scaling.inward(x)
@@ -276,15 +274,15 @@ def one_step_expansion(
 
 
 def one_step_residual(expansion: Expansion, runs: Runs, limits: tuple[float, float]) -> Float:
-    """Prediction less measurement at each of the points, Float[samples]."""
+    """Return prediction minus measurement at each of the points, Float[samples]."""
     residual: Float = np.clip(expansion(runs.points), *limits) - runs.one_step_target
     return residual
 
 
 def _free(runs: Runs, limits: tuple[float, float]) -> tuple[Float, Float]:
-    """The points whose output no limit holds: at a limit it says little of the function."""
+    """Return the points whose output is not at a limit, where it carries little information on the function."""
     target = runs.one_step_target
     free = (target > limits[0]) & (target < limits[1])
     if not free.any():
         raise ArgumentError(f"limits={limits} hold the output at every sample; widen them")
-    return checked_points(runs.points[free], target[free])
+    return check_points(runs.points[free], target[free])

@@ -1,4 +1,4 @@
-"""Expansions started from data or from a map: few centres that stand for much, to be calibrated further."""
+"""Fits of expansions with few centres to data or to a map, as a start for calibration."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Parameter
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import greedy, k_means
-from kennfeld.surrogate.training_data import Scaling, checked_points
+from kennfeld.surrogate.training_data import Scaling, check_points
 
 __all__ = ["compress_map", "expand_data"]
 
@@ -23,16 +23,27 @@ CANDIDATES = 5000
 
 
 def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-means", seed: int = 0) -> Expansion:
-    """An expansion with few centres through points `x` Float[points, inputs] and values `y` Float[points].
+    """Fit an expansion with few centres to points.
 
-    Centres by k-means, or greedily by the variance that those before leave open; widths by the distance to the nearest
-    other centres; weights over a plane by ridge regression. How far the widths reach and how strong the ridge is says
-    generalised cross-validation (G. H. Golub, M. Heath, G. Wahba, 1979). Raises `ArgumentError` where the points
-    cannot be used.
+    Centres are placed by k-means, or greedily at the largest remaining variance; widths are proportional to the
+    distance to the nearest other centres; weights over a plane come from ridge regression. The factor of the widths and
+    the ridge are chosen by generalised cross-validation (G. H. Golub, M. Heath, G. Wahba, 1979).
+
+    Args:
+        x: points, Float[points, inputs].
+        y: values, Float[points].
+        centres: their number.
+        placing: of the centres.
+        seed: of the placing.
+
+    Raises:
+        ArgumentError: the points cannot be used, or there are fewer than centres.
     """
-    points, values = checked_points(x, y)
+    points, values = check_points(x, y)
     if not 1 <= centres <= len(points):
-        raise ArgumentError(f"centres={centres} of an expansion must be from 1 to the number of points, {len(points)}")
+        raise ArgumentError(
+            f"centres={centres} of an expansion must be >= 1 and <= the number of points, {len(points)}"
+        )
     if placing not in ("greedy", "k-means"):
         raise ArgumentError(f"placing={placing!r} of an expansion must be greedy or k-means")
     scaling = Scaling.of(points, values)
@@ -49,7 +60,7 @@ def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-
 
 
 def compress_map(table: Parameter, centres: int = 20, *, seed: int = 0) -> Expansion:
-    """An expansion that stands for a curve, map or cube: `expand_data` over its grid points.
+    """Fit an expansion to a curve, map or cube: `expand_data` over its grid points.
 
     Its inputs are the table's axes in their order, in their units. Raises `ArgumentError` for a scalar.
 
@@ -66,7 +77,7 @@ def compress_map(table: Parameter, centres: int = 20, *, seed: int = 0) -> Expan
 
 
 def _apart(centres: Float) -> Float:
-    """For each centre, how far its nearest neighbours are on average."""
+    """Return the mean distance of each centre to its nearest neighbours."""
     if len(centres) == 1:
         return np.ones(1)
     squared = np.sum((centres[:, None, :] - centres) ** 2, axis=2)

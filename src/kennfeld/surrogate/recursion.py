@@ -1,8 +1,6 @@
-"""The recursion of a dynamic model: y_k = f(its own past values, the inputs and their past values), within limits.
+"""Recursion of a dynamic model: y_k = f(its own past values, the inputs and their past values), within limits.
 
-Pieces of a recording run side by side; what comes after the end of a short one is ignored.
-
-How far back a dynamic model looks.
+Pieces of recordings are simulated in parallel; steps after the end of a short one are ignored.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,12 +15,12 @@ from kennfeld.rbf import Expansion
 __all__ = ["UNLIMITED", "FreeRun", "Lags", "Recording", "Runs", "simulate"]
 
 UNLIMITED = (-np.inf, np.inf)
-BLOCK = 1 << 19  # bells whose share of the inputs is worked out ahead: 4 MB
+BLOCK = 1 << 19  # bells whose input part is computed in advance: 4 MB
 
 
 @dataclass(frozen=True)
 class Lags:
-    """The lags, in samples, at which a model looks at its output (1 or more) and at each input (0 is the present).
+    """Lags, in samples, of the output (>= 1) and of each input (0 is the present) that a model reads.
 
     A point of the model's expansion is [the output at each lag, then each input at each of its lags].
 
@@ -41,7 +39,7 @@ class Lags:
 
     @property
     def size(self) -> int:
-        """How many numbers a point has."""
+        """Number of inputs of the function."""
         return len(self.output) + sum(len(lags) for lags in self.inputs)
 
     @property
@@ -50,9 +48,9 @@ class Lags:
         return max(self.output + tuple(lag for lags in self.inputs for lag in lags))
 
     def of_inputs(self, u: Float, first: int) -> Float:
-        """What the inputs give to the points from sample `first` on: Float[samples, inputs] -> Float[steps, ...].
+        """Return the input part of the points from sample `first`: Float[samples, inputs] -> Float[steps, ...].
 
-        Before the recording they are held at their first sample.
+        Before the recording the inputs have the values of its first sample.
         """
         held = max(self.longest - first, 0)
         padded = np.concatenate([np.repeat(u[:1], held, axis=0), u])
@@ -61,7 +59,7 @@ class Lags:
         return np.column_stack(columns) if columns else np.empty((max(count - begin, 0), 0))
 
     def of_outputs(self, y: Float, first: int) -> Float:
-        """What measured outputs give to the points from sample `first` on: Float[samples] -> Float[steps, ...]."""
+        """Return the output part of the points from sample `first`: Float[samples] -> Float[steps, ...]."""
         return np.column_stack([y[first - lag : len(y) - lag] for lag in self.output])
 
 
@@ -85,7 +83,7 @@ class Recording:
         return np.ones(len(self.y), dtype=bool) if self.counted is None else self.counted
 
     def part(self, first: int, end: int) -> "Recording":
-        """Some of its samples."""
+        """Return some of its samples."""
         counted = None if self.counted is None else self.counted[first:end]
         return Recording(self.u[first:end], self.y[first:end], counted)
 
@@ -105,7 +103,7 @@ class Runs:
 
     @classmethod
     def of(cls, pieces: Sequence[Recording], lags: Lags, first: int | None = None) -> "Runs":
-        """The pieces from sample `first` on, by default the longest lag, so that all it looks back at is known.
+        """Return the pieces from sample `first` on, by default the longest lag, so that all it looks back at is known.
 
         An earlier `first`, at least the longest output lag, holds the inputs at their first sample before that.
         Raises `ArgumentError` where no piece is long enough.
@@ -141,7 +139,7 @@ class Runs:
         return self.target.T[self.scored.T]
 
     def visited(self, y: Float) -> Float:
-        """The points that a free run `y` Float[steps, pieces] went through: Float[steps, pieces, size]."""
+        """Return the points that a free run `y` Float[steps, pieces] went through: Float[steps, pieces, size]."""
         back = max(self.lags.output)
         past = np.concatenate([self.history, y])
         lagged = [past[back - lag : back - lag + len(y)] for lag in self.lags.output]
@@ -188,7 +186,7 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
 
 
 def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:
-    """Block by block, the share of the inputs in the exponents of all bells: Float[steps, pieces, centres]."""
+    """Yield, by block, the inputs' share in the exponents of all bells: Float[steps, pieces, centres]."""
     block = max(BLOCK // max(expansion.size * inputs.shape[1], 1), 1)
     for first in range(0, len(inputs), block):
         part = inputs[first : first + block]

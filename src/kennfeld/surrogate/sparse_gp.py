@@ -1,8 +1,8 @@
-"""The sparse Gaussian process: thousands of points summed up by a few hundred inducing inputs.
+"""Sparse Gaussian process: thousands of points represented by a few hundred inducing inputs.
 
-M. K. Titsias: Variational Learning of Inducing Variables in Sparse Gaussian Processes, 2009: its collapsed bound, with
-s^2 worked out in closed form and the plane projected out of the output and of the kernel columns C (a vague prior of
-the plane leaves the noise as it is across it):
+The collapsed bound of M. K. Titsias: Variational Learning of Inducing Variables in Sparse Gaussian Processes, 2009,
+with s^2 in closed form and the plane projected out of the output and of the kernel columns C (with a vague prior of the
+plane, the noise across it is unchanged):
 
     M = eta Kzz + C~'C~,  w = M^-1 C~'y~,  q = y~'(y~ - C~w) / eta,  s^2 = q / (n - rank)
     -2 F = (n - rank) log s^2 + log|M| - log|Kzz| + (n - rank - m) log eta + (n - tr(Kzz^-1 C'C)) / eta
@@ -22,10 +22,10 @@ BLOCK = 4096
 
 
 def sparse_bound(values: Float, x: Float, y: Float, z: Float, plane: Plane) -> tuple[float, Float]:
-    """The bound F and its gradient, by the logarithms of the lengths and of eta, the last.
+    """Return the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
 
     `x` Float[points, inputs], `y` Float[points] and the inducing inputs `z` Float[centres, inputs] are in units of
-    spread. Raises `LinAlgError` where a matrix is not positive definite.
+    spread. Raises `LinAlgError` if a matrix is not positive definite.
     """
     from scipy.linalg import cho_solve, solve_triangular
 
@@ -64,7 +64,7 @@ def sparse_bound(values: Float, x: Float, y: Float, z: Float, plane: Plane) -> t
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """What the data leave in the whitened basis L^-1 k(z, x): enough for any eta."""
+    """The data in the whitened basis L^-1 k(z, x): enough for any eta."""
 
     root: Float  # L, lower Cholesky factor of Kzz
     whitened: Float  # L^-1 C~'C~ L^-T
@@ -76,7 +76,7 @@ class _Sums:
 
 
 def _sum(x: Float, y: Float, z: Float, lengths: Float, plane: Plane) -> _Sums:
-    """One pass over the data, block by block."""
+    """Return one pass over the data, block by block."""
     root = factor(bells(z, z, lengths))
     crossed = np.zeros((plane.rank, len(z)))
     for part, features in _features(x, z, lengths, root):
@@ -92,7 +92,7 @@ def _sum(x: Float, y: Float, z: Float, lengths: Float, plane: Plane) -> _Sums:
 
 
 def _features(x: Float, z: Float, lengths: Float, root: Float) -> Iterator[tuple[slice, Float]]:
-    """Block by block, L^-1 k(z, x): Float[centres, points]."""
+    """Yield, by block, L^-1 k(z, x): Float[centres, points]."""
     from scipy.linalg import solve_triangular
 
     for first in range(0, len(x), BLOCK):
@@ -101,7 +101,7 @@ def _features(x: Float, z: Float, lengths: Float, root: Float) -> Iterator[tuple
 
 
 def best_noise(sums: _Sums, count: int, rank: int, start: float) -> float:
-    """The eta of the highest bound at given lengths and inducing inputs, near `start`."""
+    """Return the eta of the highest bound at given lengths and inducing inputs, near `start`."""
     from scipy.optimize import minimize_scalar
 
     roots, directions = np.linalg.eigh(sums.whitened)
@@ -138,7 +138,7 @@ class Sparse:
 
     @classmethod
     def at(cls, x: Float, y: Float, z: Float, lengths: Float, noise: float, *, refine: bool = True) -> "Sparse":
-        """The process through points and values; with `refine`, eta is moved to where the bound is highest."""
+        """Return the process through points and values; with `refine`, eta is moved to where the bound is highest."""
         from scipy.linalg import cho_solve
 
         plane = Plane.over(x)
@@ -153,7 +153,7 @@ class Sparse:
         return cls(x, y, z, plane, lengths, noise, variance, sums.root, outer, weights, sums.crossed, level)
 
     def terms(self) -> tuple[float, Float, Float, Float]:
-        """Offset, slopes, weights and centres of the mean."""
+        """Return offset, slopes, weights and centres of the mean."""
         from scipy.linalg import solve_triangular
 
         flat = self.plane.back @ self.level
@@ -161,14 +161,14 @@ class Sparse:
         return float(flat[0]), flat[1:], weights, self.z
 
     def deviation(self, x: Float) -> Float:
-        """Standard deviation of plane and f at Float[points, inputs]."""
+        """Return the standard deviation of plane and f at Float[points, inputs]."""
         near = self._whitened(x)
         share = 1 - np.sum(near**2, axis=0) + self.noise * self._open(near, self.plane.at(x))
         deviation: Float = np.sqrt(self.variance * np.maximum(share, 0.0))
         return deviation
 
     def left_out(self) -> Float:
-        """Residual at each point of the process without it, its lengths and inducing inputs held."""
+        """Return the residual at each point of the process without it, with fixed lengths and inducing inputs."""
         residual = np.empty(len(self.y))
         for first in range(0, len(self.x), BLOCK):
             part = slice(first, first + BLOCK)
@@ -184,7 +184,7 @@ class Sparse:
         return near
 
     def _open(self, near: Float, basis: Float) -> Float:
-        """phi'(Phi'Phi + diag(eta, 0))^-1 phi of the features [L^-1 k; basis] of each point: its leverage."""
+        """Return phi'(Phi'Phi + diag(eta, 0))^-1 phi of the features [L^-1 k; basis] of each point: its leverage."""
         from scipy.linalg import solve_triangular
 
         half = solve_triangular(self.outer, near - self.crossed.T @ basis.T, lower=True)

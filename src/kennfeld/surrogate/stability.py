@@ -1,4 +1,4 @@
-"""Whether a dynamic model stays where it belongs when it runs on its own outputs."""
+"""Stability of a dynamic surrogate in free run, checked by simulation and by linearisation."""
 
 from dataclasses import dataclass
 
@@ -17,12 +17,12 @@ HOLD = (5, 100)  # samples that a random input is held at least and at most
 
 @dataclass(frozen=True)
 class Stability:
-    """What was checked.
+    """Result of the stability check.
 
     `bounded` of `runs` free runs stayed within the range of the training output, widened by its own width to each side:
-    with constant and with random inputs of the training data, from its least, mean and greatest output. `stable` is the
-    share of the training samples at which the linearised recursion has its eigenvalues within the unit circle,
-    `largest` the greatest absolute eigenvalue met.
+    with constant and with random inputs of the training data, from its minimum, mean and maximum output. `stable` is
+    the share of the training samples at which the linearised recursion has its eigenvalues within the unit circle,
+    `largest` the largest absolute eigenvalue.
     """
 
     bounded: int
@@ -31,14 +31,15 @@ class Stability:
     largest: float
 
     def __str__(self) -> str:
-        told = (
-            "All" if self.bounded == self.runs else f"{self.bounded} of"
-        ) + f" {self.runs} free runs with constant and random inputs stayed bounded."
-        told += f" The linearised recursion is stable at {100 * self.stable:.1f} % of the training samples"
-        told += f" (largest eigenvalue {self.largest:.4f})."
+        share = "All" if self.bounded == self.runs else f"{self.bounded} of"
+        text = (
+            f"{share} {self.runs} free runs with constant and random inputs stayed bounded."
+            f" The linearised recursion is stable at {100 * self.stable:.1f} % of the training samples"
+            f" (largest eigenvalue {self.largest:.4f})."
+        )
         if self.bounded < self.runs:
-            told += " Record more data where it ran away, give limits, or take fewer lags or centres."
-        return told
+            text += " Record more data where it diverged, set limits, or use fewer lags or centres."
+        return text
 
 
 def check_stability(expansion: Expansion, runs: Runs, limits: tuple[float, float], seed: int = 0) -> Stability:
@@ -57,7 +58,7 @@ def check_stability(expansion: Expansion, runs: Runs, limits: tuple[float, float
 
 
 def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
-    """Constant inputs, then random steps between inputs that occur together in the training data."""
+    """Yield constant inputs, then random steps between inputs that occur together in the training data."""
     lags = runs.lags
     back = lags.longest
     samples = STEPS + back
@@ -75,18 +76,18 @@ def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
         else np.zeros((len(runs.points), 0))
     )
     begins = (target.min(), target.mean(), target.max())
-    made = []
+    result = []
     for i in range(2 * RUNS):
         picked = np.full(samples, rng.integers(len(present)))
         if i >= RUNS:
             lengths = rng.integers(*HOLD, size=samples, endpoint=True)
             picked = np.repeat(rng.integers(len(present), size=samples), lengths)[:samples]
-        made.append(Recording(present[picked], np.full(samples, begins[i % len(begins)])))
-    return Runs.of(made, lags)
+        result.append(Recording(present[picked], np.full(samples, begins[i % len(begins)])))
+    return Runs.of(result, lags)
 
 
 def _eigenvalues(expansion: Expansion, runs: Runs, limits: tuple[float, float], most: int = 2000) -> Float:
-    """The largest absolute eigenvalue of the linearised recursion at (at most so many) training samples."""
+    """Return the largest absolute eigenvalue of the linearised recursion at (at most so many) training samples."""
     lags = runs.lags.output
     points = runs.points[:: max(len(runs.points) // most, 1)]
     slopes = expansion.gradient(points)[:, : len(lags)]

@@ -1,7 +1,4 @@
-"""The expansions of surrogates as parameters, which compiled code reads like those of any table.
-
-One readable JSON file for a data-driven model; its numbers come back bit for bit.
-"""
+"""Surrogate files: one readable JSON file for a data-driven model; its numbers are restored bit for bit."""
 
 import json
 import math
@@ -21,7 +18,7 @@ from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.validity import Validity
 
-__all__ = ["Surrogate", "expansions", "read_surrogate", "recognises_surrogate", "write_surrogate"]
+__all__ = ["Surrogate", "as_parameters", "read_surrogate", "recognises_surrogate", "write_surrogate"]
 
 VERSION = 1
 KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
@@ -37,7 +34,7 @@ NUMBERS = ("rmse", "r2", "max_abs")
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
-    """Write a surrogate, whole or not at all. Raises `InputError` where the file cannot be written."""
+    """Write a surrogate, whole or not at all. Raises `InputError` if the file cannot be written."""
     try:
         write_whole(Path(path), _text(_tables(surrogate)))
     except OSError as error:
@@ -46,33 +43,33 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
 
 
 def recognises_surrogate(head: str) -> bool:
-    """Whether a text begins as a stored surrogate does."""
+    """Return whether a text begins as a stored surrogate does."""
     return any(f'"{kind}"' in head[:200] for kind in KINDS.values())
 
 
 def read_surrogate(path: str | Path) -> Surrogate:
-    """Read what `write_surrogate` wrote. Raises `InputError` with every problem of the file."""
+    """Read a file that `write_surrogate` wrote. Raises `InputError` with all problems of the file."""
     place = Path(path)
     content = _content(place)
     findings: list[Finding] = []
     reader = _SurrogateReader(content, place.name, findings)
     kind = reader.text("kind")
     if kind and kind not in KINDS.values():
-        reader.report("kind", f"{kind!r} is no surrogate", nearest(kind, KINDS.values()) or REWRITE)
+        reader.report("kind", f"unknown kind {kind!r}", nearest(kind, KINDS.values()) or REWRITE)
     version = reader.number("version")
     if version is not None and version != VERSION:
-        reader.report("version", f"{version:g} is unknown, this program knows {VERSION}", "Update kennfeld.")
+        reader.report("version", f"version {version:g} is not supported, only {VERSION}", "Update kennfeld.")
     if findings:
         raise InputError(findings)
-    made = _dynamic(reader) if kind == KINDS["dynamic"] else _static(reader)
-    if findings or made is None:
+    result = _dynamic(reader) if kind == KINDS["dynamic"] else _static(reader)
+    if findings or result is None:
         raise InputError(findings)
-    return made
+    return result
 
 
 def _tables(surrogate: Surrogate) -> dict[str, Any]:
     dynamic = isinstance(surrogate, DynamicSurrogate)
-    made: dict[str, Any] = {
+    result: dict[str, Any] = {
         "kind": KINDS["dynamic" if dynamic else "static"],
         "version": VERSION,
         "name": surrogate.name,
@@ -81,7 +78,7 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
         "units": list(surrogate.units),
     }
     if isinstance(surrogate, DynamicSurrogate):
-        made |= {
+        result |= {
             "lags": [list(lags) for lags in surrogate.lags],
             "output_lags": list(surrogate.output_lags),
             "step": surrogate.step,
@@ -90,11 +87,11 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
             "stability": surrogate.stability,
         }
-    made["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
-    made["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
+    result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
+    result["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
     if surrogate.validity is not None:
-        made["validity"] = {name: _plain(getattr(surrogate.validity, name)) for name in VALIDITY}
-    return made
+        result["validity"] = {name: _plain(getattr(surrogate.validity, name)) for name in VALIDITY}
+    return result
 
 
 def _plain(value: Any) -> Any:
@@ -104,7 +101,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(tables: Mapping[str, Any], indent: str = "") -> str:
-    """JSON with a line for each row of numbers."""
+    """Return JSON text with a line for each row of numbers."""
     inner = indent + "  "
     lines = []
     for key, value in tables.items():
@@ -130,21 +127,21 @@ def _content(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise InputError.of(path.name, "this is no UTF-8 text", REWRITE) from None
+        raise InputError.of(path.name, "this is not UTF-8 text", REWRITE) from None
     try:
         content = json.loads(text)
     except json.JSONDecodeError as error:
         place = f"{path.name} line {error.lineno}, column {error.colno}"
-        raise InputError.of(place, f"this is no JSON: {error.msg}", f"Is it cut off? {REWRITE}") from None
+        raise InputError.of(place, f"this is not valid JSON: {error.msg}", f"Is it cut off? {REWRITE}") from None
     except RecursionError:
         raise InputError.of(path.name, "brackets are nested too deeply to be read", REWRITE) from None
     if not isinstance(content, dict):
-        raise InputError.of(path.name, "this is no stored surrogate", REWRITE)
+        raise InputError.of(path.name, "this is not a surrogate file", REWRITE)
     return content
 
 
 class _SurrogateReader:
-    """Typed access to one table of the file; every complaint is kept."""
+    """Typed access to one table of the file; collects all findings."""
 
     def __init__(self, values: Mapping[str, Any], place: str, findings: list[Finding]) -> None:
         self.values, self.place, self.findings = values, place, findings
@@ -160,13 +157,13 @@ class _SurrogateReader:
     def text(self, key: str) -> str:
         value = self.get(key)
         if value is not None and not isinstance(value, str):
-            self.report(key, f"{_shown(value)} is no text")
+            self.report(key, f"must be text, got {_shorten(value)}")
         return value if isinstance(value, str) else ""
 
     def texts(self, key: str) -> tuple[str, ...]:
         value = self.get(key)
         if value is not None and not (isinstance(value, list) and all(isinstance(item, str) for item in value)):
-            self.report(key, f"{_shown(value)} is no list of texts")
+            self.report(key, f"must be a list of texts, got {_shorten(value)}")
         return tuple(value) if isinstance(value, list) else ()
 
     def number(self, key: str) -> float | None:
@@ -174,7 +171,7 @@ class _SurrogateReader:
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
             return float(value)
         if key in self.values:
-            self.report(key, f"{_shown(value)} is no finite number")
+            self.report(key, f"must be a finite number, got {_shorten(value)}")
         return None
 
     def numbers(self, key: str) -> Float | None:
@@ -182,19 +179,19 @@ class _SurrogateReader:
         if value is None:
             return None
         try:
-            made = np.array(value, dtype=np.float64)
-            if not np.isfinite(made).all():
+            result = np.array(value, dtype=np.float64)
+            if not np.isfinite(result).all():
                 raise ValueError
         except (TypeError, ValueError, OverflowError):
-            self.report(key, f"{_shown(value)} is no list of finite numbers")
+            self.report(key, f"must be a list of finite numbers, got {_shorten(value)}")
             return None
-        return made
+        return result
 
     def whole(self, key: str, value: Any) -> tuple[int, ...]:
         if isinstance(value, list) and all(isinstance(item, int) and not isinstance(item, bool) for item in value):
             return tuple(value)
         if value is not None:
-            self.report(key, f"{_shown(value)} is no list of whole numbers")
+            self.report(key, f"must be a list of whole numbers, got {_shorten(value)}")
         return ()
 
     def inner(self, key: str) -> "_SurrogateReader | None":
@@ -202,7 +199,7 @@ class _SurrogateReader:
         if isinstance(value, dict):
             return _SurrogateReader(value, f"{self.place} {key}", self.findings)
         if value is not None:
-            self.report(key, f"{_shown(value)} is no table")
+            self.report(key, f"must be a table, got {_shorten(value)}")
         return None
 
 
@@ -215,7 +212,7 @@ def _dynamic(reader: _SurrogateReader) -> DynamicSurrogate | None:
     values = _shared(reader)
     lags = reader.get("lags")
     if lags is not None and not isinstance(lags, list):
-        reader.report("lags", f"{_shown(lags)} is no list of lists")
+        reader.report("lags", f"must be a list of lists, got {_shorten(lags)}")
     rows = lags if isinstance(lags, list) else []
     values |= {
         "lags": tuple(reader.whole(f"lags {j + 1}", row) for j, row in enumerate(rows)),
@@ -232,7 +229,7 @@ def _dynamic(reader: _SurrogateReader) -> DynamicSurrogate | None:
 def _row(reader: _SurrogateReader, key: str) -> tuple[float, ...]:
     numbers = reader.numbers(key)
     if numbers is not None and numbers.ndim != 1:
-        reader.report(key, "is no plain list of numbers")
+        reader.report(key, "must be a flat list of numbers")
         return ()
     return () if numbers is None else tuple(numbers.tolist())
 
@@ -281,7 +278,7 @@ def _limits(reader: _SurrogateReader) -> tuple[float, float]:
     good = isinstance(value, list) and len(value) == 2
     if not good or not all(item is None or isinstance(item, int | float) for item in value):
         if "limits" in reader.values:
-            reader.report("limits", f"{_shown(value)} must be two numbers; null is none")
+            reader.report("limits", f"must be two numbers or null, got {_shorten(value)}")
         return (-math.inf, math.inf)
     lower, upper = value
     return (-math.inf if lower is None else float(lower), math.inf if upper is None else float(upper))
@@ -292,26 +289,26 @@ def _quality(reader: _SurrogateReader) -> tuple[SurrogateQuality, ...]:
     if lines is None:
         return ()
     if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
-        reader.report("quality", f"{_shown(lines)} is no list of tables")
+        reader.report("quality", f"must be a list of tables, got {_shorten(lines)}")
         return ()
-    made = []
+    result = []
     for i, values in enumerate(lines, 1):
         inner = _SurrogateReader(values, f"{reader.place} quality {i}", reader.findings)
         use, mode = inner.text("use"), inner.text("mode")
         if use not in get_args(Use) or mode not in get_args(Mode):
-            inner.report("", f"use {use!r} or mode {mode!r} is unknown")
+            inner.report("", f"unknown use {use!r} or mode {mode!r}")
             continue
         numbers = {name: inner.number(name) if inner.get(name) is not None else math.nan for name in NUMBERS}
         samples = int(inner.number("samples") or 0)
-        made.append(SurrogateQuality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
-    return tuple(made)
+        result.append(SurrogateQuality(inner.text("dataset"), use, mode, samples, **numbers))  # type: ignore[arg-type]
+    return tuple(result)
 
 
-def _shown(value: Any) -> str:
+def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def expansions(surrogates: Iterable[Surrogate]) -> ParameterSet:
-    """One parameter a surrogate, under its name and locked: it comes with the model and is not calibrated."""
+def as_parameters(surrogates: Iterable[Surrogate]) -> ParameterSet:
+    """Return the expansions as parameters, by surrogate; locked, since they are trained and not calibrated."""
     return ParameterSet(RBF(s.name, s.expansion, locked=True) for s in surrogates)

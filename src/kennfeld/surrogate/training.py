@@ -1,4 +1,4 @@
-"""From recordings to a data-driven model: what `kennfeld surrogate train` does."""
+"""Training of a data-driven model from datasets, as `kennfeld surrogate train` does it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,13 +11,13 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.surrogate.gaussian_process import gaussian_process
-from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose, folds, select_lags
+from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose_regularisation, folds, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
 from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality, quality_of
-from kennfeld.surrogate.training_data import channels_missing, points_of, raster_of, runs_of
+from kennfeld.surrogate.training_data import extract_points, raster_of, report_missing_channels, split_recordings
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
 
@@ -28,18 +28,26 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SurrogateSettings:
-    """The keys of a training file.
+    """Settings of a training; the keys of a training file.
 
-    `kind`: "static" for points, "dynamic" for recordings over time.
-    `inputs`, `output`: channels.
-    `method`: "auto", "exact", "sparse" (Gaussian processes), or "expansion": few centres by k-means, for static models.
-    `centres`: how many at most.
-    `seed`, `starts`: of the search for length scales.
-    For dynamic models: `step` in s, by default that of the recordings; `lags`, by input, and `output_lags`, in samples,
-    or "auto"; `longest_lag` tried then; `limits` of the output; `free_run`: whether it is trained for free run;
-    `moves_centres`: whether centres and widths are refined then; `hold`: how firmly, by default chosen on blocks left
-    out; `iterations` of that training.
-    Raises `ArgumentError` with the first value that cannot be used.
+    Attributes:
+        name: the surrogate's name in formula text.
+        inputs, output: channels.
+        kind: "static" for points, "dynamic" for recordings over time.
+        method: "auto", "exact" or "sparse" (Gaussian processes), or "expansion": few centres by k-means, static only.
+        centres: maximum number.
+        seed, starts: of the search for length scales.
+        step: of a dynamic model in s, by default that of the recordings.
+        lags, output_lags: in samples, of each input and of the output; or "auto".
+        longest_lag: maximum for automatic lags, in samples.
+        limits: lower and upper limit of the output.
+        free_run: whether a dynamic model is trained for free run.
+        moves_centres: whether that training refines centres and widths.
+        hold: regularisation of that training; by default chosen on held-out blocks.
+        iterations: maximum of that training.
+
+    Raises:
+        ArgumentError: a value cannot be used.
     """
 
     name: str
@@ -64,15 +72,15 @@ class SurrogateSettings:
         self._check_choices()
         for name in ("centres", "starts", "longest_lag", "iterations"):
             if getattr(self, name) < 1:
-                raise ArgumentError(f"{name}={getattr(self, name)} of surrogate {self.name} must be at least 1")
+                raise ArgumentError(f"{name}={getattr(self, name)} of surrogate {self.name} must be >= 1")
         if not self.inputs or self.output in self.inputs:
-            raise ArgumentError(f"inputs={self.inputs} of surrogate {self.name} must be channels besides the output")
+            raise ArgumentError(f"inputs={self.inputs} of surrogate {self.name} must be channels other than the output")
         if self.step is not None and not 0 < self.step < np.inf:
-            raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a number of seconds above 0")
+            raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a time in s > 0")
         if self.hold is not None and not 0 <= self.hold < np.inf:
-            raise ArgumentError(f"hold={self.hold} of surrogate {self.name} must be a number from 0 on")
+            raise ArgumentError(f"hold={self.hold} of surrogate {self.name} must be >= 0")
         if not self.limits[0] < self.limits[1]:
-            raise ArgumentError(f"limits={self.limits} of surrogate {self.name} must be a lower and a higher number")
+            raise ArgumentError(f"limits={self.limits} of surrogate {self.name} must increase")
 
     def _check_choices(self) -> None:
         if self.kind not in ("static", "dynamic"):
@@ -84,9 +92,8 @@ class SurrogateSettings:
             )
         for name in self.lags if self.lags != "auto" else ():
             if name not in self.inputs:
-                raise ArgumentError(
-                    f"lags of {name!r}, which is no input of {self.name}. {nearest(name, self.inputs)}".strip()
-                )
+                message = f"lags of {name!r}, which is not an input of {self.name}. {nearest(name, self.inputs)}"
+                raise ArgumentError(message.strip())
         missing = [name for name in self.inputs if self.lags != "auto" and name not in self.lags]
         if missing:
             raise ArgumentError(
@@ -99,13 +106,18 @@ def train_surrogate(
 ) -> StaticSurrogate | DynamicSurrogate:
     """Train a model on the datasets for training, and score it on all of them.
 
-    `report` is called with a line of text as the training goes on. Samples with missing values or that a dataset does
-    not score are no training data. Raises `InputError` with every channel that is missing, and where there are too few
-    samples; `ArgumentError` where values cannot be used.
+    Args:
+        datasets: recordings for training and test; samples that are NaN or not scored are not used for training.
+        settings: what to train.
+        report: called with lines of text on the progress.
+
+    Raises:
+        InputError: channels are missing (reports all of them), or there are too few samples.
+        ArgumentError: the data cannot be used for training, such as a constant input.
     """
-    findings = channels_missing(datasets, (*settings.inputs, settings.output))
+    findings = report_missing_channels(datasets, (*settings.inputs, settings.output))
     if not any(dataset.use == "training" for dataset in datasets):
-        findings.append(Finding("", "no dataset is for training", 'Give one use = "training".'))
+        findings.append(Finding("", "there is no training dataset", 'Set use = "training" for one.'))
     if findings:
         raise InputError(findings)
     import scipy.linalg  # noqa: F401  # its BLAS has threads of its own, which can be limited once it is there
@@ -120,7 +132,7 @@ def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[st
 
 
 def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticSurrogate:
-    taken = [points_of(dataset, settings.inputs, settings.output) for dataset in datasets]
+    taken = [extract_points(dataset, settings.inputs, settings.output) for dataset in datasets]
     training = [points for points, dataset in zip(taken, datasets, strict=True) if dataset.use == "training"]
     x, y = np.concatenate([one[0] for one in training]), np.concatenate([one[1] for one in training])
     left_out: list[SurrogateQuality] = []
@@ -151,13 +163,13 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
 
 def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report) -> DynamicSurrogate:
     step = raster_of(datasets, settings.step)
-    pieces = {id(one): runs_of(one, settings.inputs, settings.output, step) for one in datasets}
+    pieces = {id(one): split_recordings(one, settings.inputs, settings.output, step) for one in datasets}
     training = [run for one in datasets if one.use == "training" for run in pieces[id(one)]]
     if not training:
         raise InputError.of(
             "",
             "the training data have no piece without gaps that is long enough",
-            "Raise max_gap, or give other files.",
+            "Increase max_gap, or use other files.",
         )
     _check_changing(training, settings)
     lags = _lags(training, settings, report)
@@ -174,7 +186,7 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
             choice.settings,
             lambda horizon, k, rmse: report(f"free run over {horizon} samples, step {k + 1}: RMSE {rmse:.4g}"),
         )
-    made = DynamicSurrogate(
+    surrogate = DynamicSurrogate(
         settings.name,
         settings.inputs,
         lags.inputs,
@@ -189,15 +201,17 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
         units=_units(datasets, settings),
         stability=str(check_stability(expansion, runs, settings.limits, settings.seed)),
     )
-    lines = [line for one in datasets for line in _scores(made, one, pieces[id(one)])]
-    return replace(made, quality=tuple(lines))
+    lines = [line for one in datasets for line in _scores(surrogate, one, pieces[id(one)])]
+    return replace(surrogate, quality=tuple(lines))
 
 
 def _check_changing(training: Sequence[Recording], settings: SurrogateSettings) -> None:
     table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
     findings = [
         Finding(
-            f"channel {name}", f"is {column[0]:g} in all training data", "Nothing can be learnt from it; leave it out."
+            f"channel {name}",
+            f"is {column[0]:g} in all training data",
+            "Remove it: a constant channel carries no information.",
         )
         for name, column in zip((*settings.inputs, settings.output), table.T, strict=True)
         if np.ptp(column) == 0
@@ -221,7 +235,7 @@ def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Re
 def _choice(
     training: Sequence[Recording], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report
 ) -> ModelChoice:
-    """How smooth and how firmly held; as given, or where one step is all that is asked for, without a search."""
+    """Choose length scales and regularisation: as given, or by a search."""
     asked = TrainingSettings(
         limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations
     )
@@ -229,14 +243,14 @@ def _choice(
         return ModelChoice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
     divisions = folds(training, lags) if settings.free_run else []
     return (
-        choose(divisions, lengths, settings.centres, asked, report)
+        choose_regularisation(divisions, lengths, settings.centres, asked, report)
         if divisions
         else ModelChoice(lengths, asked, np.nan)
     )
 
 
 def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Recording]) -> list[SurrogateQuality]:
-    """One step ahead and in free run, from the first measured outputs of each piece on."""
+    """Return one step ahead and in free run, from the first measured outputs of each piece on."""
     back = max(surrogate.output_lags)
     ahead, free, target_ahead, target_free = [], [], [], []
     for run in pieces:

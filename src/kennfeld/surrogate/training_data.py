@@ -1,7 +1,4 @@
-"""Datasets as training takes them: complete points, or runs on an even raster.
-
-Inputs and output in units of their own spread, in which training works.
-"""
+"""Training data from datasets: complete points, or recordings with a fixed step, and their scaling to unit spread."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,18 +9,18 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.measurement.resampling import grid, resample
+from kennfeld.measurement.resampling import even_grid, resample
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording
 
-__all__ = ["Scaling", "channels_missing", "checked_points", "points_of", "raster_of", "runs_of"]
+__all__ = ["Scaling", "check_points", "extract_points", "raster_of", "report_missing_channels", "split_recordings"]
 
 EVEN = 1e-3  # share of a step by which time stamps may be off
 SHORTEST = 8  # samples of a run
 
 
-def channels_missing(datasets: Sequence[Dataset], names: Sequence[str]) -> list[Finding]:
-    """A finding for each channel that a dataset does not have."""
+def report_missing_channels(datasets: Sequence[Dataset], names: Sequence[str]) -> list[Finding]:
+    """Return a finding for each channel that a dataset does not have."""
     return [
         Finding(f"dataset {dataset.name}", f"channel {name} is missing", nearest(name, dataset) or "Name another file.")
         for dataset in datasets
@@ -32,8 +29,8 @@ def channels_missing(datasets: Sequence[Dataset], names: Sequence[str]) -> list[
     ]
 
 
-def points_of(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float]:
-    """Points Float[points, inputs] and values Float[points]: the scored samples without a missing value."""
+def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float]:
+    """Return points Float[points, inputs] and values Float[points]: the scored samples without missing values."""
     x = np.column_stack([dataset[name].values for name in inputs])
     y = dataset[output].values
     good = np.isfinite(x).all(axis=1) & np.isfinite(y)
@@ -45,16 +42,15 @@ def points_of(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Flo
 
 
 def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
-    """The step of the model in s: the one asked for, or the median step of the first recording.
+    """Return the step of the model in s: `step` if given, or the median step of the first recording.
 
     Raises `InputError` for each dataset without time stamps.
     """
+    remedy = "Name the time channel `time`, or set `raster`."
     findings = [
-        Finding(
-            f"dataset {one.name}", "a dynamic model needs time stamps", "Name the time channel `time`, or set `raster`."
-        )
-        for one in datasets
-        if one.time is None
+        Finding(f"dataset {dataset.name}", "a dynamic model requires time stamps", remedy)
+        for dataset in datasets
+        if dataset.time is None
     ]
     if findings:
         raise InputError(findings)
@@ -68,9 +64,9 @@ def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
     return float(f"{np.median(steps):.9g}")
 
 
-def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Recording]:
-    """The pieces on the raster of the model, cut where a value is missing for longer than the dataset's `max_gap`."""
-    made = []
+def split_recordings(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Recording]:
+    """Return the pieces on the model's raster, split where values are missing for longer than `max_gap`."""
+    result = []
     for piece in dataset.pieces:
         assert dataset.time is not None
         time = dataset.time[piece]
@@ -82,18 +78,18 @@ def runs_of(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -
             scored = dataset.scored[piece][nearest_sample]
         table = np.column_stack(columns)
         complete: Bool = np.asarray(np.isfinite(table).all(axis=1))
-        made += [Recording(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
-    return made
+        result += [Recording(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
+    return result
 
 
 def _raster(time: Float, step: float) -> Float:
-    """The time stamps themselves where they are even already."""
+    """Return the time stamps themselves where they are even already."""
     even = time.size > 1 and bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
-    return time if even or time.size < 2 else grid(time, step)
+    return time if even or time.size < 2 else even_grid(time, step)
 
 
 def _on(values: Float, time: Float, at: Float, max_gap: float) -> Float:
-    """A channel at the raster; NaN where it is missing for longer than `max_gap`."""
+    """Return a channel at the raster; NaN where it is missing for longer than `max_gap`."""
     known = np.isfinite(values)
     if known.all():
         return values if at is time else resample(time, values, at)
@@ -109,7 +105,7 @@ def _on(values: Float, time: Float, at: Float, max_gap: float) -> Float:
 
 
 def _complete(good: Bool) -> list[slice]:
-    """The stretches without a missing value that are long enough to learn from."""
+    """Return the stretches without a missing value that are long enough to learn from."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SHORTEST]
 
@@ -125,17 +121,17 @@ class Scaling:
 
     @classmethod
     def of(cls, x: Float, y: Float) -> "Scaling":
-        """The scaling of points Float[points, inputs] and values Float[points]; a constant output keeps its unit."""
+        """Return the scaling of points Float[points, inputs] and values Float[points]; 1 for a constant output."""
         height = float(y.std())
         return cls(x.mean(0), x.std(0), float(y.mean()), height if height > 0 else 1.0)
 
     def inward(self, x: Float) -> Float:
-        """Points in units of spread."""
+        """Return points in units of spread."""
         scaled: Float = (x - self.centre) / self.spread
         return scaled
 
     def expansion(self, offset: float, slopes: Float, weights: Float, centres: Float, lengths: Float) -> Expansion:
-        """An expansion over scaled inputs and output, written in physical units; `lengths` as `centres`, or one row."""
+        """Return an expansion over scaled inputs in physical units; `lengths` as `centres`, or one row."""
         steep = self.height * slopes / self.spread
         return Expansion(
             self.level + self.height * offset - float(steep @ self.centre),
@@ -146,11 +142,16 @@ class Scaling:
         )
 
 
-def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, Float]:
-    """Points and values as arrays, after the checks that every training begins with.
+def check_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float, Float]:
+    """Return points and values as arrays, after the checks that every training needs.
 
-    Raises `ArgumentError` that names the input where shapes differ, a number is not finite, an input never changes or
-    there are too few points to fit a plane.
+    Args:
+        x: Float[points, inputs].
+        y: Float[points].
+        names: of the inputs, for messages.
+
+    Raises:
+        ArgumentError: shapes differ, a number is not finite, an input is constant, or there are too few points.
     """
     points, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if points.ndim != 2 or values.shape != points.shape[:1]:
@@ -160,15 +161,17 @@ def checked_points(x: Float, y: Float, names: Sequence[str] = ()) -> tuple[Float
     count, inputs = points.shape
     named = list(names) or [f"input {d}" for d in range(inputs)]
     if not inputs or count < inputs + 3:
-        raise ArgumentError(f"{count} points are too few for {inputs} inputs; {max(inputs, 1) + 3} are the least")
+        raise ArgumentError(
+            f"{count} points are too few for {inputs} inputs; at least {max(inputs, 1) + 3} are required"
+        )
     bad = np.flatnonzero(~np.isfinite(points).all(0))
     if bad.size or not np.isfinite(values).all():
         message = named[bad[0]] if bad.size else "the output"
-        raise ArgumentError(f"{message} has values that are not finite; leave those samples out")
+        raise ArgumentError(f"{message} has values that are not finite; remove these samples")
     constant = np.flatnonzero(~(points.std(0) > 1e-14 * np.abs(points).max(0)))
     if constant.size:
         first = int(constant[0])
         raise ArgumentError(
-            f"{named[first]} is {points[0, first]:g} at every training sample; leave it out of the inputs"
+            f"{named[first]} is {points[0, first]:g} at every training sample; remove it from the inputs"
         )
     return points, values

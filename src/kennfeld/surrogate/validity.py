@@ -1,4 +1,4 @@
-"""Where a data-driven model may be trusted: near the data it was trained on."""
+"""Validity range of a data-driven model: the neighbourhood of its training data."""
 
 from dataclasses import dataclass, field
 
@@ -21,11 +21,11 @@ BLOCK = 4096
 
 @dataclass(frozen=True, eq=False)
 class Validity:
-    """How far a point is from the training data, and how far is too far.
+    """Distance measure from the training data, with the threshold beyond which a point is outside.
 
-    The measure is the share of its prior deviation that a Gaussian process with the lengths of the model keeps, once it
-    knows the value at `centres`, which cover the training data: 0 amidst the data, 1 far away. Beyond `threshold` a
-    point is outside. `least` and `most` are the ends of the training data along each input.
+    The measure is the posterior standard deviation of a Gaussian process with the lengths of the model, given the value
+    at `centres`, which cover the training data, as a share of the prior one: 0 amidst the data, 1 far away. `least` and
+    `most` are the minimum and maximum of the training data along each input.
     """
 
     centres: Float  # Float[centres, inputs]
@@ -42,20 +42,20 @@ class Validity:
             raise ArgumentError(f"centres of a validity range have shape {self.centres.shape}, not [centres, inputs]")
         for name in ("lengths", "least", "most"):
             if getattr(self, name).shape != self.centres.shape[1:]:
-                raise ArgumentError(f"{name} of a validity range must be one number an input, {self.centres.shape[1]}")
+                raise ArgumentError(f"{name} of a validity range must be one number per input, {self.centres.shape[1]}")
         if not np.all(self.lengths > 0):
-            raise ArgumentError(f"lengths of a validity range must be above 0, the least is {self.lengths.min():g}")
+            raise ArgumentError(f"lengths of a validity range must be > 0, the smallest is {self.lengths.min():g}")
         if not 0 < self.threshold <= 1:
-            raise ArgumentError(f"threshold={self.threshold} of a validity range must be above 0 and at most 1")
+            raise ArgumentError(f"threshold={self.threshold} of a validity range must be > 0 and <= 1")
         kernel = bells(self._scaled(self.centres), self._scaled(self.centres), np.ones(self.lengths.size))
         object.__setattr__(self, "_root", np.linalg.cholesky(kernel + NUGGET * np.eye(len(kernel))))
 
     @classmethod
     def around(cls, x: Float, lengths: Float, seed: int = 0) -> "Validity":
-        """The range of training points Float[points, inputs].
+        """Return the range of training points Float[points, inputs].
 
-        An input counts by its length scale, within one octave below its spread times sqrt(inputs / 2): a model that
-        does not need an input still knows nothing of it where it never was.
+        Distances are in units of the length scales, limited to one octave below the spread times sqrt(inputs / 2): even
+        a model that does not depend on an input knows nothing of values outside the data.
         """
         # Points lie apart by the root of the number of inputs: with short lengths in many inputs, each would be alone.
         reach = np.sqrt(x.shape[1] / 2) * x.std(0)
@@ -64,14 +64,14 @@ class Validity:
         if len(x) > CANDIDATES:
             few = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
         chosen = greedy(few, CENTRES, lengths, COVERED)
-        made = cls(few[chosen], lengths, 1.0, x.min(0), x.max(0))
+        result = cls(few[chosen], lengths, 1.0, x.min(0), x.max(0))
         # A point that is a centre itself is near to it for sure: of few points, each is measured without itself.
-        measured = made.distance(x) if 2 * chosen.size < len(x) else made._left_out()
+        measured = result.distance(x) if 2 * chosen.size < len(x) else result._left_out()
         threshold = min(max(THRESHOLD, MARGIN * float(np.quantile(measured, 0.999))), 1 - 1e-6)
-        return cls(made.centres, lengths, threshold, made.least, made.most)
+        return cls(result.centres, lengths, threshold, result.least, result.most)
 
     def distance(self, x: Float) -> Float:
-        """The measure at points Float[..., inputs], from 0 to 1."""
+        """Return the measure at points Float[..., inputs], from 0 to 1."""
         from scipy.linalg import solve_triangular
 
         given = np.asarray(x, dtype=np.float64)
@@ -86,13 +86,13 @@ class Validity:
         return measure.reshape(given.shape[:-1])
 
     def _left_out(self) -> Float:
-        """The measure at each centre, by the others."""
+        """Return the measure at each centre, by the others."""
         inverse = np.linalg.inv(self._root @ self._root.T)
         share: Float = np.sqrt(np.clip(1 / np.diag(inverse) - NUGGET, 0.0, 1.0))
         return share
 
     def outside(self, x: Float) -> Bool:
-        """Whether points Float[..., inputs] are too far from the training data; a missing value is."""
+        """Return whether points Float[..., inputs] are too far from the training data; a missing value is."""
         beyond: Bool = self.distance(x) > self.threshold
         return beyond
 

@@ -1,1 +1,1 @@
-"""What a person at a terminal sees and presses."""
+"""The command line: bodies of commands, text output, progress and signals."""

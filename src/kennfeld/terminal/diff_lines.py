@@ -1,4 +1,4 @@
-"""What two calibration files differ in, and what a merge did, as lines for a person."""
+"""Lines on the differences between two calibration files, and on the changes of a merge."""
 
 import os
 import sys
@@ -7,94 +7,107 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kennfeld.calfiles import Change, Comparison, Difference
+from kennfeld.formatting import count_noun
 from kennfeld.terminal.output import Painted, aligned
 
-__all__ = ["changed", "differing", "labels"]
+__all__ = ["change_lines", "difference_lines", "file_labels"]
 
 _RED, _GREEN, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[32m", "\x1b[33m", "\x1b[0m"
-_LONGEST = 40  # characters of a text in a table
+_MAX_TEXT = 40  # characters in a cell
 
 
-def labels(paths: Sequence[Path]) -> list[str]:
-    """What the files are called: their names, or their paths where names repeat."""
+def file_labels(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files, or their paths if names repeat."""
     names = [path.name for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
-def differing(found: Comparison, left: str, right: str, coloured: bool | None = None) -> list[str]:
-    """The differences as a table, one a function where labels name theirs.
+def difference_lines(comparison: Comparison, left: str, right: str, coloured: bool | None = None) -> list[str]:
+    """Return the differences as a table, or a table for each function if labels name their functions.
 
-    Red is what only the first file has, green what only the second has, yellow what differs.
+    Red: only in the first file; green: only in the second; yellow: different in both.
     """
-    if found.equal:
-        return [f"equal: {_counted(found.compared)} in both"]
+    if comparison.equal:
+        return [f"equal: {count_noun(comparison.compared, 'name')} in both"]
     coloured = _shows_colours() if coloured is None else coloured
     by_function: dict[str, list[Difference]] = {}
-    for one in found.differences:
-        by_function.setdefault(one.function, []).append(one)
+    for difference in comparison.differences:
+        by_function.setdefault(difference.function, []).append(difference)
     lines: list[str] = []
     for function, differences in sorted(by_function.items(), key=lambda item: item[0] == ""):
         lines += _heading(function, differences) if any(by_function) else []
         lines += [*_table(differences, left, right, coloured), ""]
-    return [*lines, _sum(found, left, right)]
+    return [*lines, _total(comparison, left, right)]
 
 
 def _heading(function: str, differences: Sequence[Difference]) -> list[str]:
-    names = _counted(len({one.name for one in differences}))
+    names = count_noun(len({difference.name for difference in differences}), "name")
     return [f"{f'function {function}' if function else 'without a function'}, {names}:"]
 
 
 def _table(differences: Sequence[Difference], left: str, right: str, coloured: bool) -> list[str]:
     rows: list[tuple[str, ...]] = [("name", "what", left, right, "largest difference", "differ", "at")]
-    rows += [_row(one, left, right) for one in differences]
+    rows += [_row(difference, left, right) for difference in differences]
     used = [i for i in range(len(rows[0])) if i < 4 or any(row[i] for row in rows[1:])]
-    colours = [_colour(one) if coloured else "" for one in differences]
+    colours = [_colour(difference) if coloured else "" for difference in differences]
     return _painted(aligned([tuple(row[i] for i in used) for row in rows]), colours)
 
 
-def _row(one: Difference, left: str, right: str) -> tuple[str, ...]:
-    if one.aspect == "presence":
-        return (one.name, f"only in {left if one.left else right}", one.left or "-", one.right or "-", "", "", "")
-    if one.largest is None:
-        return (one.name, one.aspect, _short(one.left), _short(one.right), "", "", "")
-    share = f"{one.count} of {one.total}" if one.total > 1 else ""
-    return (one.name, one.aspect, one.left, one.right, f"{one.largest:.6g}", share, one.place)
+def _row(difference: Difference, left: str, right: str) -> tuple[str, ...]:
+    if difference.aspect == "presence":
+        return (
+            difference.name,
+            f"only in {left if difference.left else right}",
+            difference.left or "-",
+            difference.right or "-",
+            "",
+            "",
+            "",
+        )
+    if difference.largest is None:
+        return (difference.name, difference.aspect, _short(difference.left), _short(difference.right), "", "", "")
+    share = f"{difference.count} of {difference.total}" if difference.total > 1 else ""
+    return (
+        difference.name,
+        difference.aspect,
+        difference.left,
+        difference.right,
+        f"{difference.largest:.6g}",
+        share,
+        difference.place,
+    )
 
 
 def _short(text: str) -> str:
     shown = text if text == " ".join(text.split()) and text else repr(text)
-    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 3]}..."
+    return shown if len(shown) <= _MAX_TEXT else f"{shown[: _MAX_TEXT - 3]}..."
 
 
-def _sum(found: Comparison, left: str, right: str) -> str:
-    alone = [one for one in found.differences if one.aspect == "presence"]
-    other = len({one.name for one in found.differences if one.aspect != "presence"})
-    first = sum(bool(one.left) for one in alone)
-    parts = [f"{other} of {_counted(found.compared)} in both differ"]
-    parts += [f"{first} only in {left}"] if first else []
-    parts += [f"{len(alone) - first} only in {right}"] if len(alone) > first else []
+def _total(comparison: Comparison, left: str, right: str) -> str:
+    single = [d for d in comparison.differences if d.aspect == "presence"]
+    in_both = len({d.name for d in comparison.differences if d.aspect != "presence"})
+    in_left = sum(bool(d.left) for d in single)
+    parts = [f"{in_both} of {count_noun(comparison.compared, 'name')} in both differ"]
+    parts += [f"{in_left} only in {left}"] if in_left else []
+    parts += [f"{len(single) - in_left} only in {right}"] if len(single) > in_left else []
     return ", ".join(parts)
 
 
-def _counted(names: int) -> str:
-    return f"{names} name" if names == 1 else f"{names} names"
-
-
-def _colour(one: Difference) -> str:
-    if one.aspect != "presence":
+def _colour(difference: Difference) -> str:
+    if difference.aspect != "presence":
         return _YELLOW
-    return _RED if one.left else _GREEN
+    return _RED if difference.left else _GREEN
 
 
 def _shows_colours() -> bool:
-    """A terminal that has not asked for plain text; the old console of Windows would show the codes."""
+    """Return if stdout is a terminal that shows colours; the old console of Windows would print the codes."""
     old = os.name == "nt" and not ({"WT_SESSION", "ANSICON", "TERM"} & os.environ.keys())
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     return sys.stdout.isatty() and not old and not plain
 
 
 def _painted(lines: list[str], colours: list[str]) -> list[str]:
-    """The lines of a table with a colour a row; where it does not fit the terminal, a row is a block of lines."""
+    """Colour each row of a table; a row is a block of lines if the table exceeds the width of the terminal."""
     if len(lines) == len(colours) + 1:
         return [lines[0], *(_paint(line, colour) for line, colour in zip(lines[1:], colours, strict=True))]
     blocks = iter(colours)
@@ -109,33 +122,33 @@ def _paint(line: str, colour: str) -> str:
     return Painted(f"{colour}{line}{_PLAIN}") if colour and line else line
 
 
-def changed(changes: Iterable[Change], most: int = 50) -> list[str]:
-    """What was replaced or added, a line each, and how many there are of each file."""
-    made = list(changes)
-    if not made:
+def change_lines(changes: Iterable[Change], limit: int = 50) -> list[str]:
+    """Return a line for each of the first `limit` changes, and their number for each file."""
+    changes = list(changes)
+    if not changes:
         return ["nothing to replace and nothing to add"]
     rows = [("name", "", "by", "what")]
-    rows += [(one.name, _word(one), one.source, _reasons(one)) for one in made[:most]]
-    counts = Counter((one.source, _word(one)) for one in made)
-    told = [f"{source}: {count} {word}" for (source, word), count in counts.items()]
-    more = [f"and {len(made) - most} more"] if len(made) > most else []
-    return [*aligned(rows), *more, "", *told]
+    rows += [(change.name, _action(change), change.source, _details(change)) for change in changes[:limit]]
+    counts = Counter((change.source, _action(change)) for change in changes)
+    totals = [f"{source}: {count} {action}" for (source, action), count in counts.items()]
+    more = [f"and {len(changes) - limit} more"] if len(changes) > limit else []
+    return [*aligned(rows), *more, "", *totals]
 
 
-def _word(one: Change) -> str:
-    return "replaced" if one.replaces else "added"
+def _action(change: Change) -> str:
+    return "replaced" if change.replaces else "added"
 
 
-def _reasons(one: Change) -> str:
-    if not one.replaces:
+def _details(change: Change) -> str:
+    if not change.replaces:
         return ""
-    told = [_reason(difference) for difference in one.differences]
-    return "; ".join(told) or "description or settings"
+    return "; ".join(map(_detail, change.differences)) or "description or settings"
 
 
-def _reason(one: Difference) -> str:
-    if one.largest is None:
-        return f"{one.aspect} {_short(one.left)} -> {_short(one.right)}"
-    if one.total == 1:
-        return f"{one.left} -> {one.right}"
-    return f"{one.count} of {one.total} {one.aspect}, the largest difference {one.largest:.6g} at {one.place}"
+def _detail(difference: Difference) -> str:
+    if difference.largest is None:
+        return f"{difference.aspect} {_short(difference.left)} -> {_short(difference.right)}"
+    if difference.total == 1:
+        return f"{difference.left} -> {difference.right}"
+    share = f"{difference.count} of {difference.total} {difference.aspect}"
+    return f"{share}, the largest difference {difference.largest:.6g} at {difference.place}"

@@ -1,4 +1,4 @@
-"""What of a file's contents somebody searches: channels, parameters, nodes and axes, by name or description."""
+"""Search for channels, parameters, nodes and axes of a file by name or description."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -8,34 +8,34 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from kennfeld.errors import InputError
-from kennfeld.terminal.file_info import FileInfo, Table
+from kennfeld.terminal.describers import FileInfo, Table
 
-__all__ = ["searched"]
+__all__ = ["find_entries"]
 
-_NAMES = ("name", "node")  # the keys that name a thing
+_NAMES = ("name", "node")  # keys whose value is a name
 _DESCRIPTIONS = ("description", "long_name")
-_PLAIN = ("left_out", "ambiguous", "parameters", "inputs")  # lists whose items may be names themselves
-_NESTED = "tables"  # tables of a recording, each with lists of its own
-_CLOSE = 0.6
-_OFFERED = 3
+_NAME_LISTS = ("left_out", "ambiguous", "parameters", "inputs")  # keys whose value may be a list of names
+_NESTED = "tables"  # of a recording, each with lists of its own
+_MIN_SIMILARITY = 0.6
+_MAX_SUGGESTIONS = 3
 
 
-def searched(found: FileInfo, text: str) -> FileInfo:
-    """The same contents with those things alone whose name or description has `text`, whatever its case.
+def find_entries(info: FileInfo, text: str) -> FileInfo:
+    """Return the entries whose name or description contains `text`, ignoring case.
 
-    With `*` and `?` in it, the text is a pattern of a whole name. Raises `InputError` where nothing is found, with the
-    nearest names.
+    If the text contains `*` or `?`, it is a pattern of the whole name. Raises `InputError` with the most similar names
+    if nothing matches.
     """
     matches = _matching(text)
-    tables = [_rows(table, matches) for table in found.tables]
-    as_json = _filtered(found.as_json, matches)
-    left_out = [name for table in as_json.get(_NESTED, []) for name in table.get("left_out", [])]
+    tables = [_rows(table, matches) for table in info.tables]
+    as_json = _filtered(info.as_json, matches)
+    left_out = _skipped_columns(as_json)
     if not left_out and all(len(table) < 2 for table in tables):
-        message = f"nothing in it has {text!r} in its name or description"
-        raise InputError.of(str(found.as_json.get("file", "")), message, _offered(text, _all_names(found)))
+        message = f"no name or description contains {text!r}"
+        raise InputError.of(str(info.as_json.get("file", "")), message, _suggestion(text, _all_names(info)))
     notes = [f"columns without numbers: {', '.join(left_out)}"] if left_out else []
     count = sum(len(table) - 1 for table in tables) + len(left_out)
-    return replace(found, summary=f"{found.summary}; {count} found", tables=tables, notes=notes, as_json=as_json)
+    return replace(info, summary=f"{info.summary}; {count} found", tables=tables, notes=notes, as_json=as_json)
 
 
 def _matching(text: str) -> Callable[[str], bool]:
@@ -45,10 +45,9 @@ def _matching(text: str) -> Callable[[str], bool]:
 
 
 def _rows(table: Table, matches: Callable[[str], bool]) -> Table:
-    """The heading, and the rows whose name or description fits."""
     heading, *rows = table
-    said = [i for i, word in enumerate(heading) if i == 0 or word in _DESCRIPTIONS]
-    return [heading, *(row for row in rows if any(matches(row[i]) for i in said))]
+    searched = [i for i, word in enumerate(heading) if i == 0 or word in _DESCRIPTIONS]
+    return [heading, *(row for row in rows if any(matches(row[i]) for i in searched))]
 
 
 def _filtered(as_json: Mapping[str, Any], matches: Callable[[str], bool]) -> dict[str, Any]:
@@ -59,7 +58,7 @@ def _list(key: str, items: Sequence[Any], matches: Callable[[str], bool]) -> lis
     if key == _NESTED:
         parts = [_filtered(item, matches) for item in items]
         return [part for part in parts if any(part.get(inner) for inner in ("channels", "left_out"))]
-    if key in _PLAIN and all(isinstance(item, str) for item in items):
+    if key in _NAME_LISTS and all(isinstance(item, str) for item in items):
         return [item for item in items if matches(item)]
     if all(isinstance(item, Mapping) and any(name in item for name in _NAMES) for item in items):
         return [item for item in items if any(matches(text) for text in _texts(item))]
@@ -70,18 +69,22 @@ def _texts(item: Mapping[str, Any]) -> Iterator[str]:
     yield from (str(item[key]) for key in (*_NAMES, *_DESCRIPTIONS) if item.get(key))
 
 
-def _all_names(found: FileInfo) -> list[str]:
-    left_out = [name for table in found.as_json.get(_NESTED, []) for name in table.get("left_out", [])]
-    return list(dict.fromkeys([*(row[0] for table in found.tables for row in table[1:]), *left_out]))
+def _skipped_columns(as_json: Mapping[str, Any]) -> list[str]:
+    return [name for table in as_json.get(_NESTED, []) for name in table.get("left_out", [])]
 
 
-def _offered(text: str, names: Iterable[str]) -> str:
-    """The names that are the nearest, whole or in one of their parts."""
+def _all_names(info: FileInfo) -> list[str]:
+    names = [row[0] for table in info.tables for row in table[1:]]
+    return list(dict.fromkeys([*names, *_skipped_columns(info.as_json)]))
+
+
+def _suggestion(text: str, names: Iterable[str]) -> str:
     folded = text.strip().strip("*?").casefold()
-    close = [(_likeness(folded, name.casefold()), name) for name in names]
-    best = sorted((pair for pair in close if pair[0] >= _CLOSE), key=lambda pair: -pair[0])[:_OFFERED]
-    return f"Did you mean {' or '.join(name for _, name in best)}?" if best else "Search for a part of a name."
+    ranked = sorted(((_similarity(folded, name.casefold()), name) for name in names), key=lambda pair: -pair[0])
+    best = [pair for pair in ranked if pair[0] >= _MIN_SIMILARITY][:_MAX_SUGGESTIONS]
+    return f"Did you mean {' or '.join(name for _, name in best)}?" if best else "Search for part of a name."
 
 
-def _likeness(text: str, name: str) -> float:
+def _similarity(text: str, name: str) -> float:
+    """Return the similarity to a name or the most similar part of it, 0 to 1."""
     return max(SequenceMatcher(None, text, part).ratio() for part in (name, *re.split(r"[\W_]+", name)))

@@ -1,8 +1,6 @@
-"""Lines on stdout and stderr, whatever these are connected to.
+"""Print lines on stdout and findings on stderr; lay out tables of text to fit the terminal."""
 
-Tables of text that fit the terminal.
-"""
-
+import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -12,14 +10,14 @@ from typing import TextIO
 
 from kennfeld.errors import Finding, visible
 
-__all__ = ["Painted", "aligned", "print_findings", "print_lines"]
+__all__ = ["Painted", "aligned", "number_text", "print_findings", "print_lines", "size_text"]
 
-GAP = "  "
-ENDLESS = 10_000  # columns where there is no terminal
+COLUMN_GAP = "  "
+UNLIMITED_WIDTH = 10_000  # characters, without a terminal
 
 
 class Painted(str):
-    """A line with codes for colours of our own; all else in it is visible already."""
+    """A line with our own colour codes, in which control characters of names are escaped already."""
 
     __slots__ = ()
 
@@ -30,21 +28,20 @@ def print_lines(*lines: str) -> None:
 
 
 def print_findings(*problems: Finding | str) -> None:
-    """Print problems on stderr, each in one line; the excerpt that shows the place follows below."""
+    """Print problems on stderr, each in one line, followed by its excerpt."""
     for problem in problems:
-        excerpt = problem.excerpt.split("\n") if isinstance(problem, Finding) and problem.excerpt else []
-        severity = problem.severity if isinstance(problem, Finding) else "error"
-        line = " ".join(str(problem).split("\n"))
-        _print(
-            sys.stderr, [line if severity == "error" else f"{severity}: {line}", *(f"    {text}" for text in excerpt)]
-        )
+        finding = problem if isinstance(problem, Finding) else Finding("", problem)
+        prefix = "" if finding.severity == "error" else f"{finding.severity}: "
+        excerpt = finding.excerpt.split("\n") if finding.excerpt else []
+        lines = [prefix + " ".join(str(problem).split("\n")), *(f"    {text}" for text in excerpt)]
+        _print(sys.stderr, lines)
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:
-    """Print lines whatever they hold.
+    """Print lines with any content.
 
-    Control characters of names become escapes, characters that the stream cannot show question marks; a reader or
-    terminal that has gone is no error.
+    Control characters become escapes, and characters that the stream cannot encode become question marks. A reader or
+    terminal that has gone is not an error.
     """
     encoding = stream.encoding or "utf-8"
     shown = (line if isinstance(line, Painted) else visible(line) for line in lines)
@@ -60,7 +57,7 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
 
 
 def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
-    """Rows under their heading, numbers to the right; where they are wider than the terminal, a block a row.
+    """Return the lines of a table, columns of numbers aligned right; one block per row if it exceeds the width.
 
     >>> for line in aligned([("dataset", "RMSE"), ("bench", "1.75"), ("fresh", "12.1")]):
     ...     print(line)
@@ -71,12 +68,12 @@ def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str
     ['dataset  bench', 'RMSE     1.75']
     """
     rows = [[visible(cell).replace("\n", "\\u000a") for cell in row] for row in rows]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    if sum(widths) + len(GAP) * (len(widths) - 1) > (width or get_terminal_size((ENDLESS, 24)).columns):
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    if sum(widths) + len(COLUMN_GAP) * (len(widths) - 1) > (width or get_terminal_size((UNLIMITED_WIDTH, 24)).columns):
         return _blocks(rows)
-    numeric = [all(_is_number(row[i]) for row in rows[1:]) for i in range(len(rows[0]))]
+    numeric = [all(map(_is_number, column)) for column in zip(*rows[1:], strict=True)] or [False] * len(widths)
     return [
-        GAP.join(
+        COLUMN_GAP.join(
             cell.rjust(wide) if right else cell.ljust(wide)
             for cell, wide, right in zip(row, widths, numeric, strict=True)
         ).rstrip()
@@ -87,7 +84,9 @@ def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str
 def _blocks(rows: Sequence[Sequence[str]]) -> list[str]:
     heading, *others = rows
     wide = max(len(cell) for cell in heading)
-    blocks = [[f"{name.ljust(wide)}{GAP}{cell}" for name, cell in zip(heading, row, strict=True)] for row in others]
+    blocks = [
+        [f"{name.ljust(wide)}{COLUMN_GAP}{cell}" for name, cell in zip(heading, row, strict=True)] for row in others
+    ]
     return [line for i, block in enumerate(blocks) for line in (*([""] if i else []), *block)]
 
 
@@ -97,3 +96,13 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def number_text(value: float | None) -> str:
+    """Return a number with six digits, nothing if it is unknown."""
+    return "" if value is None or math.isnan(value) else f"{value:.6g}"
+
+
+def size_text(shape: Sequence[int]) -> str:
+    """Return a shape as `18 x 14`."""
+    return " x ".join(map(str, shape))

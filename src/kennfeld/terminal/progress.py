@@ -1,6 +1,7 @@
-"""Shows how a descent goes: a live line on a terminal, plain lines elsewhere; on stderr, always.
+"""Progress of a search on stderr, and its interruption.
 
-Ctrl-C, SIGTERM and SIGHUP: the first ends the descent at the best values so far, the second ends the program.
+Progress is a live line on a terminal and plain lines elsewhere. Of Ctrl-C, SIGTERM and SIGHUP, the first ends the
+search at the best values so far and the second ends the program.
 """
 
 import os
@@ -19,21 +20,19 @@ from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
 __all__ = ["Interrupt", "display"]
 
-PAUSE = 0.5  # s between plain lines of one stage
-
+LINE_INTERVAL = 0.5  # s between plain lines of one stage
 EXIT_STATUS = 130
 
 
 class Display(Protocol):
-    """Hears of every accepted step."""
+    """Called with each accepted step."""
 
-    def __call__(self, line: TraceLine) -> None:
-        """Show a step."""
+    def __call__(self, line: TraceLine) -> None: ...
 
 
 @contextmanager
 def display(task: str, starts: int = 1) -> Iterator[Display]:
-    """Show the progress of a task while the block runs; of several starts, each line says of which."""
+    """Show the progress of a task while the block runs; each line names its start if there are several."""
     if not sys.stderr.isatty():
         yield _Lines(starts)
         return
@@ -46,7 +45,7 @@ def display(task: str, starts: int = 1) -> Iterator[Display]:
 
 
 class _Lines:
-    """A line for each stage, and one now and then; of several starts a line for each, and one now and then."""
+    """A line for each new stage, or for each of several starts; then at most one per `LINE_INTERVAL`."""
 
     def __init__(self, starts: int) -> None:
         self._several = starts > 1
@@ -57,9 +56,9 @@ class _Lines:
         now = time.monotonic()
         before = self._stages.get(line.start)
         new = before is None or (before != line.stage and not self._several)
-        if new or now - self._shown >= PAUSE:
+        if new or now - self._shown >= LINE_INTERVAL:
             self._shown = now
-            print_findings(_words(line, self._several))
+            print_findings(_format(line, self._several))
         self._stages[line.start] = line.stage
 
 
@@ -70,30 +69,31 @@ class _Live:
         self._live, self._task, self._several = live, task, starts > 1
 
     def __call__(self, line: TraceLine) -> None:
-        self._live.update(self._task, description=_words(line, self._several))
+        self._live.update(self._task, description=_format(line, self._several))
 
 
-def _words(line: TraceLine, several: bool) -> str:
+def _format(line: TraceLine, several: bool) -> str:
     start = f"start {line.start:>2}  " if several else ""
     return f"{start}{line.stage:<15} iteration {line.iteration:>3}  cost {line.cost:<10.5g} RMSE {line.rmse:.4g}"
 
 
 class Interrupt:
-    """Within its block, Ctrl-C is noted and the descent told to stop at its next step. So are SIGTERM and SIGHUP.
+    """Within its block, Ctrl-C, SIGTERM and SIGHUP stop the search at its next step instead of ending the process.
 
-    Until the first step has been reported, Ctrl-C raises `KeyboardInterrupt` as ever: a descent under way catches it,
-    and before that there is nothing to keep.
+    Until the first step has been reported, they raise `KeyboardInterrupt`, as there is nothing to keep.
     """
 
     def __init__(self) -> None:
         self.pressed = False
-        self._descending = False
+        self._searching = False
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, *REQUESTS):
-                if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores SIGHUP
+                if (
+                    number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN
+                ):  # as nohup makes a process ignore SIGHUP
                     self._before[number] = signal.signal(number, self._press)
         return self
 
@@ -102,10 +102,10 @@ class Interrupt:
             signal.signal(number, handler)
 
     def watch(self, progress: Progress) -> Progress:
-        """The same progress, which stops the descent once Ctrl-C was pressed."""
+        """Return the same progress, but raising `Stop` after a signal."""
 
         def watched(line: TraceLine) -> None:
-            self._descending = True
+            self._searching = True
             progress(line)
             if self.pressed:
                 raise Stop
@@ -120,8 +120,8 @@ class Interrupt:
         if self.pressed:
             raise SystemExit(EXIT_STATUS)
         self.pressed = True
-        if not self._descending:
+        if not self._searching:
             raise KeyboardInterrupt
-        # not print: the signal may have come in the midst of one
+        # not print: the signal may interrupt one
         with suppress(OSError):
-            os.write(2, b"\nStopping at the best values so far; Ctrl-C again gives up.\n")
+            os.write(2, b"\nStopping at the best values so far. Press Ctrl-C again to exit without results.\n")

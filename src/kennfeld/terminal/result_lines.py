@@ -1,9 +1,4 @@
-"""What a calibration chose by itself, as lines for a person.
-
-What a result leaves open, in a few lines.
-
-A data-driven model in words.
-"""
+"""Lines on the result of a calibration, and on a trained surrogate."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -18,105 +13,102 @@ if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
 __all__ = [
-    "choices",
-    "described",
+    "choice_lines",
+    "describe_surrogate",
     "extrapolation_lines",
     "quality_table",
     "ranges_table",
-    "summary",
+    "summarize_surrogate",
     "undetermined_lines",
 ]
 
-MOST = 3  # lines of a kind
+MAX_LINES = 3  # under one heading
+UNDETERMINED = "Parameters not determined by the data:"
 
 
-def choices(result: Result) -> list[str]:
-    """A line for each table with automatic smoothness, and for each channel whose shift was found."""
+def choice_lines(result: Result) -> list[str]:
+    """Return a line for each estimated shift, and for each table with automatic smoothness."""
     shifts = [
         f"shift of {channel} in {name}: {shift:g}"
         for name, channels in result.shifts.items()
         for channel, shift in channels.items()
     ]
-    return [
-        *shifts,
-        *(
-            f"smoothness of {name}: {', '.join(f'{axis} {factor:.3g}' for axis, factor in factors.items())}"
-            for name, factors in result.smoothness.items()
-        ),
+    factors = [
+        f"smoothness of {name}: {', '.join(f'{axis} {factor:.3g}' for axis, factor in by_axis.items())}"
+        for name, by_axis in result.smoothness.items()
     ]
+    return shifts + factors
 
 
 def undetermined_lines(trust: Trust) -> list[str]:
-    """The worst directions that the data do not determine, and what limits of outputs hold, a line each.
+    """Return the directions that the data determine worst, and the active output limits, each under a heading.
 
-    Each kind under a heading; nothing where there is none. A search that did not come to its end says so first. If
-    nothing determines several changes, their number comes first, with what settles all of them.
+    The remark on a search that did not converge comes first. If several directions are undetermined, their number and
+    a remedy for all of them come before the single ones.
     """
     remark = [trust.remark] if trust.remark else []
-    outputs = [holding for holding in trust.holdings if holding.samples]  # the message tells of breakpoints
-    whole = [f"  {trust.null_space}"] if trust.null_space.dimension > 1 else []
-    heading, *directions = _listed("What the data leave open:", trust.directions) or ["What the data leave open:"]
-    return [
-        *remark,
-        *([heading, *whole, *directions] if whole or directions else []),
-        *_listed("What limits hold:", outputs),
-    ]
+    outputs = [limit for limit in trust.holdings if limit.samples]  # the message names those of breakpoints
+    null_space = [f"  {trust.null_space}"] if trust.null_space.dimension > 1 else []
+    directions = _section(UNDETERMINED, trust.directions)
+    if null_space:
+        directions = [UNDETERMINED, *null_space, *directions[1:]]
+    return [*remark, *directions, *_section("Active output limits:", outputs)]
 
 
-def extrapolation_lines(found: "Sequence[Extrapolation]", where: str = "; see result.json") -> list[str]:
-    """The surrogates that are used outside their data, the largest share first; `where` tells of the others."""
-    outside = sorted((row for row in found if row.worst is not None), key=lambda row: -row.share)
-    return _listed("What leaves the data of surrogates:", outside, where)
+def extrapolation_lines(extrapolations: "Sequence[Extrapolation]", pointer: str = "; see result.json") -> list[str]:
+    """Return the surrogates used outside their training data, the largest share first.
+
+    Args:
+        extrapolations: one row for each surrogate.
+        pointer: where to find the rows that are not listed.
+    """
+    outside = sorted((row for row in extrapolations if row.worst is not None), key=lambda row: -row.share)
+    return _section("Surrogate extrapolation:", outside, pointer)
 
 
-def _listed(heading: str, found: Sequence[object], where: str = "; see result.json") -> list[str]:
-    more = [f"  and {len(found) - MOST} more{where}"] if len(found) > MOST else []
-    return [heading, *(f"  {one}" for one in found[:MOST]), *more] if found else []
+def _section(heading: str, items: Sequence[object], pointer: str = "; see result.json") -> list[str]:
+    more = [f"  and {len(items) - MAX_LINES} more{pointer}"] if len(items) > MAX_LINES else []
+    return [heading, *(f"  {item}" for item in items[:MAX_LINES]), *more] if items else []
 
 
-def summary(surrogate: Surrogate) -> list[str]:
-    """What it is, how it was checked, and how well it meets its recordings."""
-    lines = [described(surrogate)]
+def summarize_surrogate(surrogate: Surrogate) -> list[str]:
+    """Return lines on a surrogate: its structure, its stability check, and its quality by dataset."""
+    lines = [describe_surrogate(surrogate)]
     if isinstance(surrogate, DynamicSurrogate) and surrogate.stability:
         lines.append(surrogate.stability)
     return [*lines, "", *aligned(quality_table(surrogate))]
 
 
-def described(surrogate: Surrogate) -> str:
-    """One sentence: inputs, lags, size."""
+def describe_surrogate(surrogate: Surrogate) -> str:
+    """Return a sentence with the inputs, lags and size of a surrogate."""
+    call = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
     centres = f"{surrogate.expansion.size} centres"
     if not isinstance(surrogate, DynamicSurrogate):
-        return f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)}), {centres}"
-    lags = [f"{name} at {_list_inputs(own)}" for name, own in zip(surrogate.inputs, surrogate.lags, strict=True)]
-    looks = "; ".join([*lags, f"itself at {_list_inputs(surrogate.output_lags)}"])
-    called = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
-    return f"{called}, steps of {surrogate.step:g} s, {centres}; samples back: {looks}"
+        return f"{call}, {centres}"
+    lags = [
+        f"{name} {_join_numbers(own)}"
+        for name, own in zip(
+            (*surrogate.inputs, surrogate.output), (*surrogate.lags, surrogate.output_lags), strict=True
+        )
+    ]
+    return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {'; '.join(lags)}"
 
 
-def _list_inputs(numbers: Sequence[int]) -> str:
+def _join_numbers(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers)) or "none"
 
 
 def quality_table(surrogate: Surrogate) -> list[list[str]]:
-    """A row a dataset and way of running it."""
+    """Return a row for each dataset and mode of evaluation."""
     rows = [["dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|"]]
-    rows += [
-        [
-            q.dataset,
-            q.use,
-            q.mode,
-            str(q.samples),
-            f"{q.rmse:.4g}",
-            r2_text(q.r2, q.samples, q.rmse),
-            f"{q.max_abs:.4g}",
-        ]
-        for q in surrogate.quality
-    ]
+    for q in surrogate.quality:
+        errors = [f"{q.rmse:.4g}", r2_text(q.r2, q.samples, q.rmse), f"{q.max_abs:.4g}"]
+        rows.append([q.dataset, q.use, q.mode, str(q.samples), *errors])
     return rows
 
 
 def ranges_table(surrogate: Surrogate) -> list[list[str]]:
-    """A row an input, and for the output that is fed back: between which numbers the training data lie."""
+    """Return the range of the training data for each input, and for the output if it is fed back."""
     rows = [["trained on", "unit", "from", "to"]]
     validity = surrogate.validity
     if validity is None:
@@ -128,9 +120,9 @@ def ranges_table(surrogate: Surrogate) -> list[list[str]]:
     units = dict(zip([*surrogate.inputs, surrogate.output], surrogate.units, strict=False))
     first = 0
     for name, count in zip(names, lags, strict=True):
-        part = slice(first, first + count)
+        columns = slice(first, first + count)
         first += count
         if count:
-            ends = validity.least[part].min(), validity.most[part].max()
+            ends = validity.least[columns].min(), validity.most[columns].max()
             rows.append([name, units.get(name, ""), *(f"{end:.6g}" for end in ends)])
     return rows

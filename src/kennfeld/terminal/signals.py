@@ -1,4 +1,4 @@
-"""Requests to end from outside, SIGTERM and SIGHUP, which do what Ctrl-C does."""
+"""SIGTERM and SIGHUP (SIGBREAK on Windows) act like Ctrl-C."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ from types import FrameType
 
 __all__ = ["HANGUP", "REQUESTS", "end_like_ctrl_c", "leave_terminal"]
 
-HANGUP: int | None = getattr(signal, "SIGHUP", None)  # the terminal has gone; Windows has none
+HANGUP: int | None = getattr(signal, "SIGHUP", None)  # the terminal has gone; not on Windows
 REQUESTS = tuple(
     number for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if (number := getattr(signal, name, None)) is not None
 )
@@ -16,7 +16,7 @@ STDOUT, STDERR = 1, 2
 
 
 def end_like_ctrl_c() -> None:
-    """Let requests to end raise `KeyboardInterrupt` in this process; those that it was told to ignore stay ignored."""
+    """Let these signals raise `KeyboardInterrupt` in this process; ignored ones stay ignored."""
     for number in REQUESTS:
         if signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, _interrupt)
@@ -29,13 +29,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def leave_terminal() -> None:
-    """Point stdout and stderr to nowhere if their terminal has gone: every write to it would be an error."""
+    """Redirect stdout and stderr to the null device if their terminal has gone, as every write would fail."""
     for stream, number in ((sys.__stdout__, STDOUT), (sys.__stderr__, STDERR)):
         with suppress(OSError, ValueError):
             if stream is not None and stream.fileno() == number and _gone(number):
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, number)
-                os.close(nowhere)
+                null_device = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null_device, number)
+                os.close(null_device)
 
 
 def _gone(number: int) -> bool:

@@ -1,13 +1,14 @@
-"""A Simulink model or data dictionary in sentences and tables."""
+"""Sentences and tables on a Simulink model or data dictionary."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from kennfeld.formatting import count_noun, join_names
 from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.outline import ModelOutline
 from kennfeld.models.simulink.variables.data_dictionary import Dictionary
-from kennfeld.models.simulink.variables.stored_variables import StoredVariable
+from kennfeld.terminal.output import number_text, size_text
 
 __all__ = [
     "dictionary_json",
@@ -22,80 +23,74 @@ __all__ = [
 ]
 
 Rows = list[Sequence[str]]
-_MOST_REMARKS = 20  # on one import
+MAX_REMARKS = 20  # on one import
+MAX_PATHS = 3  # of blocks in a cell
 
 
-def model_summary(found: ModelOutline) -> str:
-    """The sentence on top: what it is, of which release, how large."""
-    release = found.version if found.version.startswith("R") else f"version {found.version}"
-    total = sum(found.blocks.values())
-    solver = f", solver {_solver(found)}" if found.kind == "model" else ""
-    return f"{found.file}: Simulink {found.kind} ({release}), {_counted(total, 'block')}{solver}"
+def model_summary(outline: ModelOutline) -> str:
+    """Return a sentence on the kind, release, size and solver of a model."""
+    release = outline.version if outline.version.startswith("R") else f"version {outline.version}"
+    total = sum(outline.blocks.values())
+    solver = f", solver {_solver(outline)}" if outline.kind == "model" else ""
+    return f"{outline.file}: Simulink {outline.kind} ({release}), {count_noun(total, 'block')}{solver}"
 
 
-def _solver(found: ModelOutline) -> str:
-    solver = found.solver
+def _solver(outline: ModelOutline) -> str:
+    solver = outline.solver
     if solver.reference:
-        return f"of the configuration {solver.reference}, which is kept elsewhere"
-    step = f" with the step {solver.fixed_step}" if solver.fixed_step else ""
+        return f"of the configuration {solver.reference}, which is stored elsewhere"
+    step = f" with step {solver.fixed_step}" if solver.fixed_step else ""
     return f"{solver.name or 'not stated'}{step}, from {solver.start or '0'} to {solver.stop or '?'}"
 
 
-def _counted(number: int, word: str) -> str:
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
-
-
-def model_tables(found: ModelOutline) -> list[Rows]:
-    """Inputs and outputs, subsystems, blocks by type, charts, functions, links, and where data come from."""
-    ports: Rows = [("input", "unit"), *((port.name, port.unit) for port in found.inputs)]
-    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in found.outputs)]
+def model_tables(outline: ModelOutline) -> list[Rows]:
+    """Return inputs, outputs, subsystems, block types, charts, functions, links and data sources."""
+    ports: Rows = [("input", "unit"), *((port.name, port.unit) for port in outline.inputs)]
+    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in outline.outputs)]
     inner: Rows = [("subsystem", "", "inputs", "outputs", "blocks")]
-    inner += [(s.path, s.kind, ", ".join(s.inputs), ", ".join(s.outputs), str(s.blocks)) for s in found.subsystems]
-    blocks: Rows = [("block type", "count"), *((kind or "?", str(count)) for kind, count in found.blocks.items())]
+    inner += [(s.path, s.kind, ", ".join(s.inputs), ", ".join(s.outputs), str(s.blocks)) for s in outline.subsystems]
+    blocks: Rows = [("block type", "count"), *((kind or "?", str(count)) for kind, count in outline.blocks.items())]
     charts: Rows = [("chart", "kind", "states", "transitions")]
-    charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in found.charts]
-    functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in found.functions)]
+    charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in outline.charts]
+    functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in outline.functions)]
     links: Rows = [("refers to", "type", "times", "from")]
-    links += [(c.source, " ".join(c.type.split()), str(c.count), c.found) for c in found.connections]
-    sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in found.sources)]
+    links += [(c.source, " ".join(c.type.split()), str(c.count), c.found) for c in outline.connections]
+    sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in outline.sources)]
     return [ports, outputs, inner, blocks, charts, functions, links, sources]
 
 
-def model_notes(found: ModelOutline) -> list[str]:
-    """What was wrong with files that the model refers to, and what was left aside."""
-    return [*map(str, found.problems), *found.remarks]
+def model_notes(outline: ModelOutline) -> list[str]:
+    """Return the problems of files that the model refers to, and what was skipped."""
+    return [*map(str, outline.problems), *outline.remarks]
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
-    """Where values come from, what has none, what cannot be built, and what can be imported by itself."""
+    """Return parameters, variables without a value, unsupported blocks, and subsystems that can be imported."""
     valueless: Rows = [("variable without a value", "blocks", "needed by")]
-    valueless += [(name, str(len(paths)), _listed(paths)) for name, paths in report.undefined.items()]
-    missing: Rows = [("not supported", "type", "why", "mend", "stops an output")]
-    missing += [
-        (_listed([one.path for one in several], 1), one.type, one.why, one.finding.remedy, "yes" if one.stops else "no")
-        for several in report.groups
-        for one in several[:1]
-    ]
+    valueless += [(name, str(len(paths)), join_names(paths, MAX_PATHS)) for name, paths in report.undefined.items()]
+    unsupported: Rows = [("not supported", "type", "why", "remedy", "stops an output")]
+    for blocks in report.groups:
+        first = blocks[0]
+        paths = join_names([block.path for block in blocks], 1)
+        unsupported.append((paths, first.type, first.why, first.finding.remedy, "yes" if first.stops else "no"))
     parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
-    parts += [(one.path, str(one.blocks), ", ".join(one.inputs), ", ".join(one.outputs)) for one in report.subsystems]
-    return [_parameters(report), valueless, missing, parts]
+    parts += [(s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems]
+    return [_parameters(report), valueless, unsupported, parts]
 
 
 def interface_tables(report: ImportReport) -> list[Rows]:
-    """Inputs and outputs as a project names them, of a part of a model too."""
-    inputs: Rows = [("input", "unit"), *((one.name, one.unit) for one in report.inputs)]
-    outputs: Rows = [("output", "unit"), *((one.name, one.unit) for one in report.outputs)]
+    """Return inputs and outputs by the names that a project uses, of the model or the selected subsystem."""
+    inputs: Rows = [("input", "unit"), *((port.name, port.unit) for port in report.inputs)]
+    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in report.outputs)]
     return [inputs, outputs]
 
 
 def _parameters(report: ImportReport) -> Rows:
-    """A row a parameter: what it is, its value or the range of its values, its limits, and where it comes from."""
     rows: Rows = [("parameter", "kind", "size", "value", "unit", "limits", "value from")]
-    for one in report.parameters:
-        size = " x ".join(map(str, one.shape))
-        value = f"{one.smallest:.6g}" + (f" to {one.largest:.6g}" if one.largest != one.smallest else "")
-        where = f"{one.source}, locked" if one.locked else one.source
-        rows.append((one.name, one.kind, size, value, one.unit, _limits(one.lower, one.upper), where))
+    for p in report.parameters:
+        value = f"{p.smallest:.6g}" + (f" to {p.largest:.6g}" if p.largest != p.smallest else "")
+        source = f"{p.source}, locked" if p.locked else p.source
+        rows.append((p.name, p.kind, size_text(p.shape), value, p.unit, _limits(p.lower, p.upper), source))
     return rows
 
 
@@ -103,51 +98,45 @@ def _limits(lower: float | None, upper: float | None) -> str:
     if lower is None and upper is None:
         return ""
     if upper is None:
-        return f"from {_number(lower)}"
-    return f"up to {_number(upper)}" if lower is None else f"{_number(lower)} to {_number(upper)}"
-
-
-def _listed(paths: Sequence[str], shown: int = 3) -> str:
-    """The first paths, and how many more there are."""
-    return ", ".join(paths[:shown]) + (f" and {len(paths) - shown} more" if len(paths) > shown else "")
+        return f"from {number_text(lower)}"
+    return f"up to {number_text(upper)}" if lower is None else f"{number_text(lower)} to {number_text(upper)}"
 
 
 def import_notes(report: ImportReport) -> list[str]:
-    """How much of the model can be calibrated, and what runs in another way than in Simulink."""
-    whole = "all outputs can be calibrated" if report.whole else "some outputs cannot be calibrated as it is"
-    give = "Give the variables values with --parameters: scripts (.m), .mat, .sldd, calibration files."
-    more = len(report.remarks) - _MOST_REMARKS
-    loops = [f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops]
+    """Return how much of the model can be calibrated, and what behaves differently than in Simulink."""
+    coverage = "all outputs can be calibrated" if report.whole else "not all outputs can be calibrated"
+    advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
+    more = len(report.remarks) - MAX_REMARKS
     return [
-        f"{report.supported} of {_counted(report.total, 'block')} supported; {whole}",
+        f"{report.supported} of {count_noun(report.total, 'block')} supported; {coverage}",
         *map(str, report.stopped),
-        *([give] if report.undefined else []),
-        *loops,
+        *([advice] if report.undefined else []),
+        *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),
         *report.substitutions,
         *report.fixed,
-        *report.remarks[:_MOST_REMARKS],
+        *report.remarks[:MAX_REMARKS],
         *([f"and {more} more remarks; --json lists them"] if more > 0 else []),
     ]
 
 
-def dictionary_summary(found: Dictionary) -> str:
-    """The sentence on top of a data dictionary."""
-    more = f", refers to {', '.join(found.references)}" if found.references else ""
-    return f"{found.path.name}: Simulink data dictionary, {_counted(len(found.data.entries), 'variable')}{more}"
+def dictionary_summary(dictionary: Dictionary) -> str:
+    """Return a sentence on the size and references of a data dictionary."""
+    references = f", refers to {', '.join(dictionary.references)}" if dictionary.references else ""
+    size = count_noun(len(dictionary.data.entries), "variable")
+    return f"{dictionary.path.name}: Simulink data dictionary, {size}{references}"
 
 
-def dictionary_table(found: Dictionary) -> Rows:
-    """A row a variable."""
+def dictionary_table(dictionary: Dictionary) -> Rows:
+    """Return a row for each variable."""
     rows: Rows = [("variable", "class", "size", "unit", "minimum", "maximum", "description")]
-    rows += [
-        (name, e.kind, _size(e), e.unit, _number(e.minimum), _number(e.maximum), e.description)
-        for name, e in found.data.entries.items()
-    ]
+    for name, e in dictionary.data.entries.items():
+        size = size_text(e.value.shape) if isinstance(e.value, np.ndarray) else ""
+        rows.append((name, e.kind, size, e.unit, number_text(e.minimum), number_text(e.maximum), e.description))
     return rows
 
 
-def dictionary_json(found: Dictionary) -> Mapping[str, object]:
-    """The same for programs."""
+def dictionary_json(dictionary: Dictionary) -> Mapping[str, object]:
+    """Return the contents of a data dictionary for programs."""
     variables = [
         {
             "name": name,
@@ -159,21 +148,13 @@ def dictionary_json(found: Dictionary) -> Mapping[str, object]:
             "type": e.type,
             "description": e.description,
         }
-        for name, e in found.data.entries.items()
+        for name, e in dictionary.data.entries.items()
     ]
     return {
         "content": "data dictionary",
-        "file": found.path.name,
-        "references": list(found.references),
+        "file": dictionary.path.name,
+        "references": list(dictionary.references),
         "variables": variables,
-        "unreadable": dict(found.data.unreadable),
-        "types": list(found.types),
+        "unreadable": dict(dictionary.data.unreadable),
+        "types": list(dictionary.types),
     }
-
-
-def _size(entry: StoredVariable) -> str:
-    return " x ".join(map(str, entry.value.shape)) if isinstance(entry.value, np.ndarray) else ""
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}"

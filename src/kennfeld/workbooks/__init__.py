@@ -1,4 +1,4 @@
-"""Spreadsheets opened with care: what a damaged or hostile file could ask for is bounded before a library reads it."""
+"""Opens spreadsheets safely: limits what a damaged or hostile file may request before a library reads it."""
 
 from kennfeld.workbooks.formulas import Unsaved
 from kennfeld.workbooks.workbook import Workbook, column_letters, opened

@@ -1,6 +1,6 @@
-"""Checks the records of an .xls before a library reads them: it makes room for whatever they claim.
+"""Checks the records of an .xls before a library reads them, which would allocate whatever they claim.
 
-Layout: Microsoft, [MS-XLS]: records of kind, size and content; first those of the book, with the place of each sheet,
+Layout: Microsoft, [MS-XLS]: records of kind, size and content; first those of the book, with the offset of each sheet,
 then those of the sheets.
 """
 
@@ -15,8 +15,8 @@ _END, _SHEET, _TEXTS, _DIMENSIONS, _SEVERAL = 0x000A, 0x0085, 0x00FC, 0x0200, 0x
 _CELLS = frozenset((0x0006, 0x0203, 0x0204, 0x0205, 0x00FD, 0x027E, _SEVERAL))
 _ROWS, _COLUMNS = 65_536, 256
 _SHORTEST_TEXT = 3  # bytes
-_LARGE = 2_000_000  # cells of a rectangle, beyond which
-_FILLED = 0.01  # of them have to be there: the library makes room for all
+_LARGE_RECTANGLE = 2_000_000  # cells of a rectangle, beyond which
+_MIN_FILLED = 0.01  # of them have to be there: the library makes room for all
 
 
 def check_records(stream: bytes, most_cells: int) -> None:
@@ -32,14 +32,14 @@ def check_records(stream: bytes, most_cells: int) -> None:
         width, height, filled, end = _extent(stream, begin)
         if width > _COLUMNS:
             raise ValueError(f"a sheet has a cell in column {width}")
-        if width * height > _LARGE and filled < _FILLED * width * height:
+        if width * height > _LARGE_RECTANGLE and filled < _MIN_FILLED * width * height:
             raise ValueError(f"a sheet has {filled} cells, but spans {height} rows and {width} columns")
         cells += width * height
         walked += end - begin
         if cells > most_cells:
             raise ValueError(f"its sheets span more than {most_cells} cells")
         if walked > 2 * len(stream):
-            raise ValueError("its sheets lie within each other")
+            raise ValueError("its sheets overlap")
 
 
 def _check_texts(count: int, size: int) -> None:
@@ -48,7 +48,7 @@ def _check_texts(count: int, size: int) -> None:
 
 
 def _extent(stream: bytes, begin: int) -> tuple[int, int, int, int]:
-    """Columns and rows that the cells of a sheet need, how many cells there are, and where its records end."""
+    """Return the columns and rows of a sheet, its number of cells, and the end of its records."""
     width = height = 1
     filled = 0
     end = begin
@@ -77,7 +77,7 @@ def _check_dimensions(content: bytes) -> None:
 
 
 def _records(stream: bytes, at: int) -> Iterator[tuple[int, int, int]]:
-    """Kind of each record up to the one that ends them, where its content begins, and the size of that.
+    """Yield the kind, content offset and size of each record up to the end record.
 
     One that is cut off ends them too: the library refuses it.
     """

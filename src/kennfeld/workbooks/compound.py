@@ -1,9 +1,9 @@
-"""Finds the stream of a workbook in a compound file, the container of .xls, and checks its chains of sectors.
+"""Finds the workbook stream in a compound file, the container of .xls, and checks its sector chains.
 
-The library that reads .xls follows these chains without a limit: one that leads back into itself takes all memory.
+The library that reads .xls follows these chains without a limit: a circular one takes all memory.
 
-Layout: Microsoft, [MS-CFB]: a header, then sectors; a table (FAT) holds the next sector of each, and short streams lie
-in short sectors within the stream of the root entry.
+Layout: Microsoft, [MS-CFB]: a header, then sectors; a table (FAT) has the next sector of each, and short streams are
+stored in short sectors within the stream of the root entry.
 """
 
 import struct
@@ -18,7 +18,7 @@ _COUNTS = struct.Struct("<IIIIIIIII")  # at byte 40
 _END, _FREE = 0xFFFFFFFE, 0xFFFFFFFF
 _ENTRY = 128  # bytes of an entry of the directory
 _SHORT_SECTOR = 64
-_SHORT = 4096  # bytes; shorter streams lie in short sectors
+_SHORT_STREAM_LIMIT = 4096  # bytes; shorter streams lie in short sectors
 _STREAMS = ("workbook", "book")
 
 
@@ -31,7 +31,7 @@ class _Compound:
         self.content = content
         (shift,) = struct.unpack_from("<H", content, 30)
         if shift not in (9, 12):
-            raise ValueError(f"its sectors are of 2^{shift} bytes")
+            raise ValueError(f"its sectors have 2^{shift} bytes")
         self.size = 1 << shift
         self.sectors = max(-(-len(content) // self.size) - 1, 0)
         directories, tables, directory, _, _, short_table, short_tables, further, further_count = _COUNTS.unpack_from(
@@ -47,20 +47,20 @@ class _Compound:
         self.root = self._chained(start)
 
     def stream(self, index: int) -> bytes:
-        """The content of an entry of the directory."""
+        """Return the content of an entry of the directory."""
         start, length = self._extent(index)
-        if length >= _SHORT:
+        if length >= _SHORT_STREAM_LIMIT:
             return self._chained(start)[:length]
-        chain = _followed(start, self.short_table, len(self.root) // _SHORT_SECTOR + 1)
+        chain = _follow_chain(start, self.short_table, len(self.root) // _SHORT_SECTOR + 1)
         return b"".join(self.root[_SHORT_SECTOR * k : _SHORT_SECTOR * (k + 1)] for k in chain)[:length]
 
     def names(self) -> list[str]:
-        """The names of all entries, folded."""
+        """Return the names of all entries, folded."""
         raw = [self.entries[at : at + 64] for at in range(0, len(self.entries), _ENTRY)]
         return [name.decode("utf-16-le", "replace").partition("\0")[0].casefold() for name in raw]
 
     def _extent(self, index: int) -> tuple[int, int]:
-        """The first sector of an entry of the directory, and its bytes."""
+        """Return the first sector of a directory entry, and its size in bytes."""
         entry = self.entries[_ENTRY * index : _ENTRY * (index + 1)].ljust(_ENTRY, b"\0")
         start = int.from_bytes(entry[116:120], "little")
         # files of version 3 may leave rubbish in the upper half
@@ -70,7 +70,7 @@ class _Compound:
         return start, length
 
     def _table_sectors(self, further: int) -> list[int]:
-        """The sectors of the FAT: the first 109 stand in the header, others in a chain of sectors of their own."""
+        """Return the sectors of the FAT: the first 109 are in the header, others in a chain."""
         found = list(struct.unpack_from("<109I", self.content, 76))
         steps = 0
         while further < self.sectors:
@@ -78,14 +78,14 @@ class _Compound:
             found += more
             steps += 1
             if steps > self.sectors:
-                raise ValueError("a chain of sectors leads back into itself")
+                raise ValueError("a chain of sectors is circular")
         sectors = [sector for sector in found if sector < _END]
         if len(sectors) > self.sectors:
             raise ValueError(f"it claims {len(sectors)} sectors of tables, but has {self.sectors} in all")
         return sectors
 
     def _chain(self, start: int) -> Iterator[int]:
-        return _followed(start, self.table, self.sectors)
+        return _follow_chain(start, self.table, self.sectors)
 
     def _chained(self, start: int) -> bytes:
         return b"".join(map(self._sector, self._chain(start)))
@@ -100,7 +100,7 @@ class _Compound:
 
 
 def workbook_stream(content: bytes) -> bytes:
-    """The records of the workbook in a compound file; empty if it has none, as an encrypted one.
+    """Return the records of the workbook in a compound file; empty if it has none, as an encrypted one.
 
     Raises `ValueError` if a chain leads back into itself or a size is more than the file holds. A chain that leaves the
     file ends there: what that damages is for the reader of the records to tell.
@@ -113,11 +113,11 @@ def workbook_stream(content: bytes) -> bytes:
     return b""
 
 
-def _followed(start: int, table: tuple[int, ...], most: int) -> Iterator[int]:
-    """The sectors of a chain."""
+def _follow_chain(start: int, table: tuple[int, ...], most: int) -> Iterator[int]:
+    """Return the sectors of a chain."""
     sector, steps = start, 0
     while sector < len(table):
         yield sector
         sector, steps = table[sector], steps + 1
         if steps > most:
-            raise ValueError("a chain of sectors leads back into itself")
+            raise ValueError("a chain of sectors is circular")

@@ -1,4 +1,4 @@
-"""Formulas of a workbook without their values, as programs leave them that write workbooks but compute nothing."""
+"""Finds formulas without saved values, as written by programs that do not compute them."""
 
 import re
 import zipfile
@@ -37,7 +37,7 @@ class Unsaved:
 
     @property
     def remedy(self) -> str:
-        """What helps."""
+        """The remedy."""
         return "Open the workbook in Excel or LibreOffice, which compute them, and save it."
 
 
@@ -62,7 +62,7 @@ def _chunks(archive: zipfile.ZipFile, member: str) -> Iterator[bytes]:
 
 
 def _member(archive: zipfile.ZipFile, sheet: str) -> str:
-    """The part that holds a sheet; empty if the book does not tell."""
+    """Return the archive member of a sheet; empty if unknown."""
     if not {_BOOK, _LINKS} <= {*archive.namelist()}:
         return ""
     targets = {a.get("Id"): a.get("Target", "") for a in _attributes(_LINK, archive, _LINKS)}

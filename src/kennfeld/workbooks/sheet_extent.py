@@ -1,10 +1,8 @@
-"""Looks through the sheets of a binary workbook before a library does.
+"""Determines the rectangle of a sheet's cells before a library allocates it.
 
-That one asks for the memory of their rectangle, and searches without end for records that are missing.
+The library also searches without end for missing records of a binary workbook.
 
 Layout: Microsoft, [MS-XLSB]: records of type, size and content, where type and size take as many bytes as they need.
-
-Where the cells of a sheet stand: letters of columns, and the rectangle that holds all cells.
 """
 
 import re
@@ -15,7 +13,7 @@ __all__ = ["OVERLAP", "check_end", "extent_of", "extent_of_text"]
 
 _BINARY_ROW = 0  # the record that begins a row; those up to the last kind of cell give a column
 _LAST_CELL = 11
-_MOST_COLUMNS, _MOST_ROWS = 16_384, 1_048_576
+_MAX_COLUMNS, _MAX_ROWS = 16_384, 1_048_576
 _END_OF_CELLS = 146
 _END_OF_SHEETS = 144
 
@@ -24,8 +22,8 @@ Chunks = Callable[
 ]  # the text of a sheet in parts that overlap by `OVERLAP` bytes, as often as asked
 
 OVERLAP = 64  # bytes; more than the place of a cell
-_MOST_DIGITS = 9
-_MANY = 60  # columns; beyond so many, a single row out of order could ask for a rectangle of a billion cells
+_MAX_DIGITS = 9
+_MAX_WIDTH = 60  # columns; beyond so many, a single row out of order could ask for a rectangle of a billion cells
 _PLACE = re.compile(rb"""\br\s*=\s*["']\s*([A-Za-z]*)([0-9]+)""")  # of a cell, or of a row
 _ELEMENT = re.compile(rb"<(?:\w+:)?(c|row)[\s/>]")
 _PLACED = b'<c r="'
@@ -36,7 +34,7 @@ _FAR_ROW = re.compile(rb'<c r="[A-Z]+([0-9]{7,})')
 
 
 def extent_of(records: bytes) -> tuple[int, int]:
-    """Columns and rows of the sheet with these records; `ValueError` where they are cut off or garbled.
+    """Return the columns and rows of a binary sheet; `ValueError` if its records are truncated or garbled.
 
     >>> extent_of(bytes([0, 4, 9, 0, 0, 0, 2, 4, 2, 0, 0, 0, 0x92, 1, 0]))
     (3, 10)
@@ -50,19 +48,19 @@ def extent_of(records: bytes) -> tuple[int, int]:
             width, height = (width, max(height, position)) if kind == _BINARY_ROW else (max(width, position), height)
     if _END_OF_CELLS not in kinds:
         raise ValueError("a sheet has no end")
-    if width > _MOST_COLUMNS or height > _MOST_ROWS:
+    if width > _MAX_COLUMNS or height > _MAX_ROWS:
         raise ValueError(f"a sheet has a cell in row {height} and column {width}")
     return width, height
 
 
 def check_end(records: bytes) -> None:
-    """Raise `ValueError` where the list of sheets has no end."""
+    """Raise `ValueError` if the list of sheets has no end."""
     if all(kind != _END_OF_SHEETS for kind, _, _ in _records(records)):
         raise ValueError("the list of sheets has no end")
 
 
 def _records(records: bytes) -> Iterator[tuple[int, int, int]]:
-    """Kind of each record, where its content begins, and the size of that."""
+    """Yield the kind, content offset and size of each record."""
     at, end = 0, len(records)
     while at + 2 <= end:
         kind = records[at]
@@ -84,17 +82,17 @@ def _records(records: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def extent_of_text(chunks: Chunks) -> tuple[int, int]:
-    """Columns and rows of a rectangle that holds all cells of a sheet, which may be larger than need be.
+    """Return the columns and rows of a rectangle with all cells of a sheet, possibly larger than needed.
 
     >>> extent_of_text(lambda: iter([b'<row r="7"><c r="AB7"/></row>']))
     (28, 7)
     """
-    found = _usual(chunks)
-    return found if found is not None else _any(chunks)
+    found = _extent_of_usual(chunks)
+    return found if found is not None else _extent_of_any(chunks)
 
 
-def _usual(chunks: Chunks) -> tuple[int, int] | None:
-    """The rectangle where each cell begins with its place, as Excel writes them; None where one does not.
+def _extent_of_usual(chunks: Chunks) -> tuple[int, int] | None:
+    """Return the rectangle if each cell begins with its reference, as Excel writes them; None otherwise.
 
     Rows follow each other, so that the last one of each part and those beyond a million are enough.
     """
@@ -103,37 +101,37 @@ def _usual(chunks: Chunks) -> tuple[int, int] | None:
         begun = text.count(b"<c", 0, len(text) - 4)  # those whose place is within this part
         if (begun != text.count(_PLACED) or b":c" in text) and _UNPLACED.search(text, 0, len(text) - 5):
             return None
-        width = max([width, *map(_number, set(_FAR_COLUMN.findall(text)))])
+        width = max([width, *map(_column_number, set(_FAR_COLUMN.findall(text)))])
         last = _ROW.findall(text, max(text.rfind(_PLACED), 0))
-        height = max([height, *map(_short, {*_FAR_ROW.findall(text), *last})])
-    return None if width > _MANY else (width, height)
+        height = max([height, *map(_parse_row, {*_FAR_ROW.findall(text), *last})])
+    return None if width > _MAX_WIDTH else (width, height)
 
 
-def _any(chunks: Chunks) -> tuple[int, int]:
-    """The rectangle of any cells; what states no place of its own follows what was before it."""
+def _extent_of_any(chunks: Chunks) -> tuple[int, int]:
+    """Return the rectangle of any cells; those without a reference follow the previous one."""
     width, height = 1, 1
     places: Counter[bytes] = Counter()
     columns: dict[bytes, int] = {}
     kinds: Counter[bytes] = Counter()
     for text in chunks():
-        for found in _PLACE.finditer(text):
-            letters, row = found[1], found[2]
+        for match in _PLACE.finditer(text):
+            letters, row = match[1], match[2]
             if letters not in columns:
-                columns[letters] = _number(letters.upper()[:_MOST_DIGITS])
+                columns[letters] = _column_number(letters.upper()[:_MAX_DIGITS])
                 width = max(width, columns[letters])
             places[b"c" if letters else b"row"] += 1
-            height = max(height, _short(row))
-        kinds.update(found[1] for found in _ELEMENT.finditer(text))
+            height = max(height, _parse_row(row))
+        kinds.update(match[1] for match in _ELEMENT.finditer(text))
     return width + max(kinds[b"c"] - places[b"c"], 0), height + max(kinds[b"row"] - places[b"row"], 0)
 
 
-def _short(digits: bytes) -> int:
-    return int(digits[:_MOST_DIGITS])
+def _parse_row(digits: bytes) -> int:
+    return int(digits[:_MAX_DIGITS])
 
 
-def _number(letters: bytes) -> int:
-    """The number of a column, counted from 1."""
+def _column_number(letters: bytes) -> int:
+    """Return the number of a column, counted from 1."""
     number = 0
-    for letter in letters[:_MOST_DIGITS]:
+    for letter in letters[:_MAX_DIGITS]:
         number = 26 * number + letter - 64
     return number

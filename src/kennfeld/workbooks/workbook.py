@@ -1,8 +1,6 @@
-"""Opens .xlsx, .xlsm, .xlsb, .xls and .ods files, and reads the cells of their sheets.
+"""Opens .xlsx, .xlsm, .xlsb, .xls and .ods files and reads the cells of their sheets.
 
-Calls of a library that is written in Rust and gives up on damaged files.
-
-Where the cells of a sheet stand: letters of columns, and the rectangle that holds all cells.
+The library that reads them is written in Rust and panics on some damaged files.
 """
 
 import os
@@ -14,7 +12,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from typing import Any, BinaryIO
 
-from kennfeld.archives import overgrown
+from kennfeld.archives import find_oversized
 from kennfeld.errors import InputError
 from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.compound import MAGIC, workbook_stream
@@ -23,21 +21,21 @@ from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of, exten
 
 __all__ = ["Workbook", "column_letters", "opened"]
 
-_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
-_PARTS = 100_000
-_BINARY = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
+_MAX_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
+_MAX_PARTS = 100_000
+_MAX_BINARY_BYTES = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)", re.IGNORECASE)
 _CHUNK = 1 << 20
-_ANEW = "Open it in Excel and save it anew."
+_SAVE_AGAIN = "Open it in Excel and save it again."
 
 
 class PanicError(ValueError):
-    """The library gave up; what it said."""
+    """The library panicked; the text is its message."""
 
 
 @contextmanager
 def panics() -> Iterator[None]:
-    """Turn what derives from no `Exception` into a `PanicError`; what the library prints about itself is dropped."""
+    """Convert panics, which are not an `Exception`, to `PanicError`, and suppress what the library prints."""
     try:
         with _no_stderr():
             yield
@@ -68,7 +66,7 @@ def _no_stderr() -> Iterator[None]:
 
 
 def column_letters(index: int) -> str:
-    """The letters of a spreadsheet column, counted from 0.
+    """Return the letters of a spreadsheet column, counted from 0.
 
     >>> column_letters(0), column_letters(27)
     ('A', 'AB')
@@ -82,7 +80,7 @@ def column_letters(index: int) -> str:
 
 
 class Workbook:
-    """A workbook whose sheets are read when they are asked for."""
+    """A workbook whose sheets are read on demand."""
 
     def __init__(self, name: str, book: Any, content: BinaryIO) -> None:
         self.name = name
@@ -100,7 +98,7 @@ class Workbook:
         return [sheet.name for sheet in shown if "Hidden" not in str(sheet.visible)]
 
     def cells(self, sheet: str) -> list[list[object]]:
-        """The rows of a sheet from its first cell on, empty cells as ""; `InputError` where it is damaged."""
+        """Return the rows of a sheet from its first cell on, empty cells as ""; `InputError` if it is damaged."""
         import python_calamine
 
         try:
@@ -108,25 +106,25 @@ class Workbook:
                 rows: list[list[object]] = self._book.get_sheet_by_name(sheet).to_python(skip_empty_area=False)
         except python_calamine.WorksheetNotFound:
             return []  # a chart
-        except _damage() as error:
-            raise _damaged(self.name, error) from None
+        except _damage_errors() as error:
+            raise _damaged_error(self.name, error) from None
         return rows
 
     def unsaved(self, sheet: str) -> Unsaved | None:
-        """The formulas of a sheet whose values were not saved, so that their cells look empty."""
+        """Return the formulas of a sheet whose values were not saved, so that their cells look empty."""
         try:
             if not zipfile.is_zipfile(self._content):
                 return None
             with zipfile.ZipFile(self._content) as archive:
                 return unsaved_formulas(archive, sheet)
-        except _damage() as error:
-            raise _damaged(self.name, error) from None
+        except _damage_errors() as error:
+            raise _damaged_error(self.name, error) from None
 
 
 def opened(name: str, content: BinaryIO | bytes) -> Workbook:
-    """The workbook in an open file or in bytes, which stay open as long as it is used; `name` is for findings.
+    """Open a workbook from a file or bytes, which must stay open while it is used; `name` is for findings.
 
-    Raises `InputError` where it is damaged, encrypted, or asks for more memory than a table needs.
+    Raises `InputError` if it is damaged, encrypted, or asks for more memory than a table needs.
     """
     import python_calamine
 
@@ -137,36 +135,36 @@ def opened(name: str, content: BinaryIO | bytes) -> Workbook:
                 _check(name, archive)
         stream.seek(0)
         if stream.read(len(MAGIC)) == MAGIC:
-            check_records(workbook_stream(MAGIC + stream.read()), _CELLS)
+            check_records(workbook_stream(MAGIC + stream.read()), _MAX_CELLS)
         stream.seek(0)
         with panics():
             return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
     except python_calamine.PasswordError:
         raise InputError.of(name, "the workbook is protected by a password", "Save it without one.") from None
-    except _damage() as error:
-        raise _damaged(name, error) from None
+    except _damage_errors() as error:
+        raise _damaged_error(name, error) from None
 
 
 def _check(name: str, archive: zipfile.ZipFile) -> None:
-    """Refuse what would not fit into memory: one stray cell in the last row and column is enough for that."""
-    if len(archive.namelist()) > _PARTS:
-        raise InputError.of(name, f"has {len(archive.namelist())} parts", _ANEW)
-    if bomb := overgrown(archive):
-        raise InputError.of(name, bomb, "Such a file is made to exhaust a machine; export it anew.")
+    """Refuse what would not fit into memory: one stray cell in the last row and column suffices."""
+    if len(archive.namelist()) > _MAX_PARTS:
+        raise InputError.of(name, f"has {len(archive.namelist())} parts", _SAVE_AGAIN)
+    if bomb := find_oversized(archive):
+        raise InputError.of(name, bomb, "Such a file can exhaust the memory; export it again.")
     if "xl/workbook.bin" in archive.namelist():
         check_end(archive.read("xl/workbook.bin"))
     for member in archive.infolist():
         if not _SHEET.fullmatch(member.filename):
             continue
         width, height = _extent(archive, member)
-        if width * height > _CELLS:
+        if width * height > _MAX_CELLS:
             message = f"{member.filename} spans up to {height} rows and {width} columns"
             raise InputError.of(name, message, "Delete the stray cells far from the table.")
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
     if member.filename.lower().endswith(".bin"):
-        return (_CELLS, 2) if member.file_size > _BINARY else extent_of(archive.read(member))
+        return (_MAX_CELLS, 2) if member.file_size > _MAX_BINARY_BYTES else extent_of(archive.read(member))
     return extent_of_text(lambda: _chunks(archive, member))
 
 
@@ -180,12 +178,12 @@ def _chunks(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes
             tail = chunk[-OVERLAP:]
 
 
-def _damage() -> tuple[type[BaseException], ...]:
+def _damage_errors() -> tuple[type[BaseException], ...]:
     import python_calamine
 
     unpacking = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
     return (python_calamine.CalamineError, OSError, ValueError, OverflowError, *unpacking)
 
 
-def _damaged(name: str, error: BaseException) -> InputError:
-    return InputError.of(name, f"the workbook cannot be read ({error})", _ANEW)
+def _damaged_error(name: str, error: BaseException) -> InputError:
+    return InputError.of(name, f"the workbook cannot be read ({error})", _SAVE_AGAIN)

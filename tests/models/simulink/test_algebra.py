@@ -283,7 +283,7 @@ def test_a_signal_that_a_bus_does_not_have_is_told_with_those_it_has(tmp_path):
     drawn.outport("y")
     drawn.line("a", "Bus", name="speed")
     drawn.chain("Bus", "Pick", "y")
-    with pytest.raises(InputError, match="Pick: it selects sped, but the bus has speed"):
+    with pytest.raises(InputError, match="Pick: it selects sped, but the bus contains speed"):
         imported(drawn, tmp_path)
 
 
@@ -318,7 +318,7 @@ def test_a_subsystem_alone_takes_what_it_reads_from_outside_as_inputs(tmp_path):
     model = imported(nested(), tmp_path, subsystem="Engine//Torque")
     assert (model.graph.inputs, model.graph.outputs) == (("x", "wide"), ("z",))
     assert run(model, {"x": [1.0], "wide": [2.0]})["z"].tolist() == [3.0]
-    with pytest.raises(InputError, match=r"no subsystem Engin.*Did you mean Engine//Torque"):
+    with pytest.raises(InputError, match=r"unknown subsystem Engin.*Did you mean Engine//Torque"):
         imported(nested(), tmp_path, subsystem="Engin//Torque")
 
 
@@ -428,7 +428,7 @@ def test_a_mask_that_refers_to_itself_is_told(tmp_path):
     inner.chain("x", "G", "y")
     drawn.outport("y")
     drawn.chain("u", "S", "y")
-    with pytest.raises(InputError, match=r"variable K: has no value; S/G needs it"):
+    with pytest.raises(InputError, match=r"variable K: undefined; used by S/G"):
         imported(drawn, tmp_path)
 
 
@@ -450,11 +450,11 @@ def test_unsupported_blocks_are_all_told_and_can_be_bound(tmp_path):
         imported(drawn, tmp_path)
     told = [str(finding) for finding in caught.value.findings]
     assert any("car.slx Vendor: blocks of type S-Function are not supported" in one for one in told)
-    assert any("car.slx variable nowhere: has no value; K needs it" in one for one in told)
+    assert any("car.slx variable nowhere: undefined; used by K" in one for one in told)
     model = imported(drawn, tmp_path, bind={"Vendor": "2*n_rpm", "K": "load"})
     assert set(model.graph.inputs) == {"n_rpm", "load"}
     assert run(model, {"n_rpm": [3.0], "load": [1.0]})["y"].tolist() == [7.0]
-    with pytest.raises(InputError, match=r"there is no block Vndor. Did you mean Vendor"):
+    with pytest.raises(InputError, match=r"unknown block Vndor. Did you mean Vendor"):
         imported(drawn, tmp_path, bind={"Vndor": "x"})
 
 
@@ -467,7 +467,7 @@ def test_an_algebraic_loop_is_told_with_its_blocks(tmp_path):
     drawn.line("u", "S:1")
     drawn.line("S", "K", "y")
     drawn.line("K", "S:2")
-    with pytest.raises(InputError, match=r"an algebraic loop: .*(S -> K -> S|K -> S -> K)"):
+    with pytest.raises(InputError, match=r"algebraic loop: .*(S -> K -> S|K -> S -> K)"):
         imported(drawn, tmp_path)
 
 
@@ -503,7 +503,7 @@ def test_a_model_that_shows_nothing_is_refused(tmp_path):
     drawn.inport("u")
     drawn.block("Gain", "Twice", Gain="2")
     drawn.chain("u", "Twice")
-    with pytest.raises(InputError, match="no outport, and nothing that records or shows"):
+    with pytest.raises(InputError, match="no outport and no block that records"):
         imported(drawn, tmp_path)
 
 

@@ -95,10 +95,10 @@ def test_a_matrix_takes_places_in_both_dimensions(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "told"),
     [
-        ({"IndexOptions": "Index vector (dialog)", "Indices": "9"}, "it selects 9 of 4 elements"),
-        ({"OutputInitialize": "Specify size for each dimension in table"}, "would have no value"),
-        ({"NumberOfDimensions": "3"}, "NumberOfDimensions is 3"),
-        ({"IndexOptions": "Index vector (dialog)", "Indices": "[1 2 3]"}, "it assigns 2 elements to 3 places"),
+        ({"IndexOptions": "Index vector (dialog)", "Indices": "9"}, "its index 9 is out of range for 4 elements"),
+        ({"OutputInitialize": "Specify size for each dimension in table"}, "would be undefined"),
+        ({"NumberOfDimensions": "3"}, "NumberOfDimensions must be an integer from 1 to 2, got 3"),
+        ({"IndexOptions": "Index vector (dialog)", "Indices": "[1 2 3]"}, "it assigns 2 elements to 3 positions"),
     ],
 )
 def test_assignments_that_do_not_fit_are_told(parameters, told, tmp_path):
@@ -120,7 +120,7 @@ def test_rows_and_columns_change_places(tmp_path):
         np.testing.assert_array_equal(found, swapped)
     found = gathered(run(imported(wide("Squeeze", ("[2 3]",)), tmp_path), columns(u1=M)))
     np.testing.assert_array_equal(found, M.reshape(N, -1, order="F"))
-    with pytest.raises(InputError, match=r"its Order is \[3 1 2\]"):
+    with pytest.raises(InputError, match=r"its Order \[3 1 2\] is not"):
         imported(wide("PermuteDimensions", ("[2 3]",), Order="[3 1 2]"), tmp_path)
 
 
@@ -151,7 +151,7 @@ def test_a_product_divides_by_a_matrix(tmp_path):
     found = gathered(run(imported(drawn, tmp_path), columns(u1=rows, u2=SQUARE[3])))
     expected = rows @ np.linalg.inv(SQUARE[3])
     np.testing.assert_allclose(found, expected.reshape(N, -1, order="F"), rtol=1e-10, atol=1e-12)
-    with pytest.raises(InputError, match="it inverts a matrix of 4 x 4"):
+    with pytest.raises(InputError, match="it inverts a matrix of size 4 x 4"):
         imported(wide("Product", ("[4 4]",), Inputs="/", Multiplication="Matrix(*)"), tmp_path)
 
 

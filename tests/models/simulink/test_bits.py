@@ -97,16 +97,16 @@ def test_stored_bits_are_read_as_another_type(tmp_path):
 
 def test_what_an_unknown_type_could_change_is_told(tmp_path):
     drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="217")
-    assert any("B takes its mask as it is written" in one for one in reported(drawn, tmp_path))
+    assert any("B uses its mask as written" in one for one in reported(drawn, tmp_path))
     drawn = alone("Reference", special="Bitwise Operator", logicop="AND", BitMask="127")
     assert reported(drawn, tmp_path) == ()
-    assert any("B takes bit 7" in one for one in reported(alone("Reference", special="Bit Set", iBit="7"), tmp_path))
+    assert any("B uses bit 7" in one for one in reported(alone("Reference", special="Bit Set", iBit="7"), tmp_path))
 
 
 def test_blocks_whose_integers_are_not_applied_are_told(tmp_path):
     drawn = alone("Gain", Gain="3", OutDataTypeStr="int16")
     assert reported(drawn, tmp_path) == (
-        "integer types are not applied by B: in Simulink they round, and wrap or saturate",
+        "integer types are ignored in B: Simulink rounds there, and wraps or saturates",
     )
     assert reported(alone("UnitDelay", OutDataTypeStr="int16"), tmp_path) == ()
 
@@ -177,7 +177,7 @@ def test_single_bits_are_set_and_cleared(tmp_path):
     for kind, rule in (("Bit Set", lambda a: a | 4), ("Bit Clear", lambda a: a & ~4)):
         found = run(imported(alone("Reference", special=kind, iBit="2"), tmp_path), {"u1": WHOLE})["y1"]
         assert found.tolist() == expected(rule, WHOLE)
-    with pytest.raises(InputError, match="bit 8 is beyond its input of 8 bits"):
+    with pytest.raises(InputError, match="bit 8 is outside its 8-bit input"):
         imported(typed("Bit Set", 1, ["uint8"], iBit="8"), tmp_path)
 
 

@@ -106,7 +106,7 @@ def calling(code, drawn, data=(), **options):
     )
 
 
-def test_switch_asks_once_what_it_decides_on(tmp_path):
+def test_switch_evaluates_its_subject_once(tmp_path):
     code = "switch f(u)\n case 7\n  y = 1;\n case {5, 1}\n  y = 2;\n case 2\n  y = 3;\n otherwise\n  y = 9;\nend"
     chart = calling(code, "{n = n + 1; r = n;}", [("n", "OUTPUT_DATA")])
     found = run(imported(drawn_chart(chart, outputs=("y", "n")), tmp_path), {"u": np.zeros(9)})
@@ -114,7 +114,7 @@ def test_switch_asks_once_what_it_decides_on(tmp_path):
     np.testing.assert_array_equal(found["y_out"], [0, 2, 3, 9, 9, 2, 9, 1, 9])
 
 
-def test_actions_end_where_a_function_in_an_expression_has_left_their_state(tmp_path):
+def test_actions_end_if_a_function_in_an_expression_has_left_their_state(tmp_path):
     chart = calling("y = f(u);\nz = z + 1;", "{E; r = x;}", [("z", "OUTPUT_DATA")], events=[("E", "LOCAL_EVENT", "")])
     chart.transitions[1] = ("A", "B", "E")
     chart.states["B"] = "B\nentry: y = -1;"
@@ -123,7 +123,7 @@ def test_actions_end_where_a_function_in_an_expression_has_left_their_state(tmp_
     np.testing.assert_array_equal(found["z_out"], [0, 0, 0])
 
 
-def test_what_a_function_in_matlab_gives_no_value_is_no_number(tmp_path):
+def test_unassigned_outputs_of_matlab_functions_are_nan(tmp_path):
     script = "function r = f(x)\nif x > 0\n  a = x;\nelse\n  a = -1;\nend\nif x < 1\n  r = a;\nend\nend\n"
     chart = replace(calling("y = f(u);", ""), functions={"f": script}, junctions=(), parents={})
     chart.transitions.pop()
@@ -146,7 +146,7 @@ def test_end_may_stand_deep_within_an_index(tmp_path):
         ("MATLAB", "x(i + 1) = u; y = x(i + 1); z = x(1) + x(2) + x(3);", lambda i: np.floor(i + 0.5)),
     ],
 )
-def test_beyond_an_array_there_is_no_number_and_nothing_is_written(language, code, whole, tmp_path):
+def test_reading_beyond_an_array_gives_nan_and_writing_has_no_effect(language, code, whole, tmp_path):
     data = [*IO, ("x", "LOCAL_DATA", "7", "3"), ("i", "LOCAL_DATA", "-2"), ("z", "OUTPUT_DATA")]
     chart = lone(f"during: {code} i = i + 0.75;", data, language=language)
     found = run(imported(drawn_chart(chart, outputs=("y", "z")), tmp_path), {"u": U[:9]})
@@ -199,13 +199,13 @@ def test_a_chart_in_matlab_knows_the_functions_of_matlab(code, wanted, tmp_path)
 @pytest.mark.parametrize(
     ("language", "code", "told"),
     [
-        ("MATLAB", "y = fft(u);", "the function fft is not known for signals"),
+        ("MATLAB", "y = fft(u);", "the function fft is not supported for signals"),
         ("MATLAB", "y = mean(u, 1, 2, 3);", "mean gets 4 arguments"),
-        ("MATLAB", "[y, z] = fft(u);", "it takes several results of fft, which is no function"),
+        ("MATLAB", "[y, z] = fft(u);", "unknown function fft with several results"),
         ("C", "y = mean(u);", "the function mean is not known for signals"),
     ],
 )
-def test_functions_that_a_chart_does_not_know_are_told(language, code, told, tmp_path):
+def test_unknown_functions_in_charts_are_reported(language, code, told, tmp_path):
     chart = lone(f"during:\n{code}", [*IO, ("z", "LOCAL_DATA")], language=language)
     with pytest.raises(InputError, match=re.escape(told)):
         imported(drawn_chart(chart), tmp_path)
@@ -221,4 +221,4 @@ def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
     assert found["y_out"][1:].tolist() == [-56.0, 6.0, -2.0]  # of 100, 3, 127 in int8
     assert found["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
     assert found["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
-    assert any(one.startswith("integer types are not applied by C") for one in report.report.told)
+    assert any(one.startswith("integer types are ignored in C") for one in report.report.notes)

@@ -221,7 +221,7 @@ def test_a_counter_without_inputs(tmp_path):
 @pytest.mark.parametrize(
     ("code", "told"),
     [
-        ("persistent x\ny = x + u;", "line 3: x has no value"),
+        ("persistent x\ny = x + u;", "line 3: x is not assigned"),
         (
             "persistent x\nif isempty(x), x = 0; end\nx(end + 1) = u;\ny = x(1);",
             "size of the persistent variable x changes",
@@ -263,7 +263,7 @@ def test_functions_share_data_stores(layout, tmp_path):
 
 def test_without_priorities_a_function_reads_what_the_step_before_has_left(tmp_path):
     report = import_simulink(sharing("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
-    assert sum("reads the data store as the step before left it" in one for one in report.substitutions) == 1
+    assert sum("reads the data store before it is written in the step" in one for one in report.substitutions) == 1
     assert report.total == 6
     found = run(imported(sharing("", ""), tmp_path, parameters=[{"start": 2.0}]), {"u": U})
     total = np.concatenate([[2.0], 2 + np.cumsum(np.maximum(U, 0))])
@@ -274,5 +274,5 @@ def test_without_priorities_a_function_reads_what_the_step_before_has_left(tmp_p
 def test_a_data_store_that_is_nowhere_is_told(tmp_path):
     drawn = sharing("1", "2")
     drawn.blocks = [one for one in drawn.blocks if one.name != "M"]
-    with pytest.raises(InputError, match="there is no memory for the data store total"):
+    with pytest.raises(InputError, match="data store total not found"):
         imported(drawn, tmp_path)

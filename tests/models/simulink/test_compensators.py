@@ -47,7 +47,7 @@ def test_slopes_with_respect_to_poles(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "told"),
     [
-        ({"Zeros": "[1 2 3]"}, "it has 3 zeros and only 2 poles"),
+        ({"Zeros": "[1 2 3]"}, "it has more zeros \\(3\\) than poles"),
         ({"Poles": "[-1+2i -1-2i]"}, "complex numbers are not known"),
         ({"Zeros": "[1 2; 3 4]"}, "its Zeros are a matrix"),
     ],
@@ -98,5 +98,5 @@ def test_two_integrals_at_once(tmp_path):
     t = T * np.arange(COUNT)
     np.testing.assert_allclose(found["y1"], 1 - 0.5 * t + t**2, rtol=1e-10)
     np.testing.assert_allclose(found["y2"], -0.5 + 2 * t, rtol=1e-10)
-    with pytest.raises(InputError, match="LimitX is 'on'"):
+    with pytest.raises(InputError, match="LimitX 'on'"):
         imported(alone("SecondOrderIntegrator", 1, 2, LimitX="on", model=Model(solver="ode4")), tmp_path)

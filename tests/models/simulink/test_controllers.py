@@ -217,10 +217,10 @@ def test_slopes_with_respect_to_the_gains(windup, name, tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "told"),
     [
-        ({"IntegratorMethod": "Backward Euler", "AntiWindupMode": "clamping", **LIMITS}, "need each other in one step"),
-        ({"IntegratorMethod": "Trapezoidal", "TrackingMode": "on"}, "Use Forward Euler for the integral"),
-        ({"SatLimitsSource": "external"}, "SatLimitsSource is 'external'"),
-        ({"FilterMethod": "Trapezoidal", "InitialConditionForFilter": "1"}, "its derivative begins with a value"),
+        ({"IntegratorMethod": "Backward Euler", "AntiWindupMode": "clamping", **LIMITS}, "form an algebraic loop"),
+        ({"IntegratorMethod": "Trapezoidal", "TrackingMode": "on"}, "Use Forward Euler for the integrator"),
+        ({"SatLimitsSource": "external"}, "SatLimitsSource 'external'"),
+        ({"FilterMethod": "Trapezoidal", "InitialConditionForFilter": "1"}, "its derivative has an initial value"),
     ],
 )
 def test_controllers_that_are_not_supported_say_why(parameters, told, tmp_path):

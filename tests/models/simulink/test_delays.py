@@ -209,7 +209,7 @@ def test_a_state_port_shows_the_state(tmp_path):
     drawn.line("B#state", "x")
     both = run(imported(drawn, tmp_path), {"u1": U})
     np.testing.assert_array_equal(both["x"], both["y1"])
-    with pytest.raises(InputError, match="its state port shows the state before a reset"):
+    with pytest.raises(InputError, match="its state port outputs the state before a reset"):
         imported(alone("DiscreteIntegrator", 2, ExternalReset="rising", **trapezoidal), tmp_path)
 
 
@@ -225,7 +225,7 @@ def test_a_sampled_level_holds_an_integrator_at_its_initial_value(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "told"),
     [
-        ({"DelayLengthSource": "Input port", "DelayLengthUpperLimit": "100000"}, "DelayLengthUpperLimit is 100000"),
+        ({"DelayLengthSource": "Input port", "DelayLengthUpperLimit": "100000"}, "must be an integer from 1 to 2000"),
         ({"DelayLengthSource": "Input port", "InitialCondition": "[1 2]"}, "several initial values"),
         ({"DelayLength": "3", "InitialCondition": "[1 2]"}, "it has 2 initial values for a delay of 3 steps"),
     ],

@@ -81,8 +81,8 @@ def test_breakpoint_objects_hold_their_values_one_level_down(tmp_path):
 
 def test_what_cannot_be_read_is_told_by_name(folder):
     assert read_dictionary(folder / "main.sldd", follow=False).data.unreadable == {
-        "Bad": "it has 3 numbers for the size 2*2",
-        "Odd": "it is of the unknown class table",
+        "Bad": "it has 3 numbers for a size of 2*2",
+        "Odd": "its class table is unknown",
         "Im": "it is complex",
     }
 
@@ -97,7 +97,7 @@ def test_references_are_followed_once_and_the_nearest_entry_wins(folder):
     found = read_dictionary(folder / "main.sldd")
     assert found.references == ("further.sldd",)
     assert (found.data.entries["F"].value.item(), found.data.entries["K"].value.item()) == (8.0, 2.5)
-    assert "not beside it" in found.data.unreadable["lost.sldd"]
+    assert "not found next to it" in found.data.unreadable["lost.sldd"]
     assert "F" not in read_dictionary(folder / "main.sldd", follow=False).data.entries
 
 
@@ -105,7 +105,7 @@ def test_a_broken_dictionary_does_not_take_the_one_with_it_that_refers_to_it(fol
     (folder / "lost.sldd").write_bytes(b"PK\3\4cut")
     found = read_dictionary(folder / "main.sldd").data
     assert found.entries["F"].value.item() == 8.0
-    assert "is a broken zip archive" in found.unreadable["lost.sldd"]
+    assert "is a damaged zip archive" in found.unreadable["lost.sldd"]
 
 
 def test_a_reference_leads_to_no_file_elsewhere(tmp_path):
@@ -125,12 +125,12 @@ def test_numbers_of_any_shape_come_back(values, tmp_path_factory):
 @pytest.mark.parametrize(
     ("raw", "said"),
     [
-        (b"K = 1", "is no data dictionary"),
-        (b"PK\3\4cut", "broken zip archive"),
-        (zipped({"a": "b"}), "has no part data/chunk0.xml"),
-        (zipped({"data/chunk0.xml": "<DataSource><Object>"}), "no well-formed XML"),
+        (b"K = 1", "is not a data dictionary"),
+        (b"PK\3\4cut", "damaged zip archive"),
+        (zipped({"a": "b"}), "part data/chunk0.xml is missing"),
+        (zipped({"data/chunk0.xml": "<DataSource><Object>"}), "not well-formed XML"),
         (zipped({"data/chunk0.xml": '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'}), "declares the entity b"),
-        (b'{"__MW_TEXT_PARTS__": {}}', "has no part data/chunk0"),
+        (b'{"__MW_TEXT_PARTS__": {}}', "part data/chunk0 is missing"),
     ],
 )
 def test_what_is_no_dictionary_is_told_in_a_sentence(raw, said, tmp_path):
@@ -165,7 +165,7 @@ def test_garbled_dictionaries_are_read_or_refused_but_never_crash(folder):
 
 def test_a_workspace_is_no_dictionary(tmp_path):
     (tmp_path / "d.sldd").write_bytes(mxarray({"K": 1.0}))
-    with pytest.raises(InputError, match="is no data dictionary"):
+    with pytest.raises(InputError, match="is not a data dictionary"):
         read_dictionary(tmp_path / "d.sldd")
 
 

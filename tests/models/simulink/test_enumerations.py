@@ -120,15 +120,16 @@ def test_a_multiport_switch_takes_indices_that_are_members(default, expected, tm
 
 def test_indices_and_ports_that_do_not_fit_are_told(tmp_path):
     drawn = alone("MultiPortSwitch", 3, DataPortOrder="Specify indices", DataPortIndices="{1,2,3}")
-    with pytest.raises(InputError, match="2 data ports for 3 indices"):
+    with pytest.raises(InputError, match="2 data ports but 3 indices"):
         imported(drawn, tmp_path)
     drawn = alone("MultiPortSwitch", 3, DataPortOrder="Specify indices", DataPortIndices="{Lost.A,2}")
-    with pytest.raises(InputError, match=r"variable Lost.A: has no value"):
+    with pytest.raises(InputError, match=r"variable Lost.A: undefined"):
         imported(drawn, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("value", "told"), [("Gear.Fifth", "Gear has no member Fifth, but Reverse"), ("Lost.A", "Lost.A: has no value")]
+    ("value", "told"),
+    [("Gear.Fifth", "Gear has no field Fifth; its fields are Reverse"), ("Lost.A", "Lost.A: undefined")],
 )
 def test_a_member_that_is_not_there_is_told(value, told, tmp_path):
     with pytest.raises(InputError, match=told):
@@ -138,7 +139,7 @@ def test_a_member_that_is_not_there_is_told(value, told, tmp_path):
 def test_a_class_of_another_kind_is_told(tmp_path):
     path = tmp_path / "Thing.m"
     path.write_text("classdef Thing < handle\nproperties\nx\nend\nend\n")
-    with pytest.raises(InputError, match=r"Thing.m: is a class, and none of whole numbers"):
+    with pytest.raises(InputError, match=r"Thing.m: is a class, but not an enumeration of integers"):
         simulink(constant().write(tmp_path), parameters=[path])
 
 

@@ -116,7 +116,7 @@ def test_a_state_port_of_another_block_is_told(tmp_path):
     drawn.outport("y")
     drawn.line("M#state", "K")
     drawn.line("K", "M", "y")
-    with pytest.raises(InputError, match="M: its state port is read, which is not supported"):
+    with pytest.raises(InputError, match="M: its state port is used, which is not supported"):
         imported(drawn, tmp_path)
 
 
@@ -214,5 +214,5 @@ def test_a_scalar_that_a_matrix_would_widen_is_told(tmp_path):
     drawn.line("K", "S:1")
     drawn.line("Two", "S:2")
     drawn.line("S", "z")
-    with pytest.raises(InputError, match="do not fit each other"):
+    with pytest.raises(InputError, match="which do not match"):
         imported(drawn, tmp_path)

@@ -273,22 +273,22 @@ def diagram(inside):
 @pytest.mark.parametrize(
     ("raw", "said"),
     [
-        (b"", "is no Simulink file"),
-        (b"Name = 1\n", "is no Simulink file"),
-        (b"PK\3\4" + b"\0" * 60, "broken zip archive"),
-        (zipped({"a.txt": "b"}), "has no part simulink/blockdiagram.xml"),
+        (b"", "is not a Simulink file"),
+        (b"Name = 1\n", "is not a Simulink file"),
+        (b"PK\3\4" + b"\0" * 60, "damaged zip archive"),
+        (zipped({"a.txt": "b"}), "part simulink/blockdiagram.xml is missing"),
         (zipped({"simulink/blockdiagram_encrypted.bin": "b"}), "protected model"),
         (zipped({"data/chunk0.xml": "<DataSource/>"}), "is a data dictionary"),
-        (diagram("<System>"), "no well-formed XML"),
-        (diagram("<Library/>")[:150], "broken zip archive"),
+        (diagram("<System>"), "not well-formed XML"),
+        (diagram("<Library/>")[:150], "damaged zip archive"),
         (diagram('<System><Block BlockType="SubSystem" Name="S" SID="1"><System Ref="system_1"/></Block></System>'),
          "has its content in system_1, which is missing"),
         (diagram("<a>" * 300 + "</a>" * 300), "levels deep"),
-        (b"Model {\n System {\n}\n", "is cut off: Model of line 1 is never closed"),
-        (b"Model {\n}\n}\n", "closes nothing"),
+        (b"Model {\n System {\n}\n", "is truncated: Model of line 1 is never closed"),
+        (b"Model {\n}\n}\n", "unmatched }"),
         (b"Model {\n{\n}\n", "neither a key"),
         (b"Model {\n" * 300, "levels deep"),
-        (b"__MWOPC_PACKAGE_BEGIN__ R2022a\n__MWOPC_PART_BEGIN__ /simulink/blockdiagram.xml\n<a/>", "is cut off"),
+        (b"__MWOPC_PACKAGE_BEGIN__ R2022a\n__MWOPC_PART_BEGIN__ /simulink/blockdiagram.xml\n<a/>", "is truncated"),
     ],
 )  # fmt: skip
 def test_what_is_broken_is_told_in_a_sentence(raw, said):
@@ -337,7 +337,7 @@ def test_systems_that_share_their_content_do_not_multiply_without_end():
 
 def test_a_zip_that_unpacks_to_too_much_is_refused():
     raw = zipped({"simulink/blockdiagram.xml": "<ModelInformation>" + " " * 70_000_000 + "</ModelInformation>"})
-    with pytest.raises(InputError, match="unpacks to far more than a model"):
+    with pytest.raises(InputError, match="expands to far more data than a model"):
         document(raw, Path("m.slx"))
 
 
@@ -347,7 +347,7 @@ def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
     read = document(diagram(f"<System>{block}{line}</System>"), Path("m.slx"))
     assert read.root.lines[0].destinations == ()
     assert (read.root.lines[1].source, read.root.lines[1].destinations) == (None, (Endpoint("1", "in", 1),))
-    assert read.remarks == ("the root has a line at 9#in:1, which is not there; it counts as loose",)
+    assert read.remarks == ("the root has a line to the unknown block or port 9#in:1; it is treated as unconnected",)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -12,7 +12,7 @@ from kennfeld.errors import InputError
 @pytest.mark.parametrize(
     ("code", "told"),
     [
-        ("y = 3;", "no function"),
+        ("y = 3;", "not define a function"),
         ("function y = (", "model.slx F: F line 1 "),
     ],
 )
@@ -92,7 +92,7 @@ def test_vectors_are_columns_and_matrices_keep_their_shape(tmp_path):
 
 
 def test_a_parameter_without_a_value_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"K is a parameter that has no value.*Give it among the parameters"):
+    with pytest.raises(InputError, match=r"the parameter K has no value.*Define it in a script"):
         imported(function("function y = f(u, v, K)\ny = K*u;\n"), tmp_path)
 
 
@@ -102,7 +102,7 @@ def test_a_declared_parameter_without_a_value_is_told_like_a_variable_of_any_blo
     drawn.function("F", "function y = f(u, K)\ny = K*u;\n", data={"K": "PARAMETER_DATA"})
     drawn.outport("y")
     drawn.chain("u", "F", "y")
-    with pytest.raises(InputError, match=r"variable K: has no value; F needs it. Give it among the parameters"):
+    with pytest.raises(InputError, match=r"variable K: undefined; used by F. Define it in a script"):
         imported(drawn, tmp_path)
     assert set(imported(drawn, tmp_path, parameters=[{"K": 2.0}]).graph.parameters) == {"K"}
 

@@ -83,7 +83,7 @@ def test_the_limit_may_come_from_a_constant_outside(feed, tmp_path):
     if feed == "Constant":
         np.testing.assert_allclose(run(found.model, {"u": U})["y"], summed(5, False), atol=1e-12)
     else:
-        with pytest.raises(InputError, match="the number of its passes is not fixed"):
+        with pytest.raises(InputError, match="its iteration count is not constant"):
             imported(drawn, tmp_path, parameters=[{**GIVEN, "n": 5}])
 
 
@@ -176,7 +176,7 @@ def test_a_while_iterator_needs_a_condition_to_begin_and_holds_its_output(reset,
 def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
     drawn = loop(search, "WhileIterator", WhileBlockType="do-while", MaxIters="-1", ShowIterationPort="on",
                  ResetStates="reset", ports=(1, 1))  # fmt: skip
-    with pytest.raises(InputError, match=r'may run without end; set "Loop/Iterator:MaxIters"'):
+    with pytest.raises(InputError, match=r'iterations is unbounded; set "Loop/Iterator:MaxIters"'):
         imported(drawn, tmp_path)
     found = run(imported(drawn, tmp_path, parameters=[{"Loop/Iterator:MaxIters": 30}]), {"u": [16.0]})
     assert found["root"][0] == pytest.approx(4.0)
@@ -185,11 +185,11 @@ def test_a_loop_without_an_end_says_how_to_bound_it(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "settings", "told"),
     [
-        ("ForIterator", {"IterationLimit": "1001"}, "1001 passes in a step; 1 to 1000"),
-        ("ForIterator", {"IterationLimit": "0"}, "0 passes"),
-        ("ForIterator", {"IterationLimit": "2.5"}, "no whole number"),
-        ("ForIterator", {"ExternalIncrement": "on"}, "takes its next iteration from outside"),
-        ("WhileIterator", {"WhileBlockType": "until"}, "WhileBlockType is 'until'"),
+        ("ForIterator", {"IterationLimit": "1001"}, "1001 iterations in a step; it must be between 1 and 1000"),
+        ("ForIterator", {"IterationLimit": "0"}, "0 iterations"),
+        ("ForIterator", {"IterationLimit": "2.5"}, "must be an integer"),
+        ("ForIterator", {"ExternalIncrement": "on"}, "sets its iteration variable externally"),
+        ("WhileIterator", {"WhileBlockType": "until"}, "WhileBlockType 'until'"),
         ("ForEach", {"NeedActiveIterationSignal": "on"}, "NeedActiveIterationSignal"),
     ],
 )
@@ -199,7 +199,7 @@ def test_loops_that_cannot_be_unrolled_are_told(kind, settings, told, tmp_path):
 
 
 def test_a_limit_without_a_value_is_told_by_name(tmp_path):
-    with pytest.raises(InputError, match="variable lost: has no value; Loop needs it"):
+    with pytest.raises(InputError, match="variable lost: undefined; used by Loop"):
         imported(loop(summing, IterationLimit="lost"), tmp_path, parameters=[GIVEN])
 
 
@@ -225,7 +225,7 @@ def test_continuous_states_have_no_place_in_a_loop(tmp_path):
         inner.outport("y")
         inner.chain("u", "I", "y")
 
-    with pytest.raises(InputError, match="I: it is integrated over time in a subsystem that runs several times"):
+    with pytest.raises(InputError, match="I: it integrates over time in an iterated subsystem"):
         imported(loop(content), tmp_path)
 
 
@@ -331,7 +331,7 @@ def test_a_data_store_is_written_and_read_from_pass_to_pass(tmp_path):
 
 def test_a_loop_by_itself_is_told_to_need_what_is_around_it(tmp_path):
     drawn = loop(summing)
-    with pytest.raises(InputError, match="Loop: it runs several times in a step; import the system around it"):
+    with pytest.raises(InputError, match="Loop: it is in an iterated subsystem; import the enclosing system"):
         imported(drawn, tmp_path, subsystem="Loop")
 
 
@@ -446,12 +446,12 @@ def test_matrices_are_parted_and_put_together_along_their_dimensions(width, dime
 @pytest.mark.parametrize(
     ("lists", "settings", "told"),
     [
-        ({"InputPartitionWidth": ["2", "1"]}, {}, "its 3 elements cannot be parted by 2"),
-        ({"InputPartitionDimension": ["2", "1"]}, {}, "parted along dimension 2"),
-        ({"InputPartitionOffset": ["1", "0"]}, {}, "its parts overlap"),
-        ({"OutputConcatenation": ["off"]}, {}, "its elements are not put together"),
-        ({"InputPartition": ["on", "on"]}, {}, "its inputs ask for 3 and for 1 passes"),
-        ({}, {"SpecifiedNumIters": "4"}, "it has 3 elements, less than are asked for"),
+        ({"InputPartitionWidth": ["2", "1"]}, {}, "its 3 elements cannot be partitioned into parts of 2"),
+        ({"InputPartitionDimension": ["2", "1"]}, {}, "partitioned along dimension 2"),
+        ({"InputPartitionOffset": ["1", "0"]}, {}, "its partitions overlap"),
+        ({"OutputConcatenation": ["off"]}, {}, "its elements are not concatenated"),
+        ({"InputPartition": ["on", "on"]}, {}, "its inputs require 3 and 1 iterations"),
+        ({}, {"SpecifiedNumIters": "4"}, "it has 3 elements, fewer than the iterations"),
         ({}, {"StateHandling": "Common"}, "share their states"),
     ],
 )
@@ -468,5 +468,5 @@ def test_the_number_of_elements_can_be_stated(tmp_path):
 def test_inputs_and_parameters_of_different_numbers_are_told(tmp_path):
     mask = Mask({"g": "[1 2]"})
     drawn = each(mask=mask, lists={"SubsysMaskParameterPartition": ["on"]})
-    with pytest.raises(InputError, match="ask for different numbers"):
+    with pytest.raises(InputError, match="require different iteration counts"):
         imported(drawn, tmp_path, parameters=[{"k": 0.3}])

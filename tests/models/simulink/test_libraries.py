@@ -111,7 +111,7 @@ def test_an_unknown_block_of_a_library_is_told_with_the_nearest(tmp_path):
     model.link("A", "mylib/Hallf")
     found = resolved(model, tmp_path)
     assert [str(problem) for problem in found.problems] == [
-        "model.slx (A): links to mylib/Hallf, which mylib.slx does not hold. Did you mean Half?"
+        "model.slx (A): links to mylib/Hallf, which mylib.slx does not contain. Did you mean Half?"
     ]
 
 
@@ -130,7 +130,7 @@ def test_a_loop_of_libraries_is_told_with_its_chain(tmp_path):
 
 
 def test_links_that_multiply_without_end_are_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(library_links, "_MOST_BLOCKS", 5000)
+    monkeypatch.setattr(library_links, "_MAX_BLOCKS", 5000)
     for at in range(25):
         made = Model(f"lib{at}", kind="Library")
         inner = made.subsystem("S")
@@ -140,7 +140,7 @@ def test_links_that_multiply_without_end_are_stopped(tmp_path, monkeypatch):
     model = Model()
     model.link("A", "lib0/S")
     found = resolved(model, tmp_path)
-    assert any("blocks once its links are followed" in str(problem) for problem in found.problems)
+    assert any("blocks after resolving its links" in str(problem) for problem in found.problems)
 
 
 def test_a_broken_library_is_told_once(tmp_path):
@@ -150,7 +150,7 @@ def test_a_broken_library_is_told_once(tmp_path):
     model.link("B", "bad/X")
     found = resolved(model, tmp_path)
     assert len(found.problems) == 1
-    assert str(found.problems[0]).startswith("bad.slx: is a broken zip archive")
+    assert str(found.problems[0]).startswith("bad.slx: is a damaged zip archive")
     assert found.missing["bad/X"] == ("A", "B")
 
 

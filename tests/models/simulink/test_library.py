@@ -57,7 +57,7 @@ def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
 def test_parts_of_a_pid_controller(tmp_path):
     found = run(pid(tmp_path, GAINS, Controller="P", LimitOutput="on", UpperSaturationLimit="1"), {"u1": U})["y1"]
     np.testing.assert_allclose(found, np.minimum(2 * U, 1))
-    with pytest.raises(InputError, match="SatLimitsSource is 'external'"):
+    with pytest.raises(InputError, match="SatLimitsSource 'external'"):
         pid(tmp_path, GAINS, LimitOutput="on", SatLimitsSource="external")
 
 
@@ -187,7 +187,7 @@ def lookup_of(values, points, columns):
 
 def test_a_calibration_files_axes_do_not_fit_a_table_that_is_looked_up_by_number(tmp_path):
     drawn = alone("LookupNDDirect", NumberOfTableDimensions="1", Table="Eta")
-    with pytest.raises(InputError, match="looks it up by number"):
+    with pytest.raises(InputError, match="looks it up by index"):
         imported(drawn, tmp_path, parameters=[eta()])
 
 
@@ -202,7 +202,7 @@ def test_a_referenced_model_is_taken_from_beside_with_its_own_variables(tmp_path
     drawn.block("ModelReference", "Plant", ports=(1, 1), ModelNameDialog="plant.slx")
     drawn.outport("y")
     drawn.chain("u", "Plant", "y")
-    with pytest.raises(InputError, match=r"it runs the model plant.slx, which was not found"):
+    with pytest.raises(InputError, match=r"it references the model plant.slx, which was not found"):
         imported(drawn, tmp_path, parameters=[{"K": 1.0, "L": 2.0}])
     inner.write(tmp_path)
     model = imported(drawn, tmp_path, parameters=[{"K": 1.0, "L": 2.0}])
@@ -229,7 +229,7 @@ def test_a_bus_may_hold_what_is_computed_from_another_of_its_signals(tmp_path):
 def test_a_link_to_a_library_that_is_not_there_says_which(called, tmp_path):
     drawn = alone("Reference", special=called)
     with pytest.raises(
-        InputError, match=r"B: it is a link into the library lib, which was not found. Put lib.slx beside the model"
+        InputError, match=r"B: it links to the library lib, which was not found. Put lib.slx next to the model"
     ):
         imported(drawn, tmp_path)
 
@@ -325,7 +325,7 @@ def test_sizes_that_do_not_fit_are_told_with_the_block(tmp_path):
     drawn.line("A", "S:1")
     drawn.line("B", "S:2")
     drawn.chain("S", "y")
-    with pytest.raises(InputError, match="S: its inputs have the sizes 3, 2, which do not fit"):
+    with pytest.raises(InputError, match="S: its inputs have the sizes 3, 2, which do not match"):
         imported(drawn, tmp_path)
 
 

@@ -67,7 +67,7 @@ def test_links_and_sources_say_where_they_come_from(path):
     assert sources == [
         ("model workspace", "in the file", "2 variables"),
         ("callback", "InitFcn", "k = 1; ... (2 lines)"),
-        ("data dictionary", "engine.sldd", "1 variables, not readable: Z"),
+        ("data dictionary", "engine.sldd", "1 variables, unreadable: Z"),
         ("masks", "", "2 parameters"),
     ]
 
@@ -84,13 +84,13 @@ def test_what_is_missing_or_broken_beside_the_model_is_told(tmp_path):
     (tmp_path / "engine.sldd").write_bytes(b"PK\3\4")
     (tmp_path / "mylib.slx").write_bytes(b"PK\3\4")
     found = summarize_model(path)
-    assert [source.content for source in found.sources if source.kind == "data dictionary"] == ["not readable"]
+    assert [source.content for source in found.sources if source.kind == "data dictionary"] == ["unreadable"]
     assert sorted(str(problem).partition(":")[0] for problem in found.problems) == ["engine.sldd", "mylib.slx"]
 
 
 def test_a_broken_model_is_refused(tmp_path):
     (tmp_path / "m.slx").write_bytes(b"PK\3\4")
-    with pytest.raises(InputError, match=r"m\.slx: is a broken zip archive"):
+    with pytest.raises(InputError, match=r"m\.slx: is a damaged zip archive"):
         summarize_model(tmp_path / "m.slx")
 
 

@@ -72,10 +72,10 @@ def test_a_display_of_what_cannot_be_built_is_left_out(tmp_path):
     found = import_simulink(drawn.write(tmp_path, "slx parts"))
     assert found.model is not None
     assert found.model.graph.outputs == ("double", "Thrice")
-    assert "what Ticks shows is left out, as it cannot be built" in found.report.substitutions
+    assert "skipped Ticks: the displayed signal is not supported" in found.report.substitutions
     assert [(one.path, one.stops) for one in found.report.unsupported] == [("Sync", False)]
 
 
 def test_a_model_that_shows_nothing_is_told(tmp_path):
-    with pytest.raises(InputError, match="no outport, and nothing that records or shows"):
+    with pytest.raises(InputError, match="no outport and no block that records"):
         imported(doubled(scope=False), tmp_path)

@@ -93,7 +93,7 @@ def test_the_search_builds_each_block_a_few_times_at_most(tmp_path, monkeypatch)
 
     def counted(self, *args):
         found = flat(self, *args)
-        built.append(len(found.atoms))
+        built.append(len(found.blocks))
         return found
 
     monkeypatch.setattr(LoadedModel, "flat", counted)
@@ -133,28 +133,30 @@ def large(count=3):
 
 
 def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 250)
+    monkeypatch.setattr(bounded_builder, "_MAX_NODES", 250)
     path = large().write(tmp_path)
     report = inspect_simulink(path)
     assert not report.whole
-    assert [one.message for one in report.findings] == ["the blocks up to here ask for more than 250 operations a step"]
+    assert [one.message for one in report.findings] == [
+        "the blocks up to here require more than 250 operations per step"
+    ]
     assert [one.path for one in report.subsystems] == ["S0", "S1", "S2"]
     assert command(["info", str(path)]) == 0
     shown = capsys.readouterr().out
-    assert "ask for more than 250 operations" in shown
+    assert "require more than 250 operations" in shown
     assert "S2" in shown
 
 
 def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 500)
+    monkeypatch.setattr(bounded_builder, "_MAX_NODES", 500)
     monkeypatch.setattr(importable_subsystems, "_MOST_ASKED", 1000)
     monkeypatch.setattr(importable_subsystems, "_LEAST_ASKED", 100)
     path = large(8).write(tmp_path)
     report = inspect_simulink(path)
     assert 0 < len(report.subsystems) < 8
-    assert "the search for subsystems that can be imported by themselves ended early" in report.remarks[-1]
+    assert "the search for importable subsystems reached its limit" in report.remarks[-1]
     assert command(["info", str(path)]) == 0
-    assert "ended early" in capsys.readouterr().out
+    assert "reached its limit" in capsys.readouterr().out
 
 
 def test_a_solver_that_needs_too_many_operations_stops_the_whole_alone(tmp_path, monkeypatch):
@@ -166,7 +168,7 @@ def test_a_solver_that_needs_too_many_operations_stops_the_whole_alone(tmp_path,
     chain(drawn.subsystem("Part"), 2, 3)
     path = drawn.write(tmp_path)
     assert inspect_simulink(path).whole
-    monkeypatch.setattr(bounded_builder, "_MOST_NODES", 200)
+    monkeypatch.setattr(bounded_builder, "_MAX_NODES", 200)
     report = inspect_simulink(path)
     assert not report.whole
     assert [one.path for one in report.subsystems] == ["Part"]

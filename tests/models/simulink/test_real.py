@@ -139,11 +139,11 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("VentilatorModel_v8_5.slx", "36 more: it is a link into the library Simple_pneu_library"),
-        ("controller.slx", "a link into the library dspfdesign"),
+        ("VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library"),
+        ("controller.slx", "it links to the library dspfdesign"),
         ("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS"),
-        ("GasTurbine_Dyn_Template.mdl", "a link into the library Lib_"),
-        ("Autotrans_Model.mdl", "variable TWAIT: has no value; ShiftLogic needs it"),
+        ("GasTurbine_Dyn_Template.mdl", "it links to the library Lib_"),
+        ("Autotrans_Model.mdl", "variable TWAIT: undefined; used by ShiftLogic"),
     ],
 )
 def test_the_others_say_what_stops_them(file, told):

@@ -80,7 +80,7 @@ def test_a_subsystem_file_can_be_imported_by_itself(tmp_path):
 
 def test_a_missing_subsystem_file_is_told_with_its_name(tmp_path):
     with pytest.raises(
-        InputError, match=r"R1: .*in the file lost, which was not found or does not fit. Put lost.slx beside the model"
+        InputError, match=r"R1: .*in the file lost, which was not found or does not match. Put lost.slx"
     ):
         imported(user("lost"), tmp_path)
 

@@ -70,7 +70,7 @@ def test_the_kinds_of_resets(kind, tmp_path):
 
 
 def test_a_kind_of_reset_that_is_not_known_is_told(tmp_path):
-    with pytest.raises(InputError, match="Sub: its reset is 'guess'"):
+    with pytest.raises(InputError, match="Sub: its reset 'guess'"):
         imported(resettable("guess"), tmp_path, parameters=[{"start": 0.0}])
 
 

@@ -46,7 +46,7 @@ def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader
 def test_what_no_priority_decides_is_told(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
-    assert any("Give both a Priority" in one for one in report.told)
+    assert any("Assign a Priority to both" in one for one in report.notes)
 
 
 def tasks(reader, writer, mode, priorities):
@@ -99,7 +99,7 @@ def test_a_data_store_without_a_memory_is_told(tmp_path):
     drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
     drawn.outport("z")
     drawn.line("R", "z")
-    with pytest.raises(InputError, match="there is no memory for the data store lost"):
+    with pytest.raises(InputError, match="data store lost not found"):
         imported(drawn, tmp_path)
 
 

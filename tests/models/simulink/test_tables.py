@@ -120,20 +120,25 @@ def test_a_direct_lookup_gives_elements_and_columns(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "inputs", "parameters", "told"),
     [
-        ("LookupNDDirect", 1, {"TableIsInput": "on"}, "its table is an input"),
+        (
+            "LookupNDDirect",
+            1,
+            {"TableIsInput": "on"},
+            "its table is an input, which is not supported",
+        ),
         (
             "LookupNDDirect",
             1,
             {"InputsSelectThisObjectFromTable": "2-D Matrix"},
-            "'2-D Matrix', which is not supported",
+            "'2-D Matrix' is not supported",
         ),
-        ("LookupNDDirect", 1, {"NumberOfTableDimensions": "2"}, "do not choose an element of a table of 2 dimensions"),
-        ("Interpolation_n-D", 4, {"RequireIndexFractionAsBus": "on"}, "its input 1 is no bus of an index"),
-        ("Interpolation_n-D", 4, {"TableSource": "Input port"}, "TableSource is 'Input port'"),
-        ("Interpolation_n-D", 4, {"InterpMethod": "Cubic spline"}, "it has a spline, which needs the breakpoints"),
-        ("PreLookup", 1, {"BreakpointsData": "[1 3 2]"}, "its breakpoints do not increase"),
+        ("LookupNDDirect", 1, {"NumberOfTableDimensions": "2"}, "do not select an element of a table of 2 dimensions"),
+        ("Interpolation_n-D", 4, {"RequireIndexFractionAsBus": "on"}, "its input 1 is not a bus of an index"),
+        ("Interpolation_n-D", 4, {"TableSource": "Input port"}, "TableSource 'Input port'"),
+        ("Interpolation_n-D", 4, {"InterpMethod": "Cubic spline"}, "it uses splines, which require the breakpoints"),
+        ("PreLookup", 1, {"BreakpointsData": "[1 3 2]"}, "its breakpoints must increase"),
         ("Lookup_n-D", 5, {"NumberOfTableDimensions": "5"}, "its table has 5 dimensions"),
-        ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "is 'Akima spline'"),
+        ("Lookup_n-D", 1, {"NumberOfTableDimensions": "1", "InterpMethod": "Akima spline"}, "'Akima spline' is not"),
     ],
 )
 def test_lookups_that_are_not_supported_say_why(kind, inputs, parameters, told, tmp_path):
@@ -190,7 +195,7 @@ def test_a_spline_through_two_points_is_a_line_and_one_through_very_many_is_refu
     drawn = alone("Lookup_n-D", Table="[1 3]", BreakpointsForDimension1="[0 2]", **options)
     np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], 1 + U, atol=1e-12)
     drawn = alone("Lookup_n-D", Table="1:2000", BreakpointsForDimension1="1:2000", **options)
-    with pytest.raises(InputError, match="a spline through a table of 2000 values is too large"):
+    with pytest.raises(InputError, match="its table of 2000 values is too large for spline interpolation"):
         imported(drawn, tmp_path)
 
 

@@ -122,10 +122,10 @@ def test_a_model_takes_values_enumerations_and_its_configuration_from_it(path, t
 @pytest.mark.parametrize(
     ("raw", "told"),
     [
-        (b'{"__MW_TEXT_PARTS__": 3}', "is no data dictionary"),
-        (b'{"__MW_TEXT_PARTS__": {"__MW_TEXT_PART__/data/chunk0": {}}}', "is no data dictionary"),
-        (b'{"__MW_TEXT_PARTS__": ', "is no data dictionary"),
-        (written({"a": 1})[:-20], "is no data dictionary"),
+        (b'{"__MW_TEXT_PARTS__": 3}', "is not a data dictionary"),
+        (b'{"__MW_TEXT_PARTS__": {"__MW_TEXT_PART__/data/chunk0": {}}}', "is not a data dictionary"),
+        (b'{"__MW_TEXT_PARTS__": ', "is not a data dictionary"),
+        (written({"a": 1})[:-20], "is not a data dictionary"),
         (b'{"__MW_TEXT_PARTS__": ' + b"[" * 200_000, "nested too deeply|no data dictionary"),
     ],
 )
@@ -139,15 +139,15 @@ def test_broken_ones_are_told(raw, told, tmp_path):
 @pytest.mark.parametrize(
     ("value", "why"),
     [
-        ({"_type": "double", "_value": "Matrix(2,2)\n[1, 2, 3]"}, "it has 3 numbers for the size 2*2"),
-        ({"_type": "double", "_value": "Matrix(999999999,999999999)\n[1]"}, "it has 1 numbers for the size"),
+        ({"_type": "double", "_value": "Matrix(2,2)\n[1, 2, 3]"}, "it has 3 numbers for a size of 2*2"),
+        ({"_type": "double", "_value": "Matrix(999999999,999999999)\n[1]"}, "it has 1 numbers for a size"),
         ({"_type": "double", "_value": "nonsense"}, "its numbers cannot be read: nonsense"),
         ({"_type": "double", "_value": "abc 5"}, "its numbers cannot be read: abc 5"),
         ({"_type": "double", "_value": "1 + 2i"}, "it is complex"),
         ({"_type": "double", "_value": "Matrix(1,2)\n[[1 + 2i, 3]]"}, "it is complex"),
-        ({"_array_type": "Sparse"}, "it is of the unknown class Sparse"),
-        ({"_other": 1}, "it is of the unknown class"),
-        ([1, {"b": 2}], "it is of the unknown class"),
+        ({"_array_type": "Sparse"}, "its class Sparse is unknown"),
+        ({"_other": 1}, "is unknown"),
+        ([1, {"b": 2}], "is unknown"),
     ],
 )
 def test_a_value_that_cannot_be_read_is_told_by_name(value, why, tmp_path):

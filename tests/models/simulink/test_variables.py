@@ -81,7 +81,7 @@ def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
     (tmp_path / "first.m").write_text("K = 1; L = 1; M = 1; N = 1;")
     found = variables(tmp_path, "K = nowhere(3); L = 2; N = nowhere(4);", [tmp_path / "first.m", {"N": 7.0}])
     assert {name: found[name].value.item() for name in found} == {"L": 2.0, "M": 1.0, "N": 7.0}
-    assert "K stays undefined" in str(found.findings[0])
+    assert "K remains undefined" in str(found.findings[0])
 
 
 def workspace_of(folder, code, given):
@@ -99,7 +99,7 @@ def test_a_value_that_the_model_workspace_hides_is_told(tmp_path):
     found = workspace_of(tmp_path, "K = 2; L = 5;", [{"K": 3.0, "L": 5.0, "M": 1.0}])
     assert {name: found[name].value.item() for name in found} == {"K": 2.0, "L": 5.0, "M": 1.0}
     (finding,) = found.findings
-    assert str(finding).startswith("m K: is given another value by the model workspace")
+    assert str(finding).startswith("m K: is also defined in the model workspace")
     over = workspace_of(tmp_path, "K = 2;", [ParameterSet([Scalar("K", 3.0)])])
     assert over["K"].value.item() == 3.0
 
@@ -113,12 +113,12 @@ def test_a_table_from_a_calibration_file_is_never_scrambled_into_the_size_of_ano
 
 @pytest.mark.parametrize("value", [None, 1 + 2j, np.array([1j, 2.0]), Scalar("K", 2.0)])
 def test_a_value_that_is_of_no_use_is_told_by_its_name(tmp_path, value):
-    with pytest.raises(InputError, match=r"parameters: K=.* is no value\. Give numbers"):
+    with pytest.raises(InputError, match=r"parameters: K=.* is not a supported value\. Use numbers"):
         variables(tmp_path, given=[{"K": value, "L": 1.0}])
 
 
 def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"lost.sldd: there is no such file"):
+    with pytest.raises(InputError, match=r"lost.sldd: file not found"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
     assert "lost.sldd: cannot be read" in str(collect_variables(own, ()).findings[0])
@@ -131,4 +131,4 @@ def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):
         drawn = document(Model(dictionary=name).written("slx parts"), tmp_path / "m" / "m.slx")
         found = collect_variables(drawn, ())
         assert "K" not in found
-        assert "is not beside the model" in str(found.findings[0])
+        assert "was not found next to the model" in str(found.findings[0])

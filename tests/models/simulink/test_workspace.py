@@ -78,7 +78,7 @@ def test_objects_without_their_properties_are_told_by_name():
     size = int.from_bytes(raw[12:16], "little")
     found = mxarray_variables(raw[: 16 + size])
     assert list(found.entries) == ["K"]
-    assert found.unreadable == {"P": "Simulink.Parameter: the file does not hold its properties"}
+    assert found.unreadable == {"P": "Simulink.Parameter: the file does not contain its properties"}
 
 
 def test_a_property_that_cannot_be_decoded_does_not_take_the_value_with_it():
@@ -201,7 +201,7 @@ def test_an_object_without_a_value_that_can_be_read_is_told_with_its_class():
     at = raw.rindex(np.array([0xDD000000], "<u4").tobytes())
     raw[at + 16 : at + 20] = (99).to_bytes(4, "little")
     found = mxarray_variables(bytes(raw))
-    assert found.unreadable == {"P": "object: it holds no object 99"}
+    assert found.unreadable == {"P": "object: object 99 not found"}
 
 
 @pytest.mark.parametrize("raw", [b"", b"\0\1IM", b"no workspace at all", b"\0\1IM\0\0\0\0" + b"\1" * 90])

@@ -40,14 +40,14 @@ def test_the_scale_of_torque_and_efficiency_is_open(smoothness):
     result = torque_fit(smoothness)
     (direction,) = found(result.trust, *SCALE)
     assert direction.exact
-    assert direction.remedy == "Pin a value of CurveEtaDeltaSpark that you know, e.g. at 0 to 1."
+    assert direction.remedy == "Pin a known value of CurveEtaDeltaSpark, e.g. at 0 to 1."
     assert set(direction.parts) == {"MapOptTorque", "CurveEtaDeltaSpark"}
     assert direction.parts["MapOptTorque"] == pytest.approx(0.01 * result.parameters["MapOptTorque"].values)
     if smoothness:
-        assert "smoothness alone holds it" in direction.sentence
+        assert "determined by smoothness alone" in direction.sentence
         assert 1 < direction.deviation < 1000
     else:
-        assert "changes nothing." in direction.sentence
+        assert "has no effect on the fit." in direction.sentence
         assert direction.deviation == np.inf
         assert np.all(np.isinf(result.trust.deviation["MapOptTorque"]))
 
@@ -75,7 +75,7 @@ def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled
     trust = torque_fit(smoothness, pinned=settled, bounded=settled).trust
     (direction,) = found(trust, *SHIFT)
     assert not direction.exact
-    assert "Pin a value of MapOptIgnition" in direction.remedy
+    assert "Pin a known value of MapOptIgnition" in direction.remedy
     assert 1e-3 < direction.ratio < 0.2
     part = direction.parts["MapOptIgnition"]
     assert part.mean() > 0
@@ -101,7 +101,8 @@ def test_values_without_data_are_told_with_their_coordinates():
     trust = torque_fit(0.0).trust
     direction = trust.directions[0]
     assert direction.sentence == (
-        "No data and no smoothness inform 3 of 12 values of CurveEtaDeltaSpark (30, 35, 40): they keep their start."
+        "Not determined by data or smoothness, kept at their start values: "
+        "3 of 12 values of CurveEtaDeltaSpark (30, 35, 40)."
     )
     assert np.flatnonzero(direction.parts["CurveEtaDeltaSpark"]).tolist() == [9, 10, 11]
     assert np.all(trust.samples["CurveEtaDeltaSpark"][9:] == 0)
@@ -127,9 +128,9 @@ def test_the_offset_between_two_sums_is_open(smoothness):
     assert direction.exact
     assert direction.deviation == np.inf
     assert direction.sentence in (
-        "Raising A by 0.01 and lowering B by 0.01 changes nothing.",
-        "Raising A by 0.02 and lowering B by 0.02 changes nothing.",
-        "Raising A by 0.005 and lowering B by 0.005 changes nothing.",
+        "Raising A by 0.01 and lowering B by 0.01 has no effect on the fit.",
+        "Raising A by 0.02 and lowering B by 0.02 has no effect on the fit.",
+        "Raising A by 0.005 and lowering B by 0.005 has no effect on the fit.",
     )
 
 
@@ -140,8 +141,8 @@ def test_a_pin_removes_it():
 
 def test_scalars_that_stand_for_each_other_are_told():
     (direction,) = sentences("m = a * b * x", [kf.Scalar("a", 2.0), kf.Scalar("b", 3.0)], 5 * X)
-    assert direction.sentence == "Scaling a by 1.01 and b by 1/1.01 changes nothing."
-    assert direction.remedy == "Do not free a, or bound it by what you know."
+    assert direction.sentence == "Scaling a by 1.01 and b by 1/1.01 has no effect on the fit."
+    assert direction.remedy == "Fix a, or set bounds for it."
 
 
 def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
@@ -154,9 +155,9 @@ def test_maps_on_one_grid_hide_an_offset_of_the_efficiency_behind_the_loss():
     start = kf.ParameterSet([surface, curve("Effect", 1 + 0.1 * np.arange(4.0)), loss])
     trust = kf.calibrate("m = Base(x, z) * Effect(turn) - Loss(x, z)", columns, start, target="y").trust
     assert [direction.exact for direction in trust.directions][:3] == [True, True, False]
-    assert found(trust, "Scaling Base by 1.01 and Effect by 1/1.01 changes nothing.")
-    (hidden,) = found(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base changes nothing.")
-    assert "Pin a value of Effect" in hidden.remedy
+    assert found(trust, "Scaling Base by 1.01 and Effect by 1/1.01 has no effect on the fit.")
+    (hidden,) = found(trust, "Raising Effect by 0.01 and Loss by 0.01 times Base has no effect on the fit.")
+    assert "Pin a known value of Effect" in hidden.remedy
 
 
 def test_a_product_of_three_leaves_two_scales_open():
@@ -179,9 +180,9 @@ def test_what_has_no_name_is_told_by_its_grid_points():
     trust = kf.calibrate("m = A(x)", {"x": x, "y": x}, start, target="y").trust
     assert len(trust.directions) == 2
     assert sorted(d.sentence for d in trust.directions) == [
-        "Raising A at 0 and lowering A at 1 together changes nothing.",
-        "Raising A at 2 and lowering A at 3 together changes nothing.",
-    ] or all("together changes nothing" in d.sentence for d in trust.directions)
+        "Raising A at 0 and lowering A at 1 together has no effect on the fit.",
+        "Raising A at 2 and lowering A at 3 together has no effect on the fit.",
+    ] or all("together has no effect on the fit" in d.sentence for d in trust.directions)
     assert all(np.isinf(trust.deviation["A"]))
 
 
@@ -194,7 +195,7 @@ def test_a_whole_table_that_no_sample_reaches_is_told():
     columns = {"x": X, "z": Z, "y": np.sin(X)}
     trust = kf.calibrate("m = if(x < 10, A(x), B(z))", columns, start, target="y").trust
     (direction,) = trust.directions
-    assert direction.sentence == "No data and no smoothness inform any value of B: they keep their start."
+    assert direction.sentence == "Not determined by data or smoothness, kept at their start values: all values of B."
     assert direction.remedy == "Record samples there or lock them."
 
 
@@ -205,7 +206,7 @@ def test_a_threshold_that_a_search_without_gradients_has_found_is_told():
     options = kf.Options(method="global")
     result = kf.calibrate("y = a * (u > T)", data, start, target="z", options=options)
     assert result.quality[0].rmse_after < 0.1
-    (direction,) = found(result.trust, "moved T", "how far it may be off is not known")
+    (direction,) = found(result.trust, "moved T", "its uncertainty is unknown")
     assert direction.exact
     assert list(direction.parts) == ["T"]
-    assert not found(result.trust, "keeps its start")
+    assert not found(result.trust, "kept at its start value")

@@ -45,7 +45,9 @@ def repeated(made):
         targets[:] = CLEAN + NOISE * rng.standard_normal(X.size)
         compiled.reread_targets()
         ends.append(
-            levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6, trusted=np.inf)).values
+            levenberg_marquardt(
+                objective, start, limits, SolverSettings(tolerance=1e-6, damping_limited_ratio=np.inf)
+            ).values
         )
     first, axis = compiled.values.offsets["C"], next(iter(compiled.values.moving.values()))
     return np.array(ends)[:, np.r_[first : first + 5, axis : axis + 5]]
@@ -76,10 +78,10 @@ def test_on_a_slope_a_breakpoint_and_its_value_move_together():
     trust = run(problem(table, 2 * X), kf.Options()).trust
     assert np.isinf(trust.deviation["C.x"][1:3]).all()
     assert {d.sentence for d in trust.directions} == {
-        "Raising the second breakpoint (3) of C.x and C at 3 together changes nothing.",
-        "Raising the third breakpoint (5) of C.x and C at 5 together changes nothing.",
+        "Raising the second breakpoint (3) of C.x and C at 3 together has no effect on the fit.",
+        "Raising the third breakpoint (5) of C.x and C at 5 together has no effect on the fit.",
     }
-    remedy = "Record samples that tell them apart, give C.x fewer breakpoints, or give C more smoothness."
+    remedy = "Record samples that distinguish them, use fewer breakpoints for C.x, or increase the smoothness of C."
     assert {d.remedy for d in trust.directions} == {remedy}
 
 
@@ -90,10 +92,10 @@ def test_where_a_curve_is_flat_nothing_tells_where_its_breakpoint_lies():
     assert np.isinf(trust.deviation["C.x"][1:3]).all()
     (direction,) = trust.directions
     assert direction.sentence == (
-        "No data tell where the second breakpoint (3) and the third breakpoint (5) of C.x lie: "
-        "the tables are flat there, or without data; they keep their place."
+        "The position of the second breakpoint (3) and the third breakpoint (5) of C.x is not determined: "
+        "the tables are flat there or have no data. They stay where they are."
     )
-    assert direction.remedy == "Give the axis fewer breakpoints, or fix them."
+    assert direction.remedy == "Use fewer breakpoints on this axis, or fix them."
 
 
 def test_values_are_held_rather_than_breakpoints_and_breakpoints_where_nothing_else_can_be():
@@ -116,7 +118,7 @@ def test_a_breakpoint_too_many_is_told_by_its_number():
     trust = run(problem(bent(np.linspace(0, 10, 5), np.zeros(5)), target), kf.Options()).trust
     told = [d for d in trust.directions if "breakpoint (" in d.sentence and "of C.x" in d.sentence]
     assert told
-    assert "give C.x fewer breakpoints" in told[0].remedy
+    assert "use fewer breakpoints for C.x" in told[0].remedy
     assert set(told[0].parts) <= {"C", "C.x"}
 
 
@@ -132,8 +134,8 @@ def test_breakpoints_at_their_least_distance_move_as_one():
     assert trust.correlation(["C.x"])[1, 2] == pytest.approx(1.0)
     (holding,) = trust.holdings
     assert holding.sentence == (
-        f"Breakpoints 2 and 3 of C.x ({points[1]:.6g} and {points[2]:.6g}) stand at their least distance 0.5 "
-        "and move as one: fewer may do."
+        f"Breakpoints 2 and 3 of C.x ({points[1]:.6g} and {points[2]:.6g}) are at their minimum distance (0.5). "
+        "Consider fewer breakpoints."
     )
     assert trust.freedom == pytest.approx(5.0)
 

@@ -52,8 +52,8 @@ def test_a_curve_that_a_map_contains_leaves_as_many_changes_as_it_has_grid_point
     assert (space.dimension, space.by_smoothness) == (7, 0)
     assert [(pin.parameter, pin.at) for pin in space.remedy.pins] == [("B", (float(i),)) for i in range(7)]
     assert str(space) == (
-        "Nothing determines 7 independent changes of A and B. To determine all of them, pin all 7 values of B "
-        "to values that you know, or else to the fitted ones."
+        "7 combinations of values of A and B are undetermined. To determine all of them, pin all 7 values of B "
+        "to known values, or else to the fitted ones."
     )
     settled = followed(given, result)
     assert settled.trust.null_space.dimension == 0
@@ -67,10 +67,10 @@ def test_what_smoothness_alone_determines_is_told_apart():
     result = run(given, PLAIN)
     space = result.trust.null_space
     assert (space.dimension, space.by_smoothness) == (2, 5)
-    assert space.sentence == "Nothing determines 2 independent changes of A and B. Smoothness alone determines 5 more."
+    assert space.sentence == "2 combinations of values of A and B are undetermined. Smoothness alone determines 5 more."
     settled = followed(given, result).trust.null_space
     assert (settled.dimension, settled.by_smoothness) == (0, 5)
-    assert settled.sentence == "Smoothness alone determines 5 independent changes of the values."
+    assert settled.sentence == "Smoothness alone determines 5 combinations of values."
     assert settled.advice == ""
 
 
@@ -113,7 +113,7 @@ def test_values_without_data_are_locked():
     assert space.dimension == 3
     assert space.remedy.locks["A"].tolist() == [False] * 4 + [True] * 3
     assert (
-        str(space) == "Nothing determines 3 independent changes of A. To determine all of them, lock A at 4, 5 and 6."
+        str(space) == "3 combinations of values of A are undetermined. To determine all of them, lock A at 4, 5 and 6."
     )
     assert followed(given, result).trust.null_space.dimension == 0
 
@@ -131,8 +131,8 @@ def test_the_torque_model_has_its_scale_and_the_efficiencies_beyond_the_data():
     assert space.dimension == 4
     assert np.count_nonzero(space.remedy.locks["CurveEtaDeltaSpark"]) == 3
     assert [pin.parameter for pin in space.remedy.pins] == ["CurveEtaDeltaSpark"]
-    assert "4 independent changes" in space.sentence
-    assert "3 of them of single values that no data inform" in space.sentence
+    assert "4 combinations of values" in space.sentence
+    assert "3 of them single values without data" in space.sentence
     assert followed(given, result).trust.null_space.dimension == 0
 
 

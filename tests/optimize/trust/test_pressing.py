@@ -48,7 +48,7 @@ def repeated_within(problem, truth, noise, count=REPETITIONS):
             target[:] = truth + noise * rng.standard_normal(target.size)
             run.exact.reread_targets()
             outputs._penalised.reread_targets()
-            end, _ = run.end()
+            end, _ = run.minimise()
             assert end.status == "converged"
             ends.append(end.values)
     finally:
@@ -116,8 +116,8 @@ def test_what_a_limit_holds_is_told():
     trust = result_of(curve_problem(Limit("w", upper=2.0))).trust
     (holding,) = trust.holdings
     assert holding.limit == "w <= 2"
-    assert holding.sentence.startswith(f"The limit w <= 2 is met at {holding.samples} samples, as at sample ")
-    assert holding.sentence.endswith(" of d. It decides 4 changes of C in place of the data.")
+    assert holding.sentence.startswith(f"The limit w <= 2 is reached at {holding.samples} samples, e.g. sample ")
+    assert holding.sentence.endswith(" of d. It, not the data, determines 4 combinations of values of C.")
     assert holding.parameters == ("C",)
     assert trust.as_json()["holdings"][0]["directions"] == 4
     assert str(holding) in str(trust)
@@ -130,7 +130,7 @@ def test_a_limit_met_by_chance_holds_nothing_but_is_told():
     trust = result_of(curve_problem(Limit("w", upper=highest * (1 + 1e-6)))).trust
     (holding,) = trust.holdings
     assert holding.directions == 0
-    assert holding.sentence.endswith("It holds nothing: the data keep the values there by themselves.")
+    assert holding.sentence.endswith("but does not affect the result.")
     assert trust.deviation["C"] == pytest.approx(free.trust.deviation["C"], rel=1e-3)
 
 
@@ -187,6 +187,6 @@ def test_a_search_that_was_stopped_between_its_limits_has_a_trust():
 
     run = FitRun(curve_problem(Limit("w", -2.5, 2.0)), Options(continuation="off"), stop, Seconds())
     trust = run.result().trust
-    assert trust.remark.startswith("The search ended as stopped.")
+    assert trust.remark.startswith("The search ended with status stopped.")
     assert np.all(trust.deviation["C"] >= 0)
     assert len(trust.holdings) == 2

@@ -90,7 +90,7 @@ def test_an_undetermined_value_has_an_infinite_variance_and_no_covariances():
 
 
 def test_an_unknown_name_comes_with_the_nearest_one():
-    with pytest.raises(kf.KennfeldError, match="N is no free parameter of this result"):
+    with pytest.raises(kf.KennfeldError, match="N is not a free parameter of this result"):
         fit().trust.covariance(["N"])
 
 
@@ -117,7 +117,7 @@ def test_without_smoothness_the_same_corners_are_open():
     assert np.all(np.isinf(trust.deviation["M"][unseen]))
     assert np.all(np.isfinite(trust.deviation["M"][~unseen]))
     assert not trust.by_smoothness["M"].any()
-    assert "Record samples there, give M a smoothness or lock them" in trust.directions[0].remedy
+    assert "Record samples there, set a smoothness for M or lock them" in trust.directions[0].remedy
 
 
 def test_what_is_locked_or_pinned_does_not_deviate():
@@ -153,7 +153,7 @@ def test_a_fit_that_failed_has_no_trust():
     result = kf.calibrate("m = log(a) * x", {"x": [1.0, 2.0], "y": [1.0, 2.0]}, {"a": -1.0}, target="y")
     assert result.status == "failed"
     trust = result.trust
-    assert trust.remark == "The search ended as failed: nothing is known of how far its values can be trusted."
+    assert trust.remark == "The search ended with status failed: the uncertainty of its values is unknown."
     assert (dict(trust.deviation), dict(trust.leverage), trust.directions) == ({}, {}, ())
     assert trust.covariance().shape == (0, 0)
     assert json.dumps(trust.as_json(), allow_nan=False)
@@ -171,7 +171,7 @@ def test_its_text_has_the_noise_and_a_line_a_direction():
     noise, decided, whole, direction = str(trust).splitlines()
     assert whole == str(trust.null_space)
     assert noise.startswith("The noise of m is ")
-    assert decided == "The data decide 1.0 of 2 values."
+    assert decided == "The data determine 1.0 of 2 values."
     assert direction == str(trust.directions[0])
 
 
@@ -182,7 +182,9 @@ def test_a_fit_that_was_stopped_has_its_trust():
     result = fit("m = M(x, z)^3", progress=stop)
     assert result.status == "stopped"
     assert np.all(result.trust.deviation["M"] > 0)
-    assert result.trust.remark.startswith("The search ended as stopped. By the slopes at its end a value would still ")
+    assert result.trust.remark.startswith(
+        "The search ended with status stopped. The gradient suggests that values would still "
+    )
     assert f"{result.trust.estimate.distance:.2g} standard deviations" in result.trust.remark
     assert result.trust.estimate.distance > 1
     assert result.trust.as_json()["remark"] == result.trust.remark
@@ -192,7 +194,7 @@ def test_a_fit_that_was_stopped_has_its_trust():
 def test_a_search_cut_off_close_to_its_end_says_how_close():
     result = fit(options=kf.Options(max_iterations=1, continuation="off"))
     assert result.status == "max_iterations"
-    assert "would still move by next to nothing" in result.trust.remark
+    assert "would still move by a negligible amount" in result.trust.remark
     assert fit().trust.remark == ""
 
 
@@ -202,7 +204,7 @@ def test_a_start_that_contradicts_the_limits_has_no_trust():
     assert result.status == "infeasible"
     trust = result.trust
     assert (dict(trust.deviation), trust.directions, trust.holdings) == ({}, (), ())
-    assert trust.remark == "The search ended as infeasible: nothing is known of how far its values can be trusted."
+    assert trust.remark == "The search ended with status infeasible: the uncertainty of its values is unknown."
     told = trust.as_json()
     assert (told["freedom"], told["undetermined"], told["by_smoothness"]) == (None, None, None)
 

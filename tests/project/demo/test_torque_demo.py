@@ -182,14 +182,14 @@ def test_a_demo_that_is_there_already_keeps_every_change(tmp_path):
 
 def test_a_folder_that_holds_something_else_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("precious", encoding="utf-8")
-    with pytest.raises(InputError, match=r"not this demo.*--dir"):
+    with pytest.raises(InputError, match=r"not contain this demo.*--dir"):
         write("torque", tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_a_project_of_ones_own_is_no_demo(tmp_path):
     (tmp_path / "kennfeld.toml").write_text('[model]\nfile = "mine.kf"\n', encoding="utf-8")
-    with pytest.raises(InputError, match="not this demo"):
+    with pytest.raises(InputError, match="not contain this demo"):
         write("torque", tmp_path)
 
 
@@ -210,7 +210,7 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1.8 Nm" in said
     assert "converged" in said
-    open_ones = said.partition("What the data leave open:\n")[2].split("\n")
+    open_ones = said.partition("Parameters not determined by the data:\n")[2].split("\n")
     assert "Scaling MapOptTorque by 1.01 and raising MapDragTorque by 1.7 Nm" in open_ones[0]
     assert "it is known to +-0.2" in open_ones[0]
     assert "nan" not in said

@@ -1,11 +1,7 @@
-"""Record layouts: which parts an object has in the memory, and in what order.
+"""Record layouts, conversions, tables and instances of types, parsed from their A2L blocks.
 
-Instances of types (ASAP2 1.70 and 1.71): each becomes the labels that its type describes, at its address.
-
-An instance of a type of characteristics is a label; of a structure, one for each component, joined by dots. An array
-of scalars is a value block; another array is a label for each element: `name[0]`, `name[1][2]`.
-
-Conversions and their tables, as their blocks state them.
+An instance (ASAP2 1.70 and 1.71) of a characteristic type is a label; of a structure, one label for each component,
+joined by dots. An array of scalars is a value block; another array is one label per element: `name[0]`, `name[1][2]`.
 """
 
 import re
@@ -25,7 +21,7 @@ from kennfeld.calfiles.a2l.objects import (
     CompuVtab,
     RecordLayout,
 )
-from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, is_text, number, whole
+from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, is_text, parse_integer, parse_number
 from kennfeld.calfiles.format import Findings
 
 __all__ = ["Instances", "compu_method", "compu_tab", "compu_vtab", "compu_vtab_range", "record_layout"]
@@ -38,7 +34,7 @@ _KEYWORD = re.compile(
 _FIXED = re.compile(r"FIX_NO_AXIS_PTS_([XYZ45])")
 _ALIGNMENT = re.compile(r"ALIGNMENT_(BYTE|WORD|LONG|INT64|FLOAT16_IEEE|FLOAT32_IEEE|FLOAT64_IEEE)")
 _FLAGS = ("STATIC_RECORD_LAYOUT", "STATIC_ADDRESS_OFFSETS")
-_MOST_PARTS = 1000  # parts
+_MAX_PARTS = 1000  # parts
 
 _OPTIONS = {
     "DISPLAY_IDENTIFIER": 1,
@@ -54,8 +50,8 @@ _OPTIONS = {
     "SYMBOL_LINK": 2,
     "SYMBOL_TYPE_LINK": 1,
 }
-_DEEPEST = 16  # structures within each other
-_MOST_INSTANCES = 100_000  # labels made of instances
+_MAX_NESTING = 16  # structures within each other
+_MAX_INSTANCES = 100_000  # labels made of instances
 
 _OF_METHOD = {
     "COEFFS": 6,
@@ -64,11 +60,11 @@ _OF_METHOD = {
     "REF_UNIT": 1,
     "STATUS_STRING_REF": 1,
 }
-_MOST_ROWS = 100_000  # of a conversion table
+_MAX_ROWS = 100_000  # of a conversion table
 
 
 def record_layout(block: A2lBlock) -> RecordLayout:
-    """A RECORD_LAYOUT with its parts in the order of their positions. Raises `UnusableError`."""
+    """Return a RECORD_LAYOUT with its parts in the order of their positions. Raises `A2lError`."""
     cursor = Cursor(block)
     name = cursor.word("name")
     components: list[Component] = []
@@ -81,30 +77,30 @@ def record_layout(block: A2lBlock) -> RecordLayout:
         keyword = cursor.word("keyword")
         if text:
             unknown.append(keyword[:40])
-        elif found := _KEYWORD.fullmatch(keyword):
-            components.append(_component(cursor, found[1], found[2] or ""))
-        elif found := _FIXED.fullmatch(keyword):
-            fixed[found[1]] = cursor.whole(keyword)
-        elif found := _ALIGNMENT.fullmatch(keyword):
-            alignments[found[1]] = _border(cursor, keyword)
+        elif match := _KEYWORD.fullmatch(keyword):
+            components.append(_parse_component(cursor, match[1], match[2] or ""))
+        elif match := _FIXED.fullmatch(keyword):
+            fixed[match[1]] = cursor.whole(keyword)
+        elif match := _ALIGNMENT.fullmatch(keyword):
+            alignments[match[1]] = _parse_alignment(cursor, keyword)
         elif keyword in _FLAGS:
             flags.append(keyword)
         else:
             unknown.append(keyword[:40])
-        if len(components) + len(unknown) > _MOST_PARTS:
-            raise A2lError(f"has more than {_MOST_PARTS} parts")
+        if len(components) + len(unknown) > _MAX_PARTS:
+            raise A2lError(f"has more than {_MAX_PARTS} parts")
     ordered = tuple(sorted(components, key=lambda component: component.position))
     return RecordLayout(name, ordered, fixed, alignments, _FLAGS[0] in flags, _FLAGS[1] in flags, tuple(unknown))
 
 
-def _border(cursor: Cursor, keyword: str) -> int:
+def _parse_alignment(cursor: Cursor, keyword: str) -> int:
     border = cursor.whole(keyword)
     if not 1 <= border <= 64:
-        raise A2lError(f"has {keyword} {border}, which is no number of bytes")
+        raise A2lError(f"has {keyword} {border}, which must be 1 to 64 bytes")
     return border
 
 
-def _component(cursor: Cursor, kind: str, direction: str) -> Component:
+def _parse_component(cursor: Cursor, kind: str, direction: str) -> Component:
     position, data_type = cursor.whole("position"), cursor.word("data type")
     mode, addressing, pairs = "", "DIRECT", 0
     if kind == "AXIS_RESCALE":
@@ -116,7 +112,7 @@ def _component(cursor: Cursor, kind: str, direction: str) -> Component:
 
 @dataclass(frozen=True)
 class _TypeUse:
-    """A type at a place: of an instance, or of a component of a structure."""
+    """A type used by an instance, or by a component of a structure."""
 
     name: str
     type: str
@@ -140,48 +136,48 @@ class Instances:
     def __init__(
         self,
         module: A2lBlock,
-        notes: Findings,
+        findings: Findings,
         characteristic: Callable[[A2lBlock], Characteristic],
         axis: Callable[[A2lBlock], AxisPts],
         functions: Mapping[str, Sequence[str]],
     ) -> None:
-        self.module, self.notes, self.functions = module, notes, functions
+        self.module, self.findings, self.functions = module, findings, functions
         self.characteristics = self._types("TYPEDEF_CHARACTERISTIC", characteristic)
         self.axes = self._types("TYPEDEF_AXIS", axis)
-        self.structures = self._types("TYPEDEF_STRUCTURE", _structure)
+        self.structures = self._types("TYPEDEF_STRUCTURE", _parse_structure)
         self.measured = {_name(block) for block in module.inner("TYPEDEF_MEASUREMENT")}
         self.blobs = {_name(block) for block in module.inner("TYPEDEF_BLOB")}
         self.made: dict[str, Characteristic] = {}
         self.made_axes: dict[str, AxisPts] = {}
 
     def expanded(self) -> tuple[dict[str, Characteristic], dict[str, AxisPts]]:
-        """The labels and the breakpoints of all instances; what cannot be expanded is told and left aside."""
+        """Return the labels and breakpoints of all instances; unsupported ones are skipped with a warning."""
         for block in self.module.inner("INSTANCE"):
             try:
                 if any(block.inner("OVERWRITE")):
                     raise A2lError("overwrites parts of its type, which is not supported")
-                self._expand(_use(block, absolute=True), 0, "")
+                self._expand(_parse_type_use(block, absolute=True), 0, "")
             except A2lError as error:
-                self.notes.remark(block.line, _name(block), f"INSTANCE {error}; left aside")
+                self.findings.warning(block.line, _name(block), f"INSTANCE {error}; skipped")
         return self.made, self.made_axes
 
     def _types(self, keyword: str, make: Callable[[A2lBlock], object]) -> dict[str, object]:
-        made: dict[str, object] = {}
+        result: dict[str, object] = {}
         for block in self.module.inner(keyword):
             try:
-                made.setdefault(_name(block), make(block))
+                result.setdefault(_name(block), make(block))
             except A2lError as error:
-                self.notes.remark(block.line, _name(block), f"{keyword} {error}; left aside")
-        return made
+                self.findings.warning(block.line, _name(block), f"{keyword} {error}; skipped")
+        return result
 
     def _expand(self, use: _TypeUse, depth: int, outer: str) -> None:
-        if depth > _DEEPEST:
-            raise A2lError(f"has more than {_DEEPEST} structures within each other")
+        if depth > _MAX_NESTING:
+            raise A2lError(f"has structures nested more than {_MAX_NESTING} levels deep")
         if use.type in self.measured | self.blobs:
             return  # nothing to calibrate
-        made = self.characteristics.get(use.type)
-        if isinstance(made, Characteristic) and made.type == "VALUE" and use.sizes:
-            self._take(replace(made, type="VAL_BLK", matrix_dim=use.sizes), use, outer)
+        result = self.characteristics.get(use.type)
+        if isinstance(result, Characteristic) and result.type == "VALUE" and use.sizes:
+            self._take(replace(result, type="VAL_BLK", matrix_dim=use.sizes), use, outer)
             return
         for element in self._elements(use):
             self._expand_one(element, depth, outer)
@@ -199,12 +195,12 @@ class Instances:
             raise A2lError(f"is of the type {use.type[:60]}, which is not defined")
 
     def _elements(self, use: _TypeUse) -> Iterator[_TypeUse]:
-        """The element of each index, the first index running fastest; the instance itself where it is no array."""
+        """Yield the element of each index, the first one running fastest; the instance itself if it is no array."""
         if not use.sizes:
             yield use
             return
-        if prod(use.sizes) > _MOST_INSTANCES:
-            raise A2lError(f"has {prod(use.sizes)} elements, more than {_MOST_INSTANCES}")
+        if prod(use.sizes) > _MAX_INSTANCES:
+            raise A2lError(f"has {prod(use.sizes)} elements, more than {_MAX_INSTANCES}")
         step = self._stride(use.type)
         for at, index in enumerate(product(*(range(size) for size in reversed(use.sizes)))):
             subscript = "".join(f"[{i}]" for i in index)
@@ -214,16 +210,16 @@ class Instances:
         found = self.structures.get(name)
         if isinstance(found, _Structure):
             return found.size
-        made = self.characteristics.get(name)
-        if isinstance(made, Characteristic) and made.type == "ASCII":
-            return max(1, *made.shape, 1)
-        raise A2lError(f"is an array of {name[:60]}, whose distance in the memory is not stated")
+        result = self.characteristics.get(name)
+        if isinstance(result, Characteristic) and result.type == "ASCII":
+            return max(1, *result.shape, 1)
+        raise A2lError(f"is an array of {name[:60]}, whose element size is not stated")
 
     def _take(self, made: Characteristic | AxisPts, use: _TypeUse, outer: str) -> None:
-        if len(self.made) + len(self.made_axes) >= _MOST_INSTANCES:
-            raise A2lError(f"brings more than {_MOST_INSTANCES} labels")
+        if len(self.made) + len(self.made_axes) >= _MAX_INSTANCES:
+            raise A2lError(f"defines more than {_MAX_INSTANCES} labels")
         if use.name in self.made or use.name in self.made_axes:
-            raise A2lError(f"gives the label {use.name[:80]} a second time")
+            raise A2lError(f"defines the label {use.name[:80]} twice")
         functions = self.functions.get(use.name, ())
         common: dict[str, Any] = {
             "name": use.name,
@@ -237,11 +233,13 @@ class Instances:
         if isinstance(made, AxisPts):
             self.made_axes[use.name] = replace(made, **common)
         else:
-            self.made[use.name] = replace(made, axes=tuple(_within(axis, outer) for axis in made.axes), **common)
+            self.made[use.name] = replace(
+                made, axes=tuple(_resolve_references(axis, outer) for axis in made.axes), **common
+            )
 
 
-def _within(axis: AxisDescr, outer: str) -> AxisDescr:
-    """The axis with references to components of the same structure (THIS.name) turned into labels."""
+def _resolve_references(axis: AxisDescr, outer: str) -> AxisDescr:
+    """Return the axis with references to components of the same structure (THIS.name) turned into labels."""
 
     def label(name: str) -> str:
         return f"{outer}.{name.removeprefix('THIS.')}" if name.startswith("THIS.") and outer else name
@@ -253,89 +251,91 @@ def _name(block: A2lBlock) -> str:
     return (block.tokens[0] if block.tokens else block.keyword)[:120]
 
 
-def _use(block: A2lBlock, *, absolute: bool) -> _TypeUse:
-    """An INSTANCE, or a STRUCTURE_COMPONENT, which has an offset for its address and no description."""
+def _parse_type_use(block: A2lBlock, *, absolute: bool) -> _TypeUse:
+    """Return an INSTANCE, or a STRUCTURE_COMPONENT, which has an offset for its address and no description."""
     cursor = Cursor(block)
     name = cursor.word("name")
     description = cursor.text("description") if absolute else ""
     kind, address = cursor.word("type"), cursor.whole("address")
     options = cursor.options(_OPTIONS)
-    sizes = tuple(size or 1 for word in options.get("MATRIX_DIM", []) if (size := whole(word)) is not None)
+    sizes = tuple(size or 1 for word in options.get("MATRIX_DIM", []) if (size := parse_integer(word)) is not None)
     if any(size < 0 for size in sizes) or len(sizes) > 5:
-        raise A2lError("has MATRIX_DIM that are no sizes")
+        raise A2lError("has an invalid MATRIX_DIM")
     if options.get("ADDRESS_TYPE", ["DIRECT"]) != ["DIRECT"]:
-        raise A2lError("is reached through a pointer, which an image does not resolve")
+        raise A2lError("is accessed through a pointer, which an image does not resolve")
     display = options.get("DISPLAY_IDENTIFIER", [""])[0]
     read_only = "READ_ONLY" in options
     return _TypeUse(name, kind, address, description, sizes, display, read_only, block.line)
 
 
-def _structure(block: A2lBlock) -> _Structure:
+def _parse_structure(block: A2lBlock) -> _Structure:
     cursor = Cursor(block)
     cursor.word("name")
     cursor.text("description")
     size = cursor.whole("size")
-    return _Structure(size, tuple(_use(inner, absolute=False) for inner in block.inner("STRUCTURE_COMPONENT")))
+    return _Structure(
+        size, tuple(_parse_type_use(inner, absolute=False) for inner in block.inner("STRUCTURE_COMPONENT"))
+    )
 
 
 def compu_method(block: A2lBlock) -> CompuMethod:
-    """A COMPU_METHOD. Raises `UnusableError`."""
+    """Return a COMPU_METHOD. Raises `A2lError`."""
     cursor = Cursor(block)
     name, _, kind = cursor.word("name"), cursor.text("description"), cursor.word("kind")
     cursor.text("format")
     unit = cursor.text("unit")
     options = cursor.options(_OF_METHOD)
-    coeffs = [number(word) for word in options.get("COEFFS_LINEAR" if kind == "LINEAR" else "COEFFS", [])]
+    coeffs = [parse_number(word) for word in options.get("COEFFS_LINEAR" if kind == "LINEAR" else "COEFFS", [])]
     wanted = {"LINEAR": 2, "RAT_FUNC": 6}.get(kind, len(coeffs))
     if len(coeffs) != wanted or any(value is None or abs(value) > 1e300 for value in coeffs):
         raise A2lError(f"is {kind} without {wanted} finite coefficients")
-    formulas = [_formula(inner) for inner in block.inner("FORMULA")]
+    formulas = [_parse_formula_block(inner) for inner in block.inner("FORMULA")]
     forwards, inverse = formulas[0] if formulas else ("", "")
     table = options.get("COMPU_TAB_REF", [""])[0]
     found = tuple(value for value in coeffs if value is not None)
     return CompuMethod(name, kind, unit.strip(), found, table, forwards, inverse, block.line)
 
 
-def _formula(block: A2lBlock) -> tuple[str, str]:
+def _parse_formula_block(block: A2lBlock) -> tuple[str, str]:
     cursor = Cursor(block)
     return cursor.text("formula"), cursor.options({"FORMULA_INV": 1}).get("FORMULA_INV", [""])[0]
 
 
 def compu_tab(block: A2lBlock) -> CompuTab:
-    """A COMPU_TAB, its pairs by rising raw numbers. Raises `UnusableError`."""
+    """Return a COMPU_TAB, its pairs by rising raw numbers. Raises `A2lError`."""
     cursor = Cursor(block)
     name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
     pairs = [(cursor.number("raw number"), cursor.number("number")) for _ in _rows(count, cursor, 2)]
     options = cursor.options({"DEFAULT_VALUE": 1, "DEFAULT_VALUE_NUMERIC": 1})
-    default = next((number(given[0]) for key, given in options.items() if key == "DEFAULT_VALUE_NUMERIC"), None)
+    default = next((parse_number(given[0]) for key, given in options.items() if key == "DEFAULT_VALUE_NUMERIC"), None)
     pairs.sort()
     return CompuTab(name, tuple(one for one, _ in pairs), tuple(other for _, other in pairs), default)
 
 
 def compu_vtab(block: A2lBlock) -> CompuVtab:
-    """A COMPU_VTAB: a word for each of some raw numbers. Raises `UnusableError`."""
+    """Return a COMPU_VTAB: a word for each of some raw numbers. Raises `A2lError`."""
     cursor = Cursor(block)
     name, _, _, count = cursor.word("name"), cursor.text("description"), cursor.word("kind"), cursor.whole("size")
     pairs = [(cursor.number("raw number"), cursor.word("text")) for _ in _rows(count, cursor, 2)]
-    return CompuVtab(name, tuple((raw, raw, text) for raw, text in pairs), _default(cursor))
+    return CompuVtab(name, tuple((raw, raw, text) for raw, text in pairs), _default_text(cursor))
 
 
 def compu_vtab_range(block: A2lBlock) -> CompuVtab:
-    """A COMPU_VTAB_RANGE: words for ranges of raw numbers. Raises `UnusableError`."""
+    """Return a COMPU_VTAB_RANGE: words for ranges of raw numbers. Raises `A2lError`."""
     cursor = Cursor(block)
     name, _, count = cursor.word("name"), cursor.text("description"), cursor.whole("size")
     rows = [
         (cursor.number("least number"), cursor.number("largest number"), cursor.word("text"))
         for _ in _rows(count, cursor, 3)
     ]
-    return CompuVtab(name, tuple(rows), _default(cursor))
+    return CompuVtab(name, tuple(rows), _default_text(cursor))
 
 
 def _rows(count: int, cursor: Cursor, width: int) -> Iterator[int]:
-    if not 0 <= count <= _MOST_ROWS or count * width > cursor.left():
-        raise A2lError(f"states {count} rows, which are not there")
+    if not 0 <= count <= _MAX_ROWS or count * width > cursor.left():
+        raise A2lError(f"states {count} rows, but has fewer")
     return iter(range(count))
 
 
-def _default(cursor: Cursor) -> str | None:
+def _default_text(cursor: Cursor) -> str | None:
     return cursor.options({"DEFAULT_VALUE": 1}).get("DEFAULT_VALUE", [None])[0] or None

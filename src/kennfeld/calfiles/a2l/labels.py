@@ -1,6 +1,7 @@
-"""The labels of an A2L file as they lie in an image: each a parameter or a text, with the memory it was read from.
+"""Labels of an A2L file as stored in an image: each a parameter or a text, with the memory it was read from.
 
-Breakpoints of axes: counted in steps, listed, or found from other curves, and in rising order.
+Breakpoints are stored, computed from offset and distance, or derived from rescale pairs and other curves. They are
+returned in ascending order; `falling` records that the memory has them in descending order.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +15,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.a2l.conversion import CompuConversion, conversion_of
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisDescr, AxisPts, Characteristic, Component, RecordLayout
 from kennfeld.calfiles.a2l.record_layout import AbsentError, LayoutRequest, PartOffsets, place_parts
-from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decoded, order_of
+from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decode_raw, first_byte_order
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
@@ -25,15 +26,15 @@ __all__ = ["AxisInMemory", "Label", "Labels", "SharedAxis", "encoding_of"]
 
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}
-_MOST_DIMENSIONS = 4
-_UNCOUNTED = 2**31
-_DEEPEST = 16  # curves that give each other their axes
+_MAX_DIMENSIONS = 4
+_MAX_COUNT = 2**31
+_MAX_NESTING = 16  # curves that give each other their axes
 
 Found = TypeVar("Found", "SharedAxis", "Label")
 
 
 def fixed_count(axis: AxisDescr) -> int:
-    """How many breakpoints a fixed axis states, 0 where it states none."""
+    """Return the number of breakpoints that a fixed axis states, 0 if it states none."""
     if axis.fix_axis_par is not None:
         return axis.fix_axis_par[2]
     if axis.fix_axis_par_dist is not None:
@@ -42,28 +43,28 @@ def fixed_count(axis: AxisDescr) -> int:
 
 
 def fixed_points(axis: AxisDescr, count: int) -> Float:
-    """The raw numbers of the first breakpoints of a fixed axis."""
+    """Return the raw numbers of the first breakpoints of a fixed axis."""
     if axis.fix_axis_par is not None:
         offset, shift, _ = axis.fix_axis_par
-        return spaced(offset, 2.0**shift, count)
+        return space_points(offset, 2.0**shift, count)
     if axis.fix_axis_par_dist is not None:
         offset, distance, _ = axis.fix_axis_par_dist
-        return spaced(offset, distance, count)
+        return space_points(offset, distance, count)
     if not axis.fix_axis_par_list:
         raise A2lError(f"has a {axis.attribute} without breakpoints")
     return np.array(axis.fix_axis_par_list[:count])
 
 
-def spaced(offset: float, distance: float, count: int) -> Float:
-    """Numbers at equal distances."""
+def space_points(offset: float, distance: float, count: int) -> Float:
+    """Return numbers at equal distances."""
     points: Float = offset + distance * np.arange(count, dtype=np.float64)
     return points
 
 
-def rising(points: Float) -> tuple[Float, bool]:
-    """Breakpoints in rising order, and whether they fell; `UnusableError` where they do neither."""
+def sort_points(points: Float) -> tuple[Float, bool]:
+    """Return breakpoints in rising order, and whether they fell; `A2lError` if they do neither."""
     if not np.all(np.isfinite(points)):
-        raise A2lError("has breakpoints that have no physical value")
+        raise A2lError("has breakpoints without a physical value")
     steps = np.diff(points)
     if np.all(steps > 0):
         return points, False
@@ -71,15 +72,15 @@ def rising(points: Float) -> tuple[Float, bool]:
         return points[::-1], True
     at = int(np.flatnonzero((steps <= 0) if steps[0] > 0 else (steps >= 0))[0]) if steps[0] else 0
     raise A2lError(
-        f"has breakpoints that neither rise nor fall: number {at + 1} is {points[at]:g}, "
+        f"has breakpoints that are not monotonic: number {at + 1} is {points[at]:g}, "
         f"number {at + 2} is {points[at + 1]:g}"
     )
 
 
-def resolved(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
-    """The inputs of the columns 0, 1, ...: the same lookup only where every pair is a column."""
+def resolve_axis(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
+    """Return the inputs of the columns 0, 1, ...: the same lookup only where every pair is a column."""
     if not np.array_equal(positions, np.arange(count)) or np.any(np.diff(inputs) <= 0):
-        raise A2lError(f"has breakpoints that do not follow from the positions of {name}")
+        raise A2lError(f"has breakpoints that cannot be derived from the positions of {name}")
     return Axis(inputs, input=quantity, unit=unit)
 
 
@@ -120,19 +121,19 @@ class Label:
     words: CompuConversion | None = None  # where the text is a word for a number
 
     def same_numbers(self, other: "Label") -> bool:
-        """Whether another state of the same label has the same raw numbers."""
+        """Check whether another state of the same label has the same raw numbers."""
         parts = [(self.part, other.part)]
         parts += [(a.part, b.part) for a, b in zip(self.axes, other.axes, strict=True) if a.part and b.part]
         return all(np.array_equal(a.stored, b.stored, equal_nan=not a.kept.integer) for a, b in parts)
 
     def in_memory_order(self, values: Float) -> Float:
-        """Values of the table turned to the order of the memory, or back."""
+        """Convert values between ascending axis order and the order of the memory, in either direction."""
         falling = tuple(i for i, axis in enumerate(self.axes) if axis.falling)
         return np.flip(values, falling) if falling else values
 
 
 class Labels:
-    """Reads labels one by one; what cannot be read raises `UnusableError`, what is not in the image `AbsentError`."""
+    """Reader of single labels; unsupported ones raise `A2lError`, those not in the image `AbsentError`."""
 
     def __init__(self, a2l: A2l, image: Image) -> None:
         self.a2l, self.image = a2l, image
@@ -141,12 +142,12 @@ class Labels:
         self._depth = 0
 
     def shared(self, name: str) -> SharedAxis:
-        """The breakpoints of an AXIS_PTS."""
-        return _remembered(self._shared, name, lambda: self._read_shared(name))
+        """Return the breakpoints of an AXIS_PTS."""
+        return _read_once(self._shared, name, lambda: self._read_shared(name))
 
     def label(self, name: str) -> Label:
-        """A characteristic."""
-        return _remembered(self._labels, name, lambda: self._read_label(self.a2l.characteristics[name]))
+        """Return a characteristic."""
+        return _read_once(self._labels, name, lambda: self._read_label(self.a2l.characteristics[name]))
 
     def _read_shared(self, name: str) -> SharedAxis:
         source = self.a2l.axis_pts.get(name)
@@ -159,16 +160,15 @@ class Labels:
         part = self.part(source.address, places, key, self._kept_of_axis(source, places.components[key]))
         if key == "AXIS_RESCALE_X":
             return SharedAxis(source, places, part, pairs=self._pairs(part))
-        points, falling = rising(part.physical)
-        axis = Axis(points, input=_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
+        points, falling = sort_points(part.physical)
+        axis = Axis(points, input=_input_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
         return SharedAxis(source, places, part, axis, falling)
 
     def _pairs(self, part: ObjectPart) -> Float:
-        """Inputs are physical, positions count columns."""
+        """Return the rescale pairs: inputs in physical units, positions as column numbers."""
         return np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
 
     def unit(self, source: Characteristic) -> str:
-        """The unit of a label's values."""
         method = self.a2l.compu_methods.get(source.conversion)
         return (source.phys_unit or (method.unit if method else "")).strip()
 
@@ -179,24 +179,23 @@ class Labels:
         common = self.a2l.common
         deposit = source.deposit or common.deposit
         if deposit == "DIFFERENCE" and component.mode == "INDEX_DECR":
-            raise A2lError("has points as distances in falling order")
-        lower, upper = _limits(source)
+            raise A2lError("stores breakpoints as differences in descending order")
+        lower, upper = _hard_limits(source)
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         if conversion.words is not None:
-            raise A2lError("has words for breakpoints")
-        order = order_of(source.byte_order, outer_order, common.byte_order)
+            raise A2lError("has verbal values as breakpoints")
+        order = first_byte_order(source.byte_order, outer_order, common.byte_order)
         difference = deposit == "DIFFERENCE" and component.kind == "AXIS_PTS"
         return StorageFormat(component.data_type, order, conversion, None, difference, lower, upper)
 
     def layout(self, name: str) -> RecordLayout:
-        """A record layout by its name."""
         found = self.a2l.record_layouts.get(name)
         if found is None:
             raise A2lError(f"has the record layout {name[:60]}, which is not defined")
         return found
 
     def places(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None = None) -> PartOffsets:
-        """Where the parts of an object are, with the numbers of axis points in the image or those of `counts`."""
+        """Locate the parts of an object, with the point counts of the image or those of `counts`."""
         layout = self.layout(source.record_layout)
         order = self.order(source)
         wanted = self._wanted(source, counts)
@@ -213,14 +212,14 @@ class Labels:
         memory = self.image.read(address, SIZES[component.data_type])
         if memory is None:
             raise AbsentError
-        number = float(decoded(memory, np.array(0), component.data_type, order))
-        return int(number) if 0 <= number < _UNCOUNTED else 0
+        number = float(decode_raw(memory, np.array(0), component.data_type, order))
+        return int(number) if 0 <= number < _MAX_COUNT else 0
 
     def _wanted(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> LayoutRequest:
         if isinstance(source, AxisPts):
             return LayoutRequest({"X": source.max_axis_points}, values=False)
         if not source.axes:
-            return LayoutRequest({}, _sizes(source))
+            return LayoutRequest({}, _value_sizes(source))
         most = {}
         for direction, axis in zip(DIRECTIONS, source.axes, strict=False):
             most[direction] = self._most(axis)
@@ -229,7 +228,7 @@ class Labels:
         return LayoutRequest(most)
 
     def _most(self, axis: AxisDescr) -> int:
-        """How many points an axis has at most, or has where they are kept elsewhere."""
+        """Return the maximum number of points of an axis, or the actual number if they are stored elsewhere."""
         if axis.attribute == "COM_AXIS":
             shared = self.shared(axis.axis_pts_ref)
             if shared.axis is None:
@@ -240,16 +239,15 @@ class Labels:
         return axis.max_axis_points
 
     def order(self, source: AxisPts | Characteristic) -> str:
-        """The byte order of an object."""
-        return order_of(source.byte_order, self.a2l.common.byte_order)
+        return first_byte_order(source.byte_order, self.a2l.common.byte_order)
 
     @property
     def plain(self) -> CompuConversion:
-        """No conversion at all."""
+        """The identity conversion."""
         return conversion_of(self.a2l, "", 0.0, 0.0)
 
     def part(self, address: int, places: PartOffsets, key: str, kept: StorageFormat) -> ObjectPart:
-        """The numbers of one part of an object at an address."""
+        """Return the numbers of one part of an object at an address."""
         offsets = places.offsets[key]
         start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[kept.data_type]
         memory = self.image.read(address + start, size)
@@ -260,11 +258,11 @@ class Labels:
 
     def _read_label(self, source: Characteristic) -> Label:
         if source.virtual:
-            raise A2lError("is virtual: a formula gives its value, which is not in the memory")
+            raise A2lError("is virtual: its value is computed, not stored")
         if source.name in self.a2l.variant_coded:
-            raise A2lError("is variant-coded: it has a place in the memory for each variant")
+            raise A2lError("is variant-coded: it is stored once per variant")
         if source.type == "CUBE_5":
-            raise A2lError("has five axes, a table at most four")
+            raise A2lError("has five axes, but a table has at most four")
         if len(source.axes) != _AXES.get(source.type, 0):
             raise A2lError(f"is a {source.type} with {len(source.axes)} axes")
         if source.type == "ASCII":
@@ -281,7 +279,7 @@ class Labels:
 
     def _kept(self, source: Characteristic, component: Component) -> StorageFormat:
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
-        lower, upper = _limits(source)
+        lower, upper = _hard_limits(source)
         order = self.order(source)
         mask = source.bit_mask or None
         return StorageFormat(component.data_type, order, conversion, mask, False, lower, upper)
@@ -300,8 +298,8 @@ class Labels:
         }
         values = label.in_memory_order(part.physical)
         if source.type == "VAL_BLK" or part.offsets.ndim > len(axes):
-            if values.ndim > _MOST_DIMENSIONS:
-                raise A2lError(f"has {values.ndim} dimensions, a value block at most {_MOST_DIMENSIONS}")
+            if values.ndim > _MAX_DIMENSIONS:
+                raise A2lError(f"has {values.ndim} dimensions, but a value block has at most {_MAX_DIMENSIONS}")
             member: Parameter = Block(source.name, values, **attributes)
         else:
             member = parameter(source.name, values, [one.axis for one in axes], **attributes)
@@ -315,17 +313,17 @@ class Labels:
         content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
         found = content.decode(encoding_of(source), errors="replace")
         if holds_control_characters(found):
-            raise A2lError("holds bytes that are no text")
+            raise A2lError("contains bytes that are not text")
         text = Text(source.name, found, source.description)
         return Label(source, places, part, text=text)
 
     def _word(self, source: Characteristic, places: PartOffsets, part: ObjectPart) -> Label:
         words = part.kept.conversion.words
         if part.raw.ndim or words is None:
-            raise A2lError(f"is a {source.type} of words, which are no numbers to calibrate")
+            raise A2lError(f"is a {source.type} of verbal values, which cannot be calibrated")
         word = words.text(float(part.raw))
         if word is None:
-            raise A2lError(f"holds the number {float(part.raw):g}, for which {words.table.name} has no word")
+            raise A2lError(f"has the raw value {float(part.raw):g}, for which {words.table.name} defines no text")
         known = [word for _, _, word in words.table.ranges]
         kind = kind_of_words(known + ([words.table.default] if words.table.default else []))
         text = Text(source.name, word, source.description, unit=self._unit(source, part), kind=kind)
@@ -347,21 +345,21 @@ class Labels:
             return self._fixed(source, axis, direction, places)
         kept = self._kept_of_axis(axis, places.components[key], source.byte_order)
         part = self.part(source.address, places, key, kept)
-        points, falling = rising(part.physical)
-        made = Axis(points, input=_quantity(axis.input_quantity), unit=self._unit(axis, part))
-        return AxisInMemory(made, falling, axis.attribute, part, read_only=axis.read_only)
+        points, falling = sort_points(part.physical)
+        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self._unit(axis, part))
+        return AxisInMemory(result, falling, axis.attribute, part, read_only=axis.read_only)
 
     def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         raw = self._stored_spacing(source, direction, places, count)
         raw = fixed_points(axis, count) if raw is None else raw
         conversion = conversion_of(self.a2l, axis.conversion, axis.lower, axis.upper)
-        points, falling = rising(conversion.physical(raw))
+        points, falling = sort_points(conversion.physical(raw))
         unit = (axis.phys_unit or conversion.unit).strip()
-        return AxisInMemory(Axis(points, input=_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
+        return AxisInMemory(Axis(points, input=_input_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
 
     def _stored_spacing(self, source: Characteristic, direction: str, places: PartOffsets, count: int) -> Float | None:
-        """Points of a fixed axis whose offset and distance are in the record itself."""
+        """Compute the points of a fixed axis whose offset and distance are stored in the record itself."""
         order = self.order(source)
         stored = {}
         for kind in ("OFFSET", "DIST_OP", "SHIFT_OP"):
@@ -374,7 +372,7 @@ class Labels:
         shift = stored.get("SHIFT_OP")
         if "DIST_OP" not in stored and (shift is None or abs(shift) > 64):
             raise A2lError(f"has an offset of its {direction} axis in the memory, but no distance")
-        return spaced(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
+        return space_points(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
 
     def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
@@ -390,15 +388,15 @@ class Labels:
         if shared.pairs is None:
             raise A2lError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
         unit = self._unit(shared.source, shared.part)
-        quantity = _quantity(axis.input_quantity)
-        made = resolved(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
-        return AxisInMemory(made, False, "RES_AXIS")
+        quantity = _input_quantity(axis.input_quantity)
+        result = resolve_axis(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
+        return AxisInMemory(result, False, "RES_AXIS")
 
     def _curve(self, name: str) -> Label:
         self._depth += 1
         try:
-            if self._depth > _DEEPEST:
-                raise A2lError(f"has an axis that follows from more than {_DEEPEST} curves")
+            if self._depth > _MAX_NESTING:
+                raise A2lError(f"has an axis that depends on more than {_MAX_NESTING} curves")
             return self.label(name)
         finally:
             self._depth -= 1
@@ -408,21 +406,23 @@ class Labels:
         name = axis.curve_axis_ref
         curve = self._curve(name) if name in self.a2l.characteristics else None
         if curve is None or curve.member is None or len(curve.axes) != 1:
-            raise A2lError(f"refers to the curve {name[:80]} for its axis, which is no curve here")
+            raise A2lError(f"refers to {name[:80]} for its axis, which is not a readable curve")
         points = curve.axes[0]
         if points.falling:
-            raise A2lError(f"has positions along the curve {name}, which lies in falling order")
-        made = resolved(points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input)
-        return AxisInMemory(made, False, "CURVE_AXIS")
+            raise A2lError(f"has positions along the curve {name}, whose breakpoints are descending")
+        result = resolve_axis(
+            points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input
+        )
+        return AxisInMemory(result, False, "CURVE_AXIS")
 
 
 def encoding_of(source: Characteristic) -> str:
-    """Python's name for the characters of a text."""
+    """Return the Python name of a text's encoding."""
     return _ENCODINGS[source.encoding]
 
 
-def _remembered(known: dict[str, Found | Exception], name: str, read: Callable[[], Found]) -> Found:
-    """What was read before, or its error again; whoever refers to itself gets an error too."""
+def _read_once(known: dict[str, Found | Exception], name: str, read: Callable[[], Found]) -> Found:
+    """Return or raise what was read before; a label that refers to itself raises an error."""
     if name not in known:
         known[name] = A2lError(f"refers to {name[:80]}, which refers to itself")
         try:
@@ -435,13 +435,13 @@ def _remembered(known: dict[str, Found | Exception], name: str, read: Callable[[
     return found
 
 
-def _limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:
-    """The hard limits, if they say anything."""
+def _hard_limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:
+    """Return the hard limits, if they say anything."""
     lower, upper = source.extended_limits or (source.lower, source.upper)
     return (lower, upper) if lower < upper else (-inf, inf)
 
 
-def _sizes(source: Characteristic) -> tuple[int, ...]:
+def _value_sizes(source: Characteristic) -> tuple[int, ...]:
     if source.type in ("VAL_BLK", "ASCII") and not source.shape:
         raise A2lError(f"is a {source.type} that states no size")
     sizes = source.shape
@@ -450,5 +450,5 @@ def _sizes(source: Characteristic) -> tuple[int, ...]:
     return () if source.type == "VALUE" and prod(sizes) == 1 else sizes
 
 
-def _quantity(name: str) -> str:
+def _input_quantity(name: str) -> str:
     return "" if name == "NO_INPUT_QUANTITY" else name

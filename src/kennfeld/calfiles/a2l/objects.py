@@ -1,7 +1,4 @@
-"""What an A2L file describes, by the names of ASAM MCD-2 MC (ASAP2).
-
-What an A2L file says about its labels, without an image.
-"""
+"""The objects of an A2L file, with the names of ASAM MCD-2 MC (ASAP2), and a summary of its labels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +18,7 @@ __all__ = [
     "Described",
     "ModCommon",
     "RecordLayout",
-    "described",
+    "summarise_labels",
 ]
 
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
@@ -112,7 +109,7 @@ class Characteristic:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values there are at most, x first."""
+        """The maximum number of values per axis, x first."""
         if self.axes:
             return tuple(axis.max_axis_points for axis in self.axes)
         sizes = self.matrix_dim
@@ -123,7 +120,7 @@ class Characteristic:
 
 @dataclass(frozen=True)
 class CompuMethod:
-    """How raw numbers become physical ones."""
+    """A conversion between raw and physical values."""
 
     name: str
     kind: str  # IDENTICAL, LINEAR, RAT_FUNC, TAB_INTP, TAB_NOINTP, TAB_VERB or FORM
@@ -174,7 +171,7 @@ class Component:
 
 @dataclass(frozen=True)
 class RecordLayout:
-    """How the parts of an object follow each other in the memory."""
+    """The order in which the parts of an object are stored."""
 
     name: str
     components: tuple[Component, ...]  # in the order of their positions
@@ -196,7 +193,7 @@ class A2lFunction:
 
 @dataclass(frozen=True)
 class ModCommon:
-    """What holds for a whole module unless an object says otherwise."""
+    """Defaults of a module, used unless an object states otherwise."""
 
     byte_order: str = ""
     deposit: str = ""
@@ -241,8 +238,8 @@ class Described:
     read_only: bool
 
 
-def described(a2l: A2l) -> tuple[Described, ...]:
-    """Every characteristic and every group axis of an A2L file."""
+def summarise_labels(a2l: A2l) -> tuple[Described, ...]:
+    """Return every characteristic and every group axis of an A2L file."""
     found = [_described(a2l, one) for one in a2l.characteristics.values()]
     return (*found, *(_described(a2l, axis) for axis in a2l.axis_pts.values()))
 
@@ -275,5 +272,5 @@ def _unit(a2l: A2l, source: AxisPts | Characteristic) -> str:
 
 
 def _limit(value: float) -> float:
-    """A limit, infinite where it is that of a data type that knows no other."""
+    """Return a limit, infinite if it is the range of a floating-point type."""
     return value if abs(value) < 1e300 else (inf if value > 0 else -inf)

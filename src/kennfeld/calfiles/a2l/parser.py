@@ -1,7 +1,7 @@
-"""Reads an A2L file into the objects that it describes.
+"""Parser of A2L files.
 
-The keywords and their order are those of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71. An object that is written wrongly is left
-aside with a remark; a file whose blocks do not fit together is refused.
+Keywords and their order follow ASAM MCD-2 MC (ASAP2) 1.3 to 1.71. A malformed object is skipped with a warning;
+a file with unbalanced blocks is refused.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,14 +18,23 @@ from kennfeld.calfiles.a2l.definitions import (
     record_layout,
 )
 from kennfeld.calfiles.a2l.objects import A2l, A2lFunction, AxisDescr, AxisPts, Characteristic, ModCommon
-from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, Include, blocks, number, unquoted, whole
+from kennfeld.calfiles.a2l.syntax import (
+    A2lBlock,
+    A2lError,
+    Cursor,
+    Include,
+    parse_blocks,
+    parse_integer,
+    parse_number,
+    unquote,
+)
 from kennfeld.calfiles.format import Findings
 
 __all__ = ["parse_a2l"]
 
 TYPES = ("VALUE", "CURVE", "MAP", "CUBOID", "CUBE_4", "CUBE_5", "VAL_BLK", "ASCII")
 AXIS_KINDS = ("STD_AXIS", "COM_AXIS", "FIX_AXIS", "RES_AXIS", "CURVE_AXIS")
-_SHARED = {
+_SHARED_OPTIONS = {
     "BYTE_ORDER": 1,
     "DEPOSIT": 1,
     "DISPLAY_IDENTIFIER": 1,
@@ -43,16 +52,16 @@ _SHARED = {
     "MONOTONY": 1,
     "MAX_GRAD": 1,
 }
-_OF_CHARACTERISTIC = _SHARED | {
+_CHARACTERISTIC_OPTIONS = _SHARED_OPTIONS | {
     "BIT_MASK": 1,
     "COMPARISON_QUANTITY": 1,
     "ENCODING": 1,
     "MATRIX_DIM": -1,
     "NUMBER": 1,
 }
-_OF_AXIS = _SHARED | {"AXIS_PTS_REF": 1, "CURVE_AXIS_REF": 1, "FIX_AXIS_PAR": 3, "FIX_AXIS_PAR_DIST": 3}
+_AXIS_OPTIONS = _SHARED_OPTIONS | {"AXIS_PTS_REF": 1, "CURVE_AXIS_REF": 1, "FIX_AXIS_PAR": 3, "FIX_AXIS_PAR_DIST": 3}
 _ALIGNMENTS = ("BYTE", "WORD", "LONG", "INT64", "FLOAT16_IEEE", "FLOAT32_IEEE", "FLOAT64_IEEE")
-_OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
+_COMMON_OPTIONS = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
     "BYTE_ORDER": 1,
     "DATA_SIZE": 1,
     "DEPOSIT": 1,
@@ -62,25 +71,25 @@ _OF_COMMON = dict.fromkeys((f"ALIGNMENT_{name}" for name in _ALIGNMENTS), 1) | {
 Made = TypeVar("Made", bound=Any)
 
 
-def parse_a2l(raw: bytes, name: str, notes: Findings, include: Include | None = None) -> A2l:
-    """The objects of an A2L file. `include` gives the content of a file that the text includes, by its name.
+def parse_a2l(raw: bytes, name: str, findings: Findings, include: Include | None = None) -> A2l:
+    """Return the objects of an A2L file. `include` gives the content of a file that the text includes, by its name.
 
-    Notes an error where the blocks do not fit together or no module is there, and a remark for each object that is
-    left aside. Whoever reads on calls `notes.settle()` first.
+    Notes an error if the blocks do not fit together or no module is there, and a remark for each object that is
+    skipped. Call `findings.finish()` before using the result.
     """
-    root, sound = blocks(raw, name, notes, include)
+    root, sound = parse_blocks(raw, name, findings, include)
     projects = list(root.inner("PROJECT"))
     modules = [module for project in projects for module in project.inner("MODULE")] or list(root.inner("MODULE"))
     if not modules and not sound:
         return A2l(name)
     if not modules:
-        notes.error(0, "", "has no MODULE, in which A2L keeps its objects", "Export it as ASAP2 1.3 to 1.71.")
+        findings.error(0, "", "has no MODULE", "Export it as ASAP2 1.3 to 1.71.")
         return A2l(name)
     chosen = next((module for module in modules if any(module.inner("CHARACTERISTIC"))), modules[0])
     for module in modules:
         if module is not chosen:
-            notes.remark(module.line, _first_word(module), "is a further MODULE; left aside")
-    return _Module(chosen, notes).read(name, _version(root), _first_word(projects[0]) if projects else "")
+            findings.warning(module.line, _first_word(module), "is an additional MODULE; skipped")
+    return _Module(chosen, findings).read(name, _version(root), _first_word(projects[0]) if projects else "")
 
 
 def _version(root: A2lBlock) -> str:
@@ -91,23 +100,22 @@ def _version(root: A2lBlock) -> str:
 
 
 def _first_word(block: A2lBlock) -> str:
-    return unquoted(block.tokens[0])[:80] if block.tokens else ""
+    return unquote(block.tokens[0])[:80] if block.tokens else ""
 
 
 class _Module:
-    def __init__(self, module: A2lBlock, notes: Findings) -> None:
-        self.module, self.notes = module, notes
+    def __init__(self, module: A2lBlock, findings: Findings) -> None:
+        self.module, self.findings = module, findings
         self.by_label: dict[str, list[str]] = {}  # the functions of each label
 
     def read(self, file: str, version: str, project: str) -> A2l:
-        """Everything of the module."""
-        functions = self._all("FUNCTION", _function)
+        functions = self._all("FUNCTION", _parse_function)
         for function in functions.values():
             for label in function.labels:
                 self.by_label.setdefault(label, []).append(function.name)
         axis_pts = self._all("AXIS_PTS", self._axis_pts)
         characteristics = self._all("CHARACTERISTIC", self._characteristic)
-        instances = Instances(self.module, self.notes, typedef_characteristic, typedef_axis, self.by_label)
+        instances = Instances(self.module, self.findings, typedef_characteristic, typedef_axis, self.by_label)
         more, more_axes = instances.expanded()
         return A2l(
             file=file,
@@ -125,37 +133,39 @@ class _Module:
             measurements=sum(1 for _ in self.module.inner("MEASUREMENT")),
             variant_coded=self._variant_coded(),
             epk=self._identity("EPK"),
-            epk_addresses=tuple(place for word in self._words("ADDR_EPK") if (place := whole(word)) is not None),
+            epk_addresses=tuple(
+                place for word in self._words("ADDR_EPK") if (place := parse_integer(word)) is not None
+            ),
         )
 
     def _all(self, keyword: str, make: Callable[[A2lBlock], Made]) -> dict[str, Made]:
-        """The objects of one keyword by name; of two with one name the first counts."""
-        made: dict[str, Made] = {}
+        """Return the objects of one keyword by name; of two with one name the first counts."""
+        result: dict[str, Made] = {}
         for block in self.module.inner(keyword):
             try:
                 found = make(block)
             except A2lError as error:
-                self.notes.remark(block.line, _first_word(block) or keyword, f"{keyword} {error}; left aside")
+                self.findings.warning(block.line, _first_word(block) or keyword, f"{keyword} {error}; skipped")
                 continue
-            if found.name in made:
-                message = f"{keyword} is defined a second time; the first one counts"
-                self.notes.remark(block.line, found.name, message)
+            if found.name in result:
+                message = f"duplicate {keyword}; the first one is used"
+                self.findings.warning(block.line, found.name, message)
             else:
-                made[found.name] = found
-        return made
+                result[found.name] = found
+        return result
 
     def _joined(self, given: dict[str, Made], more: Mapping[str, Made]) -> dict[str, Made]:
-        for name, made in more.items():
+        for name, result in more.items():
             if name in given:
-                self.notes.remark(made.line, name, "is the name of an instance and of another label; left aside")
-        return given | {name: made for name, made in more.items() if name not in given}
+                self.findings.warning(result.line, name, "is the name of an instance and of another label; skipped")
+        return given | {name: result for name, result in more.items() if name not in given}
 
     def _common(self) -> ModCommon:
         for block in self.module.inner("MOD_COMMON"):
             try:
-                options = Cursor(block).options(_OF_COMMON)
+                options = Cursor(block).options(_COMMON_OPTIONS)
             except A2lError as error:
-                self.notes.remark(block.line, "MOD_COMMON", f"{error}; left aside")
+                self.findings.warning(block.line, "MOD_COMMON", f"{error}; skipped")
                 continue
             return ModCommon(
                 byte_order=options.get("BYTE_ORDER", [""])[0],
@@ -169,35 +179,35 @@ class _Module:
         return frozenset(_first_word(one) for one in found)
 
     def _identity(self, keyword: str) -> str:
-        return next((unquoted(word)[:200] for word in self._words(keyword)), "")
+        return next((unquote(word)[:200] for word in self._words(keyword)), "")
 
     def _words(self, keyword: str) -> list[str]:
-        """What stands behind a keyword of MOD_PAR, each time it is given."""
-        items = [word for block in self.module.inner("MOD_PAR") for word in block.tokens]
-        return [after for word, after in pairwise(items) if word == keyword]
+        """Return the word after each occurrence of a keyword in MOD_PAR."""
+        words = [word for block in self.module.inner("MOD_PAR") for word in block.tokens]
+        return [after for word, after in pairwise(words) if word == keyword]
 
     def _axis_pts(self, block: A2lBlock) -> AxisPts:
         cursor = Cursor(block)
         name, description, address = cursor.word("name"), cursor.text("description"), cursor.whole("address")
-        made = _axis_pts(block, cursor, name, description, address)
-        return _with_functions(made, self.by_label, block)
+        result = _axis_pts(block, cursor, name, description, address)
+        return _with_functions(result, self.by_label, block)
 
     def _characteristic(self, block: A2lBlock) -> Characteristic:
         cursor = Cursor(block)
         name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
-        made = _characteristic(block, cursor, name, description, kind, cursor.whole("address"))
-        return _with_functions(made, self.by_label, block)
+        result = _characteristic(block, cursor, name, description, kind, cursor.whole("address"))
+        return _with_functions(result, self.by_label, block)
 
 
 def typedef_characteristic(block: A2lBlock) -> Characteristic:
-    """A TYPEDEF_CHARACTERISTIC: a characteristic at address 0."""
+    """Return a TYPEDEF_CHARACTERISTIC: a characteristic at address 0."""
     cursor = Cursor(block)
     name, description, kind = cursor.word("name"), cursor.text("description"), cursor.word("type")
     return _characteristic(block, cursor, name, description, kind, 0)
 
 
 def typedef_axis(block: A2lBlock) -> AxisPts:
-    """A TYPEDEF_AXIS: breakpoints at address 0."""
+    """Return a TYPEDEF_AXIS: breakpoints at address 0."""
     cursor = Cursor(block)
     name, description = cursor.word("name"), cursor.text("description")
     return _axis_pts(block, cursor, name, description, 0)
@@ -208,7 +218,7 @@ def _axis_pts(block: A2lBlock, cursor: Cursor, name: str, description: str, addr
     cursor.number("largest difference")
     conversion, most = cursor.word("conversion"), cursor.whole("number of axis points")
     lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
-    shared = _shared(cursor.options(_SHARED))
+    shared = _shared_attributes(cursor.options(_SHARED_OPTIONS))
     return AxisPts(
         name, description, address, input_quantity, layout, conversion, most, lower, upper, line=block.line, **shared
     )
@@ -218,13 +228,13 @@ def _characteristic(
     block: A2lBlock, cursor: Cursor, name: str, description: str, kind: str, address: int
 ) -> Characteristic:
     if kind not in TYPES:
-        raise A2lError(f"is a {kind[:40]!r}, which no version knows")
+        raise A2lError(f"has the unknown type {kind[:40]!r}")
     layout = cursor.word("record layout")
     cursor.number("largest difference")
     conversion = cursor.word("conversion")
     lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
-    options = cursor.options(_OF_CHARACTERISTIC)
-    shared = _shared(options)
+    options = cursor.options(_CHARACTERISTIC_OPTIONS)
+    shared = _shared_attributes(options)
     del shared["deposit"]
     return Characteristic(
         name,
@@ -236,11 +246,11 @@ def _characteristic(
         lower,
         upper,
         axes=tuple(_axis_descr(axis) for axis in block.inner("AXIS_DESCR")),
-        number=_whole(options, "NUMBER") or 0,
-        matrix_dim=_sizes(options),
-        bit_mask=_whole(options, "BIT_MASK"),
+        number=_integer_option(options, "NUMBER") or 0,
+        matrix_dim=_matrix_sizes(options),
+        bit_mask=_integer_option(options, "BIT_MASK"),
         encoding=options.get("ENCODING", [""])[0],
-        dependent_on=_dependent_on(block),
+        dependent_on=_formula_inputs(block),
         virtual=any(block.inner("VIRTUAL_CHARACTERISTIC")),
         line=block.line,
         **shared,
@@ -251,11 +261,11 @@ def _axis_descr(block: A2lBlock) -> AxisDescr:
     cursor = Cursor(block)
     kind, input_quantity, conversion = cursor.word("kind"), cursor.word("input quantity"), cursor.word("conversion")
     if kind not in AXIS_KINDS:
-        raise A2lError(f"has an axis of the kind {kind[:40]!r}, which no version knows")
+        raise A2lError(f"has an axis of the unknown kind {kind[:40]!r}")
     most = cursor.whole("number of axis points")
     lower, upper = cursor.number("lower limit"), cursor.number("upper limit")
-    options = cursor.options(_OF_AXIS)
-    shared = _shared(options)
+    options = cursor.options(_AXIS_OPTIONS)
+    shared = _shared_attributes(options)
     del shared["display_identifier"]
     return AxisDescr(
         kind,
@@ -266,40 +276,40 @@ def _axis_descr(block: A2lBlock) -> AxisDescr:
         upper,
         axis_pts_ref=options.get("AXIS_PTS_REF", [""])[0],
         curve_axis_ref=options.get("CURVE_AXIS_REF", [""])[0],
-        fix_axis_par=_shifted(options),
-        fix_axis_par_dist=_spaced(options),
-        fix_axis_par_list=tuple(point for inner in block.inner("FIX_AXIS_PAR_LIST") for point in _numbers(inner)),
+        fix_axis_par=_parse_shifted_axis(options),
+        fix_axis_par_dist=_parse_spaced_axis(options),
+        fix_axis_par_list=tuple(point for inner in block.inner("FIX_AXIS_PAR_LIST") for point in _parse_points(inner)),
         **shared,
     )
 
 
-def _numbers(block: A2lBlock) -> tuple[float, ...]:
+def _parse_points(block: A2lBlock) -> tuple[float, ...]:
     cursor = Cursor(block)
     return tuple(cursor.number("axis point") for _ in range(cursor.left()))
 
 
-def _shifted(options: Mapping[str, list[str]]) -> tuple[float, int, int] | None:
+def _parse_shifted_axis(options: Mapping[str, list[str]]) -> tuple[float, int, int] | None:
     given = options.get("FIX_AXIS_PAR")
     if given is None:
         return None
-    offset, shift, count = number(given[0]), whole(given[1]), whole(given[2])
+    offset, shift, count = parse_number(given[0]), parse_integer(given[1]), parse_integer(given[2])
     if offset is None or shift is None or count is None or not -64 <= shift <= 64:
-        raise A2lError("has a FIX_AXIS_PAR that is no offset, shift and number")
+        raise A2lError("has an invalid FIX_AXIS_PAR: must be offset, shift and number")
     return offset, shift, count
 
 
-def _spaced(options: Mapping[str, list[str]]) -> tuple[float, float, int] | None:
+def _parse_spaced_axis(options: Mapping[str, list[str]]) -> tuple[float, float, int] | None:
     given = options.get("FIX_AXIS_PAR_DIST")
     if given is None:
         return None
-    offset, distance, count = number(given[0]), number(given[1]), whole(given[2])
+    offset, distance, count = parse_number(given[0]), parse_number(given[1]), parse_integer(given[2])
     if offset is None or distance is None or count is None:
-        raise A2lError("has a FIX_AXIS_PAR_DIST that is no offset, distance and number")
+        raise A2lError("has an invalid FIX_AXIS_PAR_DIST: must be offset, distance and number")
     return offset, distance, count
 
 
-def _shared(options: Mapping[str, list[str]]) -> dict[str, Any]:
-    limits = [number(word) for word in options.get("EXTENDED_LIMITS", [])]
+def _shared_attributes(options: Mapping[str, list[str]]) -> dict[str, Any]:
+    limits = [parse_number(word) for word in options.get("EXTENDED_LIMITS", [])]
     return {
         "byte_order": options.get("BYTE_ORDER", [""])[0],
         "deposit": options.get("DEPOSIT", [""])[0],
@@ -310,41 +320,43 @@ def _shared(options: Mapping[str, list[str]]) -> dict[str, Any]:
     }
 
 
-def _whole(options: Mapping[str, list[str]], keyword: str) -> int | None:
+def _integer_option(options: Mapping[str, list[str]], keyword: str) -> int | None:
     given = options.get(keyword)
-    value = None if given is None else whole(given[0])
+    value = None if given is None else parse_integer(given[0])
     if given is not None and value is None:
-        raise A2lError(f"has {given[0][:40]!r} behind {keyword}, no whole number")
+        raise A2lError(f"has {given[0][:40]!r} after {keyword}, which must be an integer")
     return value
 
 
-def _sizes(options: Mapping[str, list[str]]) -> tuple[int, ...]:
-    sizes = tuple(size for word in options.get("MATRIX_DIM", []) if (size := whole(word)) is not None)
+def _matrix_sizes(options: Mapping[str, list[str]]) -> tuple[int, ...]:
+    sizes = tuple(size for word in options.get("MATRIX_DIM", []) if (size := parse_integer(word)) is not None)
     if any(size < 0 for size in sizes) or len(sizes) > 5:
-        raise A2lError(f"has MATRIX_DIM {' '.join(map(str, sizes))[:60]}, which are no sizes")
+        raise A2lError(f"has an invalid MATRIX_DIM: {' '.join(map(str, sizes))[:60]}")
     # ASAP2 1.6 writes three sizes, zeros and ones for what is not there
     return tuple(size or 1 for size in sizes) if any(sizes) else ()
 
 
 def _alignments(options: Mapping[str, list[str]]) -> dict[str, int]:
     prefix = "ALIGNMENT_"
-    found = {key.removeprefix(prefix): whole(given[0]) for key, given in options.items() if key.startswith(prefix)}
+    found = {
+        key.removeprefix(prefix): parse_integer(given[0]) for key, given in options.items() if key.startswith(prefix)
+    }
     return {name: size for name, size in found.items() if size is not None and 1 <= size <= 64}
 
 
-def _dependent_on(block: A2lBlock) -> tuple[str, ...]:
+def _formula_inputs(block: A2lBlock) -> tuple[str, ...]:
     found = (inner for inner in block.inner("DEPENDENT_CHARACTERISTIC"))
-    return tuple(unquoted(word) for inner in found for word in inner.tokens[1:])
+    return tuple(unquote(word) for inner in found for word in inner.tokens[1:])
 
 
 def _with_functions(made: Made, by_label: Mapping[str, list[str]], block: A2lBlock) -> Made:
-    own = [unquoted(word) for inner in block.inner("FUNCTION_LIST") for word in inner.tokens]
+    own = [unquote(word) for inner in block.inner("FUNCTION_LIST") for word in inner.tokens]
     functions = tuple(dict.fromkeys([*by_label.get(made.name, ()), *own]))
     return replace(made, functions=functions) if functions else made
 
 
-def _function(block: A2lBlock) -> A2lFunction:
+def _parse_function(block: A2lBlock) -> A2lFunction:
     cursor = Cursor(block)
     name, description = cursor.word("name"), cursor.text("description")
     inner = block.inner("DEF_CHARACTERISTIC")
-    return A2lFunction(name, description, tuple(unquoted(word) for one in inner for word in one.tokens))
+    return A2lFunction(name, description, tuple(unquote(word) for one in inner for word in one.tokens))

@@ -1,9 +1,10 @@
-"""Where the parts of one object lie in the memory, by its record layout.
+"""Byte offsets of the parts of an object, by its record layout.
 
-The parts follow each other in the order of their positions, each at a multiple of its alignment. Values of a map lie
-by rows (ROW_DIR, x running fastest) or columns (COLUMN_DIR, y running fastest), layers of a cube one after the other,
-or together with the points of an axis (ALTERNATE_WITH_X, ALTERNATE_WITH_Y). A value block lies as a table of the sizes
-of MATRIX_DIM would. Parts close up behind tables that use fewer points than they may, unless the layout is static.
+The parts follow each other in the order of their positions, each aligned to a multiple of its alignment. Values of
+a map are stored by rows (ROW_DIR, x fastest) or columns (COLUMN_DIR, y fastest), layers of a cube one after the
+other, or interleaved with the points of an axis (ALTERNATE_WITH_X, ALTERNATE_WITH_Y). A value block is stored like a
+table with the sizes of MATRIX_DIM. Unless the layout is static, parts directly follow tables that use fewer points
+than their maximum.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +26,7 @@ _COUNTS = {"NO_AXIS_PTS": "AXIS_PTS", "NO_RESCALE": "AXIS_RESCALE"}
 
 
 class AbsentError(Exception):
-    """The memory that an object needs is not in the image."""
+    """The memory of an object is not in the image."""
 
 
 @dataclass
@@ -43,7 +44,7 @@ class PartOffsets:
 
 @dataclass(frozen=True)
 class LayoutRequest:
-    """What an object asks of its layout: the directions of its axes and how many points each has at most.
+    """The directions of an object's axes and the maximum number of points of each.
 
     An object without axes has the sizes of its block instead.
     """
@@ -61,19 +62,31 @@ def place_parts(
     count_at: Callable[[Component, int], int],
     holds: Callable[[int, int], bool],
 ) -> PartOffsets:
-    """Where everything is. `count_at` gives the number of points stored in a part at an offset, `holds` whether the
-    image has some bytes at an address.
+    """Compute the byte offsets of all parts of an object.
 
-    Raises `UnusableError` for a layout that cannot be followed, and `AbsentError` for memory that is not there.
+    Args:
+        layout: The record layout.
+        address: The address of the object, which alignment refers to.
+        wanted: The axes and sizes of the object.
+        alignments: Defaults of the module, in bytes by data type.
+        count_at: Returns the number of points stored at a byte offset of a component.
+        holds: Returns True if the image has a number of bytes at an address.
+
+    Returns:
+        Offsets relative to `address`, in bytes.
+
+    Raises:
+        A2lError: The layout is not supported.
+        AbsentError: The memory is not in the image.
     """
-    _check(layout, wanted)
+    _check_layout(layout, wanted)
     return _Walk(layout, address, wanted, alignments, count_at, holds).run()
 
 
-def _check(layout: RecordLayout, wanted: LayoutRequest) -> None:
+def _check_layout(layout: RecordLayout, wanted: LayoutRequest) -> None:
     name = layout.name
     if layout.unknown:
-        raise A2lError(f"has the record layout {name} with {layout.unknown[0]!r}, which no version knows")
+        raise A2lError(f"has the record layout {name} with the unknown keyword {layout.unknown[0]!r}")
     keys = [component.key for component in layout.components if component.kind not in ("RESERVED", "IDENTIFICATION")]
     twice = next((key for key in keys if keys.count(key) > 1), "")
     if twice:
@@ -86,7 +99,7 @@ def _check(layout: RecordLayout, wanted: LayoutRequest) -> None:
         if component.addressing != "DIRECT":
             raise A2lError(f"has the record layout {name}, whose {component.key} is a pointer")
         if component.mode == "ALTERNATE_CURVES":
-            message = f"has the record layout {name}: ALTERNATE_CURVES does not say how many curves share the memory"
+            message = f"has the record layout {name}: ALTERNATE_CURVES does not state how many curves share the memory"
             raise A2lError(message)
 
 
@@ -124,11 +137,11 @@ class _Walk:
         direction = key[-1]
         most = self.wanted.most.get(direction)
         if count < 1 or (most is not None and count > most and not key.startswith("AXIS_RESCALE")):
-            raise A2lError(f"states {count} axis points in direction {direction}, of at most {most}")
+            raise A2lError(f"states {count} axis points in direction {direction}, but at most {most} are allowed")
         self.places.counts[key] = count
 
     def _counts_first(self) -> None:
-        """In a static layout nothing moves, so the numbers of points may lie behind the points."""
+        """Read the point counts of a static layout, where they may be stored after the points."""
         start = replace(self, holds=lambda *_: True, spaces_only=True, places=PartOffsets(), found={})
         for component in self.layout.components:
             start._place(component)
@@ -171,13 +184,15 @@ class _Walk:
         self.at += size
 
     def _number(self, direction: str) -> tuple[int, int]:
-        """How many points a direction has, and for how many there is room."""
+        """Return the number of points of a direction, and its maximum."""
         key = f"AXIS_PTS_{direction}"
         most = self.wanted.most.get(direction)
         if most is None:
             raise A2lError(f"has the record layout {self.layout.name} with {key}, but no such axis")
         if key not in self.places.counts and self._counted_later(key):
-            raise A2lError(f"has the record layout {self.layout.name}, which counts the points behind them")
+            raise A2lError(
+                f"has the record layout {self.layout.name}, which stores the number of points after the points"
+            )
         number = self.places.counts.setdefault(key, most) if not self.spaces_only else most
         return number, most
 
@@ -218,18 +233,18 @@ class _Walk:
         return self.layout.static_layout or self.layout.static_offsets
 
     def _alternating(self, component: Component) -> tuple[Component, Component] | None:
-        """The axis and the values that lie together, where this is one of them."""
+        """Return the axis and the values that lie together, where this is one of them."""
         values = next((one for one in self.layout.components if one.kind == "FNC_VALUES"), None)
         direction = _ALTERNATING.get(values.mode, "") if values else ""
         axis = next((one for one in self.layout.components if one.key == f"AXIS_PTS_{direction}"), None)
         if values is None or not direction or component not in (values, axis):
             return None
         if axis is None or direction not in self.wanted.most or self._is_static():
-            raise A2lError(f"has the record layout {self.layout.name} with {values.mode} that cannot be followed")
+            raise A2lError(f"has the record layout {self.layout.name} with {values.mode}, which is not supported here")
         return axis, values
 
     def _interleaved(self, axis: Component, values: Component) -> None:
-        """A point, then the values that belong to it, or the other way round, by their positions."""
+        """Return a point, then the values that belong to it, or the other way round, by their positions."""
         numbers, _ = self._shape()
         along = list(self.wanted.most).index(axis.direction)
         if len(numbers) > 2:
@@ -278,12 +293,12 @@ class _Walk:
 
 
 def _strides(numbers: Sequence[int], size: int, mode: str) -> list[int]:
-    """Bytes from one value to the next in each direction."""
+    """Return the distance in bytes between neighbouring values, by direction."""
     order = list(range(len(numbers)))
     if mode == _COLUMNS and len(numbers) > 1:
         order[:2] = [1, 0]
     elif mode not in (_ROWS, _COLUMNS) and len(numbers) > 1:
-        raise A2lError(f"has the index mode {mode[:40]!r}, which no version knows")
+        raise A2lError(f"has the unknown index mode {mode[:40]!r}")
     strides, step = [0] * len(numbers), size
     for direction in order:
         strides[direction] = step

@@ -1,9 +1,4 @@
-"""The numbers of one part of an object: how they lie in the memory, raw, and physical.
-
-Raw numbers: the data types of A2L, and in what order their bytes lie in the memory.
-
-Physical numbers to the nearest raw ones that can be stored, and what that costs.
-"""
+"""Storage of numbers in a control unit: bytes, raw values and physical values, and rounding to storable values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,11 +23,11 @@ __all__ = [
     "Roundings",
     "StorageFormat",
     "alignment_of",
-    "decoded",
-    "encoded",
+    "decode_raw",
+    "encode_raw",
+    "first_byte_order",
     "native",
     "nearest_raw",
-    "order_of",
 ]
 
 Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
@@ -51,8 +46,8 @@ _CODES = {
     "FLOAT64_IEEE": "f8",
 }
 NUMBERS = tuple(_CODES)
-_SPACES = {"BYTE": 1, "WORD": 2, "LONG": 4}  # sizes of RESERVED
-SIZES = {name: int(code[1]) for name, code in _CODES.items()} | _SPACES
+_RESERVED_SIZES = {"BYTE": 1, "WORD": 2, "LONG": 4}  # sizes of RESERVED
+SIZES = {name: int(code[1]) for name, code in _CODES.items()} | _RESERVED_SIZES
 BYTE_ORDERS = {
     "MSB_LAST": "<",
     "MSB_FIRST": ">",
@@ -61,42 +56,56 @@ BYTE_ORDERS = {
     "LITTLE_ENDIAN": "<",
     "BIG_ENDIAN": ">",
 }
-_ALIGNED_AS = {"UBYTE": "BYTE", "SBYTE": "BYTE", "UWORD": "WORD", "SWORD": "WORD", "ULONG": "LONG", "SLONG": "LONG"}
+_ALIGNMENT_KINDS = {
+    "UBYTE": "BYTE",
+    "SBYTE": "BYTE",
+    "UWORD": "WORD",
+    "SWORD": "WORD",
+    "ULONG": "LONG",
+    "SLONG": "LONG",
+}
 # where neither the layout nor the module says anything
-_BORDERS = {"BYTE": 1, "WORD": 2, "LONG": 4, "INT64": 8, "FLOAT16_IEEE": 2, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 4}
+_DEFAULT_ALIGNMENTS = {
+    "BYTE": 1,
+    "WORD": 2,
+    "LONG": 4,
+    "INT64": 8,
+    "FLOAT16_IEEE": 2,
+    "FLOAT32_IEEE": 4,
+    "FLOAT64_IEEE": 4,
+}
 
-_MOST = 5  # values of one label that are told
-_HALF = 0.5 * (1 + 1e-6)
+_MAX_LISTED = 5  # values of one label that are listed
+_HALF_STEP = 0.5 * (1 + 1e-6)
 
-_ALIGNED_AS |= {"A_UINT64": "INT64", "A_INT64": "INT64"}
+_ALIGNMENT_KINDS |= {"A_UINT64": "INT64", "A_INT64": "INT64"}
 
 
 def alignment_of(data_type: str, *given: Mapping[str, int]) -> int:
-    """At multiples of how many bytes a data type begins; the first of `given` that says so counts."""
-    kind = _ALIGNED_AS.get(data_type, data_type)
-    return int(next((borders[kind] for borders in given if kind in borders), _BORDERS.get(kind, 1)))
+    """Return the alignment of a data type in bytes; the first mapping of `given` with an entry is used."""
+    kind = _ALIGNMENT_KINDS.get(data_type, data_type)
+    return int(next((borders[kind] for borders in given if kind in borders), _DEFAULT_ALIGNMENTS.get(kind, 1)))
 
 
 def is_float(data_type: str) -> bool:
-    """Whether a data type holds floating-point numbers."""
     return data_type.startswith("FLOAT")
 
 
 def native(data_type: str) -> "np.dtype[Any]":
-    """The type of array that holds it in this process."""
+    """Return the NumPy type of a data type."""
     return np.dtype(_CODES[data_type])
 
 
 def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
-    """The least and the largest whole number that a data type can hold within a bit mask."""
+    """Return the least and the largest whole number that a data type can hold within a bit mask."""
     info = np.iinfo(native(data_type))
-    if bit_mask is None or _covers(data_type, bit_mask):
+    if bit_mask is None or _covers_all_bits(data_type, bit_mask):
         return int(info.min), int(info.max)
     return 0, (bit_mask & (2**info.bits - 1)) >> shift_of(bit_mask)
 
 
 def shift_of(bit_mask: int) -> int:
-    """How many bits are to the right of a mask.
+    """Return the number of zero bits to the right of a mask.
 
     >>> shift_of(0b1100)
     2
@@ -104,29 +113,29 @@ def shift_of(bit_mask: int) -> int:
     return (bit_mask & -bit_mask).bit_length() - 1
 
 
-def _covers(data_type: str, bit_mask: int) -> bool:
+def _covers_all_bits(data_type: str, bit_mask: int) -> bool:
     every = (1 << 8 * SIZES[data_type]) - 1
     return bit_mask & every == every
 
 
-def decoded(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
-    """The raw numbers at byte offsets of a piece of memory, in the shape of `offsets`."""
+def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
+    """Return the raw numbers at byte offsets of a piece of memory, in the shape of `offsets`."""
     size = SIZES[data_type]
     cells = np.frombuffer(memory, dtype=np.uint8)[offsets[..., None] + np.arange(size)]
-    cells = np.ascontiguousarray(cells[..., _significance(size, byte_order)])
-    found: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0]
-    if bit_mask is not None and not is_float(data_type) and not _covers(data_type, bit_mask):
+    cells = np.ascontiguousarray(cells[..., _byte_positions(size, byte_order)])
+    results: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0]
+    if bit_mask is not None and not is_float(data_type) and not _covers_all_bits(data_type, bit_mask):
         unsigned = cells.view(f"<u{size}")[..., 0].astype(np.uint64)
         return np.asarray((unsigned & np.uint64(bit_mask & (2**64 - 1))) >> np.uint64(shift_of(bit_mask)))
-    return found.astype(native(data_type))
+    return results.astype(native(data_type))
 
 
-def encoded(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = None) -> tuple[Any, Any]:
-    """The bytes of raw numbers, and which bits of them count, both of shape `raw.shape + (size,)`."""
+def encode_raw(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = None) -> tuple[Any, Any]:
+    """Return the bytes of raw numbers, and which bits of them count, both of shape `raw.shape + (size,)`."""
     size = SIZES[data_type]
-    order = _significance(size, byte_order)
+    order = _byte_positions(size, byte_order)
     bits = np.full((*raw.shape, size), 255, dtype=np.uint8)
-    if bit_mask is not None and not is_float(data_type) and not _covers(data_type, bit_mask):
+    if bit_mask is not None and not is_float(data_type) and not _covers_all_bits(data_type, bit_mask):
         mask = bit_mask & (2 ** (8 * size) - 1)
         shifted = (raw.astype(np.uint64) << np.uint64(shift_of(bit_mask))) & np.uint64(mask)
         bits[...] = np.frombuffer(mask.to_bytes(size, "little"), dtype=np.uint8)
@@ -138,8 +147,8 @@ def encoded(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = No
     return placed, counting
 
 
-def _significance(size: int, byte_order: str) -> list[int]:
-    """At which place of the memory the byte of each significance is, least first."""
+def _byte_positions(size: int, byte_order: str) -> list[int]:
+    """Return the memory position of each byte, least significant first."""
     places = list(range(size))
     if byte_order in ("MSB_FIRST", "BIG_ENDIAN"):
         return places[::-1]
@@ -152,7 +161,7 @@ def _significance(size: int, byte_order: str) -> list[int]:
 
 @dataclass(frozen=True)
 class StorageFormat:
-    """How a number is kept: everything between its bytes and its physical value, and its hard limits."""
+    """The data type, byte order, conversion and hard limits of a stored number."""
 
     data_type: str
     byte_order: str
@@ -163,13 +172,12 @@ class StorageFormat:
     upper: float = inf
 
     def physical(self, raw: Raw) -> Float:
-        """Physical numbers of raw ones; NaN where a number has none."""
+        """Convert raw to physical values; NaN if a raw value has none."""
         values = np.asarray(self.conversion.physical(np.asarray(raw, dtype=np.float64)), dtype=np.float64)
         return np.where(np.isfinite(values), values, np.nan)
 
     @property
     def integer(self) -> bool:
-        """Whether raw numbers are whole."""
         return not is_float(self.data_type)
 
     @cached_property
@@ -183,20 +191,20 @@ class StorageFormat:
 
     @cached_property
     def range(self) -> tuple[float, float]:
-        """The least and the largest physical number, NaN where a conversion does not say."""
+        """The least and the largest physical number, NaN if a conversion does not say."""
         ends = self.physical(np.array(self.span))
         return float(ends.min()), float(ends.max())
 
     def step(self, raw: Float) -> Float:
-        """The distance of the next storable number, 0 for floating-point ones."""
+        """Return the distance of the next storable number, 0 for floating-point ones."""
         if not self.integer:
             return np.zeros(np.shape(raw))
         low, high = self.span
-        beside = np.where(raw < high, raw + 1, np.maximum(raw - 1, low))
-        return np.nan_to_num(np.abs(np.asarray(self.physical(beside) - self.physical(raw))))
+        neighbour = np.where(raw < high, raw + 1, np.maximum(raw - 1, low))
+        return np.nan_to_num(np.abs(np.asarray(self.physical(neighbour) - self.physical(raw))))
 
     def bounds(self, lower: float, upper: float) -> tuple[float, float]:
-        """Limits as bounds of a parameter: none where they are the range of the data type or say nothing."""
+        """Return limits as parameter bounds; infinite if they equal the data type's range or are empty."""
         least, largest = self.range
         if not lower < upper:
             return -inf, inf
@@ -219,8 +227,8 @@ class ObjectPart:
 
     @classmethod
     def of(cls, memory: bytes, offsets: Int, kept: StorageFormat) -> "ObjectPart":
-        """The part at byte offsets of a piece of memory."""
-        return cls(kept, offsets, decoded(memory, offsets, kept.data_type, kept.byte_order, kept.bit_mask))
+        """Return the part at byte offsets of a piece of memory."""
+        return cls(kept, offsets, decode_raw(memory, offsets, kept.data_type, kept.byte_order, kept.bit_mask))
 
     @cached_property
     def raw(self) -> Raw:
@@ -229,23 +237,22 @@ class ObjectPart:
 
     @cached_property
     def physical(self) -> Float:
-        """Physical numbers."""
         return self.kept.physical(self.raw)
 
     def unlike(self, values: Float) -> Bool:
-        """Which numbers differ from those in the memory; two that are missing are alike."""
+        """Return a mask of the numbers that differ from the memory; two NaN are equal."""
         alike: Bool = (values == self.physical) | (np.isnan(values) & np.isnan(self.physical))
         return ~alike
 
 
-def order_of(*given: str, known: Mapping[str, str] = BYTE_ORDERS) -> str:
-    """The first byte order that is given and known; the standard has MSB_LAST where nothing says otherwise."""
+def first_byte_order(*given: str, known: Mapping[str, str] = BYTE_ORDERS) -> str:
+    """Return the first given byte order that is known; MSB_LAST by default, as in the standard."""
     return next((order for order in given if order in known), "MSB_LAST")
 
 
 @dataclass(frozen=True)
 class Rounded:
-    """Raw numbers for a part, and how far the physical ones they stand for are from those wanted."""
+    """Raw values of a part, and the deviation of their physical values from those requested."""
 
     raw: Raw
     off: Float  # in physical units; 0 where nothing changes
@@ -255,23 +262,23 @@ class Rounded:
 
 
 def nearest_raw(
-    name: str, part: ObjectPart, values: Float, unlike: Bool, thing: str, axes: Sequence[Axis] | None, notes: Findings
+    name: str, part: ObjectPart, values: Float, unlike: Bool, item: str, axes: Sequence[Axis] | None, findings: Findings
 ) -> Rounded | None:
-    """The raw numbers to store, those that are not `unlike` as they are.
+    """Return the raw numbers to store, those that are not `unlike` as they are.
 
     None, and an error for each of the first values that cannot be stored.
     """
     kept = part.kept
     if kept.conversion.raw is None:
-        notes.error(0, name, f"cannot be changed: the conversion {kept.conversion.name} has no inverse")
+        findings.error(0, name, f"cannot be changed: the conversion {kept.conversion.name} has no inverse")
         return None
     with np.errstate(all="ignore"):
         exact = np.asarray(kept.conversion.raw(np.where(np.isnan(values), 0.0, values)), dtype=np.float64)
     exact = np.where(np.isnan(values), np.nan, exact)
     rounded = np.rint(exact) if kept.integer else exact
-    wrong = _complaints(part, values, rounded, unlike & (rounded != part.raw))
+    wrong = _find_unstorable(part, values, rounded, unlike & (rounded != part.raw))
     if wrong.any():
-        _complain(name, kept, values, wrong, thing, notes)
+        _report_unstorable(name, kept, values, wrong, item, findings)
         return None
     raw = part.raw.copy()
     raw[unlike] = rounded[unlike].astype(native(kept.data_type) if not kept.difference else raw.dtype)
@@ -282,8 +289,8 @@ def nearest_raw(
     return Rounded(raw, off, steps, values, kept.conversion.unit)
 
 
-def _complaints(part: ObjectPart, values: Float, raw: Float, unlike: Bool) -> Bool:
-    """Which of the values to change cannot be stored or are not allowed."""
+def _find_unstorable(part: ObjectPart, values: Float, raw: Float, unlike: Bool) -> Bool:
+    """Return a mask of the changed values that are not storable or not allowed."""
     kept = part.kept
     least, largest = kept.span
     with np.errstate(all="ignore"):
@@ -296,30 +303,34 @@ def _complaints(part: ObjectPart, values: Float, raw: Float, unlike: Bool) -> Bo
     return unlike & (outside | beyond)
 
 
-def _complain(name: str, kept: StorageFormat, values: Float, wrong: Bool, thing: str, notes: Findings) -> None:
+def _report_unstorable(
+    name: str, kept: StorageFormat, values: Float, wrong: Bool, item: str, findings: Findings
+) -> None:
     low, high = kept.range
     low, high = (
         max(low, kept.lower) if low == low else kept.lower,
         min(high, kept.upper) if high == high else kept.upper,
     )
     places = [tuple(int(i) for i in at) for at in np.argwhere(wrong)]
-    for at in places[:_MOST]:
+    for at in places[:_MAX_LISTED]:
         where = f" {[i + 1 for i in at]}" if at else ""
-        message = f"the {thing}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
-        notes.error(0, name, f"{message}, which is outside what can be stored and is allowed: {low:g} to {high:g}")
-    if len(places) > _MOST:
-        notes.error(0, name, f"{count_noun(len(places) - _MOST, f'further {thing}')} outside {low:g} to {high:g}")
+        message = f"the {item}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
+        findings.error(0, name, f"{message}, outside the storable and allowed range {low:g} to {high:g}")
+    if len(places) > _MAX_LISTED:
+        findings.error(
+            0, name, f"{count_noun(len(places) - _MAX_LISTED, f'further {item}')} outside {low:g} to {high:g}"
+        )
 
 
 @dataclass
 class Roundings:
-    """What rounding has done to all labels."""
+    """Rounding errors of all written labels."""
 
     labels: dict[str, tuple[float, float, str, int]] = field(default_factory=dict)  # share, off, unit, values
     far: dict[str, tuple[float, float, str]] = field(default_factory=dict)
 
     def keep(self, name: str, found: Rounded) -> None:
-        """Count what was rounded for one label."""
+        """Record the rounding of one label."""
         size = float(np.nanmax(np.abs(found.wanted), initial=0.0)) or 1.0
         moved = int((found.off > 1e-12 * size).sum())
         if not moved:
@@ -327,20 +338,20 @@ class Roundings:
         off = float(np.nanmax(found.off))
         before = self.labels.get(name, (0.0, 0.0, "", 0))
         self.labels[name] = max(before, (off / size, off, found.unit, moved + before[3]))
-        if float(np.nanmax(found.steps)) > _HALF:
+        if float(np.nanmax(found.steps)) > _HALF_STEP:
             at = np.unravel_index(int(np.nanargmax(found.steps)), found.off.shape)
             self.far[name] = (float(found.wanted[at]), float(found.off[at]), found.unit)
 
-    def tell(self, notes: Findings) -> None:
-        """One remark on all rounding, and one for each label where it is more than half a step of the storage."""
+    def report(self, findings: Findings) -> None:
+        """Report the largest rounding error, and each label off by more than half a storage step."""
         if self.labels:
             count = sum(values for *_, values in self.labels.values())
             name, (share, off, unit, _) = max(self.labels.items(), key=lambda one: one[1])
             message = (
-                f"{count_noun(count, 'number')} of {count_noun(len(self.labels), 'label')} rounded to what the control unit "
-                f"can store, at most by {off:.3g} {unit}".rstrip()
+                f"{count_noun(count, 'number')} of {count_noun(len(self.labels), 'label')} rounded to storable values, "
+                f"by at most {off:.3g} {unit}".rstrip()
             )
-            notes.remark(0, "", f"{message} ({name}, {share:.2g} of its largest number)")
+            findings.warning(0, "", f"{message} ({name}, {share:.2g} of its largest value)")
         for name, (wanted, off, unit) in self.far.items():
             message = f"{wanted:g} {unit}".rstrip()
-            notes.remark(0, name, f"the closest number to {message} that it can have is {off:.3g} away")
+            findings.warning(0, name, f"the nearest storable value to {message} is {off:.3g} away")

@@ -1,9 +1,7 @@
-"""Walks the tokens of one block: what has to be there in order, then the optional keywords in any order.
+"""The blocks of an A2L text, `/begin KEYWORD ... /end KEYWORD`, and a cursor over the tokens of one block.
 
-The blocks of an A2L text: `/begin KEYWORD ... /end KEYWORD`, in each other, with the words and texts between them.
-
-The syntax is that of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71: texts in quotes, with quotes in them doubled or behind a
-backslash, comments as in C, other files by `/include`. What is in IF_DATA and A2ML is of no concern to calibration.
+The syntax is that of ASAM MCD-2 MC (ASAP2) 1.3 to 1.71: texts in quotes, with inner quotes doubled or escaped by a
+backslash, comments as in C, other files by `/include`. The content of IF_DATA and A2ML is skipped.
 """
 
 import re
@@ -17,7 +15,17 @@ from pathlib import Path
 from kennfeld.calfiles.format import CalibrationSource, Findings
 from kennfeld.formatting import one_line
 
-__all__ = ["A2lBlock", "A2lError", "Cursor", "Include", "blocks", "is_text", "number", "unquoted", "whole"]
+__all__ = [
+    "A2lBlock",
+    "A2lError",
+    "Cursor",
+    "Include",
+    "is_text",
+    "parse_blocks",
+    "parse_integer",
+    "parse_number",
+    "unquote",
+]
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.
@@ -33,15 +41,15 @@ _TOKEN = re.compile(
 _TEXT, _WORD, _OPEN = 1, 2, 3
 _ESCAPE = re.compile(r'\\(["\'\\])|""')
 _A2ML_END = re.compile(r"/end\s+A2ML\b", re.IGNORECASE)
-_LEFT_OUT = ("IF_DATA", "A2ML")
+_SKIPPED_BLOCKS = ("IF_DATA", "A2ML")
 _ML_ENDINGS = (".aml", ".a2ml")
-_DEEPEST = 64  # blocks within each other
-_MOST_INCLUDES = 200
-_MOST_CHARACTERS = 400_000_000  # of all included files together
-_MOST_FAULTS = 20
+_MAX_NESTING = 64  # blocks within each other
+_MAX_INCLUDES = 200
+_MAX_INCLUDED_BYTES = 400_000_000  # of all included files together
+_MAX_FAULTS = 20
 _NEWLINE = re.compile("\n")
 
-_SHOWN = 40
+_MAX_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class _File:
 
     @cached_property
     def _newlines(self) -> list[int]:
-        return [found.start() for found in _NEWLINE.finditer(self.text)]
+        return [match.start() for match in _NEWLINE.finditer(self.text)]
 
     def line(self, offset: int) -> int:
         return bisect_right(self._newlines, offset) + 1
@@ -74,19 +82,19 @@ class A2lBlock:
         return self.file.line(self.offset)
 
     def inner(self, keyword: str) -> "Iterator[A2lBlock]":
-        """The blocks of one keyword within it."""
+        """Return the blocks of one keyword within it."""
         return (block for block in self.blocks if block.keyword == keyword)
 
 
 def is_text(token: str) -> bool:
-    """Whether a token was written in quotes."""
+    """Check whether a token was written in quotes."""
     return token.startswith('"')
 
 
-def unquoted(token: str) -> str:
-    """The text of a token, without quotes and escapes.
+def unquote(token: str) -> str:
+    """Return the text of a token, without quotes and escapes.
 
-    >>> unquoted('"5"" tyre')
+    >>> unquote('"5"" tyre')
     '5" tyre'
     """
     if not is_text(token):
@@ -94,16 +102,16 @@ def unquoted(token: str) -> str:
     return _ESCAPE.sub(lambda found: found[1] or '"', token[1:]) if "\\" in token or '""' in token else token[1:]
 
 
-def blocks(raw: bytes, name: str, notes: Findings, include: Include | None = None) -> tuple[A2lBlock, bool]:
-    """The file as one block without a keyword, and whether its structure is sound; notes an error where it is not."""
-    builder = _BlockBuilder(notes, include)
+def parse_blocks(raw: bytes, name: str, findings: Findings, include: Include | None = None) -> tuple[A2lBlock, bool]:
+    """Parse a file into one block without a keyword; False if its structure is broken, which is reported."""
+    builder = _BlockBuilder(findings, include)
     builder.feed(_File(name, CalibrationSource(name, raw).text), 0)
     return builder.finished(), not builder.faults
 
 
 @dataclass
 class _BlockBuilder:
-    notes: Findings
+    findings: Findings
     include: Include | None
     stack: list[A2lBlock] = field(default_factory=list)
     faults: int = 0
@@ -119,13 +127,13 @@ class _BlockBuilder:
             at = self._run(file, at, depth)
 
     def _run(self, file: _File, start: int, depth: int) -> int | None:
-        """Take tokens from a place on; gives the place to go on from, None at the end."""
+        """Process tokens from an offset; return the offset at which to continue, None at the end."""
         waiting = ""  # /begin, /end or /include, until the word after it has come
         keep = self.stack[-1].tokens.append
-        for found in _TOKEN.finditer(file.text, start):
-            kind = found.lastindex
+        for match in _TOKEN.finditer(file.text, start):
+            kind = match.lastindex
             if kind == _WORD and not waiting:
-                word = found[0]
+                word = match[0]
                 if word[0] == "/" and word.lower() in ("/begin", "/end", "/include"):
                     waiting = word.lower()
                 else:
@@ -135,42 +143,42 @@ class _BlockBuilder:
                 continue
             if kind == _OPEN:
                 self._fault(
-                    file, found.start(), "a quote or a comment is not closed", "The file is damaged or cut off."
+                    file, match.start(), "a quote or a comment is not closed", "The file is damaged or truncated."
                 )
                 return None
-            word = found[0] if kind == _WORD else '"' + found[_TEXT]
+            word = match[0] if kind == _WORD else '"' + match[_TEXT]
             if not waiting:
                 keep(word)
                 continue
             waiting, action = "", waiting
-            if not self._act(file, found.start(), action, word, depth):
+            if not self._act(file, match.start(), action, word, depth):
                 return None
             if action == "/begin" and word == "A2ML":
-                return self._behind_a2ml(file, found.end())
+                return self._after_a2ml(file, match.end())
             keep = self.stack[-1].tokens.append
         if waiting:
-            self._fault(file, len(file.text), f"ends behind {waiting}", "The file is cut off.")
+            self._fault(file, len(file.text), f"ends after {waiting}", "The file is truncated.")
         return None
 
-    def _behind_a2ml(self, file: _File, offset: int) -> int | None:
+    def _after_a2ml(self, file: _File, offset: int) -> int | None:
         end = _A2ML_END.search(file.text, offset)
         if end is None:
-            self._fault(file, offset, "A2ML is not closed", "The file is damaged or cut off.")
+            self._fault(file, offset, "A2ML is not closed", "The file is damaged or truncated.")
             return None
         self.stack.pop()
         return end.end()
 
     def _act(self, file: _File, offset: int, action: str, word: str, depth: int) -> bool:
-        """Open or close a block or include a file; False where there is no sense in going on."""
+        """Open or close a block or include a file; return False to stop parsing."""
         if action == "/begin":
             self.stack.append(A2lBlock(word, file, offset))
-            if len(self.stack) > _DEEPEST:
-                self._fault(file, offset, f"more than {_DEEPEST} blocks are within each other")
+            if len(self.stack) > _MAX_NESTING:
+                self._fault(file, offset, f"blocks are nested more than {_MAX_NESTING} levels deep")
         elif action == "/end":
             self._close(file, offset, word)
         else:
-            self._include(file, offset, unquoted(word), depth)
-        return self.faults < _MOST_FAULTS and len(self.stack) <= _DEEPEST
+            self._include(file, offset, unquote(word), depth)
+        return self.faults < _MAX_FAULTS and len(self.stack) <= _MAX_NESTING
 
     def _close(self, file: _File, offset: int, word: str) -> None:
         if len(self.stack) > 1 and self.stack[-1].keyword == word:
@@ -178,7 +186,7 @@ class _BlockBuilder:
             return
         at = next((i for i in range(len(self.stack) - 1, 0, -1) if self.stack[i].keyword == word), 0)
         if at == 0:
-            self._fault(file, offset, f"/end {word[:40]} closes nothing that was begun")
+            self._fault(file, offset, f"/end {word[:40]} without a matching /begin")
             return
         top = self.stack[-1]
         self._fault(file, offset, f"/end {word[:40]} comes before the {top.keyword[:40]} of line {top.line} is closed")
@@ -186,34 +194,32 @@ class _BlockBuilder:
             self._attach(self.stack.pop())
 
     def _attach(self, block: A2lBlock) -> None:
-        if block.keyword not in _LEFT_OUT:
+        if block.keyword not in _SKIPPED_BLOCKS:
             self.stack[-1].blocks.append(block)
 
     def _include(self, file: _File, offset: int, name: str, depth: int) -> None:
-        if any(block.keyword in _LEFT_OUT for block in self.stack):
+        if any(block.keyword in _SKIPPED_BLOCKS for block in self.stack):
             return
         self.files += 1
-        if depth >= _DEEPEST or self.files > _MOST_INCLUDES:
-            self.faults = _MOST_FAULTS
+        if depth >= _MAX_NESTING or self.files > _MAX_INCLUDES:
+            self.faults = _MAX_FAULTS
             self._fault(file, offset, f"/include {name[:60]}: too many files include each other")
             return
         found = self.include(name, file.path) if self.include else None
         if found is None and name.lower().endswith(_ML_ENDINGS):
-            message = (
-                f"/include names {name[:60]!r}, which is not there; it describes interfaces, which do not matter here"
-            )
-            self.notes.remark(file.line(offset), "", message)
+            message = f"/include {name[:60]!r}: file not found; skipped, as interface descriptions are not needed"
+            self.findings.warning(file.line(offset), "", message)
         elif found is None:
-            remedy = "Put it where the name says, from the folder of the file that includes it or of the main file."
-            self._fault(file, offset, f"/include names {name[:60]!r}, which cannot be read", remedy)
+            remedy = "Its path is relative to the folder of the including file or of the main file."
+            self._fault(file, offset, f"/include {name[:60]!r}: cannot be read", remedy)
         else:
             self._feed_included(file, offset, name, found, depth)
 
     def _feed_included(self, file: _File, offset: int, name: str, found: tuple[Path, bytes], depth: int) -> None:
         path, raw = found
         self.characters += len(raw)
-        if self.characters > _MOST_CHARACTERS:
-            self.faults = _MOST_FAULTS
+        if self.characters > _MAX_INCLUDED_BYTES:
+            self.faults = _MAX_FAULTS
             self._fault(file, offset, f"/include {name[:60]}: the included files are too large")
             return
         self.feed(_File(name, CalibrationSource(name, raw).text, path), depth + 1)
@@ -221,26 +227,26 @@ class _BlockBuilder:
     def _fault(self, file: _File, offset: int, message: str, remedy: str = "") -> None:
         self.faults += 1
         inside = f"{file.name}: " if file is not self.stack[0].file else ""
-        self.notes.error(file.line(offset), "", inside + message, remedy)
+        self.findings.error(file.line(offset), "", inside + message, remedy)
 
     def finished(self) -> A2lBlock:
-        """The outermost block, with an error noted for what is not closed."""
+        """Return the outermost block, with an error noted for what is not closed."""
         if len(self.stack) > 1 and not self.faults:
             top = self.stack[-1]
-            self._fault(top.file, top.offset, f"{top.keyword[:40]} is not closed", "The file is cut off.")
+            self._fault(top.file, top.offset, f"{top.keyword[:40]} is not closed", "The file is truncated.")
         while len(self.stack) > 1:
             self._attach(self.stack.pop())
         return self.stack[0]
 
 
 class A2lError(Exception):
-    """A block that does not say what its keyword asks for; the text says what is wrong."""
+    """A block does not match its keyword, or is not supported; the text says why."""
 
 
 class Cursor:
-    """A place within the tokens of a block; inner blocks are passed over.
+    """A position within the tokens of a block; inner blocks are skipped.
 
-    Everything raises `UnusableError` where the block has something else.
+    Everything raises `A2lError` if the block has something else.
     """
 
     def __init__(self, block: A2lBlock) -> None:
@@ -248,44 +254,44 @@ class Cursor:
         self.at = 0
 
     def left(self) -> int:
-        """How many tokens are left."""
+        """Return the number of remaining tokens."""
         return len(self.tokens) - self.at
 
     def word(self, message: str) -> str:
-        """The next word or text; `what` names it in a message."""
+        """Return the next word or text; `message` names it in an error."""
         if self.at >= len(self.tokens):
             raise A2lError(f"has no {message}")
         self.at += 1
-        return unquoted(self.tokens[self.at - 1])
+        return unquote(self.tokens[self.at - 1])
 
     def text(self, message: str) -> str:
-        """The next text in quotes, as one line."""
+        """Return the next text in quotes, as one line."""
         if self.at >= len(self.tokens) or not is_text(self.tokens[self.at]):
             raise A2lError(f"has no {message} in quotes")
         return one_line(self.word(message))
 
     def number(self, message: str) -> float:
-        """The next number."""
+        """Return the next number."""
         word = self.word(message)
-        value = number(word)
+        value = parse_number(word)
         if value is None:
-            raise A2lError(f"has {word[:_SHOWN]!r} where its {message} should be")
+            raise A2lError(f"has {word[:_MAX_SHOWN]!r} where its {message} should be")
         return value
 
     def whole(self, message: str) -> int:
-        """The next whole number, decimal or hexadecimal."""
+        """Return the next whole number, decimal or hexadecimal."""
         word = self.word(message)
-        value = whole(word)
+        value = parse_integer(word)
         if value is None:
-            raise A2lError(f"has {word[:_SHOWN]!r} where its {message} should be, a whole number")
+            raise A2lError(f"has {word[:_MAX_SHOWN]!r} where its {message} should be, which must be an integer")
         return value
 
     def options(self, known: Mapping[str, int]) -> dict[str, list[str]]:
-        """The words behind each keyword of `known`, which says how many there are (-1: up to the next keyword).
+        """Return the words after each keyword of `known`, which says how many there are (-1: up to the next keyword).
 
         Words that belong to no known keyword are passed over; of a keyword given twice the last one counts.
         """
-        found: dict[str, list[str]] = {}
+        results: dict[str, list[str]] = {}
         while self.at < len(self.tokens):
             keyword = self.tokens[self.at]
             self.at += 1
@@ -294,45 +300,45 @@ class Cursor:
             count = known[keyword]
             end = self.at + count if count >= 0 else self._next_keyword(known)
             if end > len(self.tokens):
-                raise A2lError(f"has too few words behind {keyword}")
-            found[keyword] = [unquoted(token) for token in self.tokens[self.at : end]]
+                raise A2lError(f"has too few words after {keyword}")
+            results[keyword] = [unquote(token) for token in self.tokens[self.at : end]]
             self.at = end
-        return found
+        return results
 
     def _next_keyword(self, known: Mapping[str, int]) -> int:
         at = self.at
-        while at < len(self.tokens) and whole(self.tokens[at]) is not None:
+        while at < len(self.tokens) and parse_integer(self.tokens[at]) is not None:
             at += 1
         return at
 
 
-def number(word: str) -> float | None:
-    """A number of A2L: decimal, or hexadecimal with 0x; infinite where it is beyond all numbers.
+def parse_number(word: str) -> float | None:
+    """Return a number of A2L: decimal, or hexadecimal with 0x; infinite if it is beyond all numbers.
 
-    >>> number("0x10"), number("1e3"), number("one")
+    >>> parse_number("0x10"), parse_number("1e3"), parse_number("one")
     (16.0, 1000.0, None)
     """
     try:
         value = float(word)
     except ValueError:
-        found = whole(word)
+        found = parse_integer(word)
         return None if found is None else float(found)
     return None if isnan(value) or "_" in word else value
 
 
-def whole(word: str) -> int | None:
-    """A whole number of at most 64 bits, None where the word is none."""
+def parse_integer(word: str) -> int | None:
+    """Return a whole number of at most 64 bits, None if the word is none."""
     if len(word) > 40 or "_" in word:
         return None
     try:
         sign, digits = (-1, word[1:]) if word[:1] == "-" else (1, word.removeprefix("+"))
         value = sign * int(digits, 16 if digits[:2] in ("0x", "0X") else 10)
     except ValueError:
-        return _whole_float(word)
+        return _parse_integral_float(word)
     return value if abs(value) < 2**64 else None
 
 
-def _whole_float(word: str) -> int | None:
+def _parse_integral_float(word: str) -> int | None:
     try:
         value = float(word)
     except ValueError:

@@ -1,9 +1,7 @@
-"""Values written back into an image, as the control unit can store them.
+"""Writes values into an image, rounded to what the control unit can store.
 
-A number that has not changed keeps its bytes; a changed one becomes the nearest raw number (of two as near the even
-one). Checksums of the control unit are not touched.
-
-Bytes to be put into an image, gathered over all labels; no bit gets two values.
+An unchanged number keeps its bytes; a changed one becomes the nearest raw value (ties to even). Checksums of the
+control unit are not updated.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -18,7 +16,7 @@ from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.reader import check_epk
 from kennfeld.calfiles.a2l.record_layout import AbsentError, PartOffsets
-from kennfeld.calfiles.a2l.storage import ObjectPart, Raw, Roundings, StorageFormat, encoded, native, nearest_raw
+from kennfeld.calfiles.a2l.storage import ObjectPart, Raw, Roundings, StorageFormat, encode_raw, native, nearest_raw
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
@@ -27,16 +25,18 @@ from kennfeld.formatting import count_noun, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["stored"]
+__all__ = ["write_values"]
 
-_CLOSE = 1e-5  # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
+_FIXED_POINT_TOLERANCE = (
+    1e-5  # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
+)
 
 
 @dataclass
 class Memory:
-    """What labels put at which address: the bits, which of them count, and who wants them."""
+    """Bytes to write, by address: their bits, the mask of the bits that are set, and the label that sets them."""
 
-    notes: Findings
+    findings: Findings
     cells: dict[int, tuple[int, int, str]] = field(default_factory=dict)
     clashes: set[tuple[str, str]] = field(default_factory=set)
 
@@ -47,7 +47,9 @@ class Memory:
         if kept.difference:
             stored, where = np.diff(stored, prepend=stored.dtype.type(0)), np.full(stored.shape, bool(where.any()))
         chosen = np.asarray(where)
-        content, bits = encoded(stored.astype(native(kept.data_type)), kept.data_type, kept.byte_order, kept.bit_mask)
+        content, bits = encode_raw(
+            stored.astype(native(kept.data_type)), kept.data_type, kept.byte_order, kept.bit_mask
+        )
         places = part.offsets[chosen][..., None] + np.arange(content.shape[-1]) + address
         columns = (places, content[chosen], bits[chosen])
         for at, value, mask in zip(*(column.ravel().tolist() for column in columns), strict=True):
@@ -57,13 +59,13 @@ class Memory:
         before, known, other = self.cells.get(at, (0, 0, name))
         if (before ^ value) & mask & known and other != name and (other, name) not in self.clashes:
             self.clashes.add((other, name))
-            message = f"lies in the same memory as {other} at 0x{at:X}, which shall have another value"
-            self.notes.error(0, name, message, "Give both the same.")
+            message = f"shares memory with {other} at 0x{at:X}, which is set to another value"
+            self.findings.error(0, name, message, "Set both to the same value.")
         self.cells[at] = ((before & ~mask) | (value & mask), known | mask, name)
 
     def changes(self, image: Image) -> dict[int, bytes]:
-        """The bytes of the image to be changed, by address."""
-        made = {}
+        """Return the bytes of the image to be changed, by address."""
+        result = {}
         for run in _runs(sorted(self.cells)):
             held = image.read(run[0], len(run))
             if held is None:
@@ -71,12 +73,12 @@ class Memory:
             cells = (self.cells[at] for at in run)
             new = bytes((old & ~mask & 255) | value for old, (value, mask, _) in zip(held, cells, strict=True))
             if new != held:
-                made[run[0]] = new
-        return made
+                result[run[0]] = new
+        return result
 
 
 def _runs(addresses: list[int]) -> Iterator[list[int]]:
-    """Addresses that follow each other."""
+    """Yield runs of consecutive addresses."""
     start = 0
     for at in range(1, len(addresses) + 1):
         if at == len(addresses) or addresses[at] != addresses[at - 1] + 1:
@@ -84,28 +86,28 @@ def _runs(addresses: list[int]) -> Iterator[list[int]]:
             start = at
 
 
-def stored(a2l: A2l, image: Image, parameters: ParameterSet, notes: Findings) -> bytes:
-    """The file of an image with the values of `parameters` in it; byte for byte the same where nothing changed.
+def write_values(a2l: A2l, image: Image, parameters: ParameterSet, findings: Findings) -> bytes:
+    """Return the file of an image with the values of `parameters` in it; byte for byte the same where nothing changed.
 
     Notes an error for each value beyond what its data type or its limits allow and for each shape that the memory
     does not have, and remarks on what is rounded, cannot be written or is not in the A2L file.
     """
-    writer = _ImageWriter(Labels(a2l, image), notes, parameters)
+    writer = _ImageWriter(Labels(a2l, image), findings, parameters)
     writer.write()
     content = image.changed(writer.memory.changes(image))
     if content != image.raw:
-        check_epk(a2l, image, notes)
-        writer.roundings.tell(notes)
-        notes.remark(0, "", "the checksums of the control unit are left to the flash tool")
-        _tell_dependent(a2l, writer.done, notes)
-        _tell_shared_memory(a2l, image, content, writer, notes)
+        check_epk(a2l, image, findings)
+        writer.roundings.report(findings)
+        findings.warning(0, "", "checksums of the control unit are not updated; the flash tool must do it")
+        _warn_about_dependent(a2l, writer.done, findings)
+        _report_shared_memory(a2l, image, content, writer, findings)
     return content
 
 
 @dataclass
 class _ImageWriter:
     labels: Labels
-    notes: Findings
+    findings: Findings
     given: ParameterSet
     memory: Memory = field(init=False)
     roundings: Roundings = field(default_factory=Roundings)
@@ -113,31 +115,31 @@ class _ImageWriter:
     left: list[str] = field(default_factory=list)  # names the A2L file does not have
 
     def __post_init__(self) -> None:
-        self.memory = Memory(self.notes)
+        self.memory = Memory(self.findings)
 
     def write(self) -> None:
-        """Every group axis, parameter and text."""
-        self._tell_units()
+        """Return every group axis, parameter and text."""
+        self._warn_about_units()
         for axis in self.given.axes:
             if axis.name in self.labels.a2l.axis_pts:
-                self._guarded(self.labels.a2l.axis_pts[axis.name], partial(self._shared_axis, axis))
-        for thing in self.given.chosen:
-            source = self.labels.a2l.characteristics.get(thing.name)
+                self._try_write(self.labels.a2l.axis_pts[axis.name], partial(self._shared_axis, axis))
+        for item in self.given.chosen:
+            source = self.labels.a2l.characteristics.get(item.name)
             if source is None:
-                self.left.append(thing.name)
-            elif isinstance(thing, Text):
-                self._guarded(source, partial(self._text, thing))
+                self.left.append(item.name)
+            elif isinstance(item, Text):
+                self._try_write(source, partial(self._text, item))
             else:
-                self._guarded(source, partial(self._parameter, thing))
-        others = list(dict.fromkeys(thing.name for thing in self.given.others))
+                self._try_write(source, partial(self._parameter, item))
+        others = list(dict.fromkeys(item.name for item in self.given.others))
         if others:
             message = f"further variants of {join_limited(others)} left out: the control unit has one place for each"
-            self.notes.remark(0, "", message)
+            self.findings.warning(0, "", message)
         if self.left:
-            self.notes.remark(0, "", f"{join_limited(self.left)} left out: {self.labels.a2l.file} does not have them")
+            self.findings.warning(0, "", f"{join_limited(self.left)} left out: not in {self.labels.a2l.file}")
 
-    def _tell_units(self) -> None:
-        """Numbers in another unit than the control unit's would be wrong; that is for a person to decide."""
+    def _warn_about_units(self) -> None:
+        """Warn about values in another unit than the control unit's; conversion is left to the user."""
         found = []
         for member in self.given.parameters:
             source = self.labels.a2l.characteristics.get(member.name)
@@ -145,34 +147,34 @@ class _ImageWriter:
             if unit and member.unit and unit != member.unit:
                 found.append(f"{member.name} in {member.unit}, not {unit}")
         if found:
-            message = f"{count_noun(len(found), 'label')} in another unit than {self.labels.a2l.file} states"
-            self.notes.remark(
-                0, "", f"{message}, written as they are: {'; '.join(found[:3])}", "See whether that is meant."
-            )
+            more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+            shown = "; ".join(found[:3]) + more
+            message = f"written without conversion, since {self.labels.a2l.file} states another unit: {shown}"
+            self.findings.warning(0, "", message, "Check that this is intended.")
 
-    def _guarded(self, source: AxisPts | Characteristic, write: Callable[[], None]) -> None:
-        """Do it; what cannot be written is told."""
+    def _try_write(self, source: AxisPts | Characteristic, write: Callable[[], None]) -> None:
+        """Write a label, with a warning if it is not possible."""
         try:
             write()
         except A2lError as error:
-            self.notes.remark(0, source.name, f"cannot be written: it {error}")
+            self.findings.warning(0, source.name, f"cannot be written: it {error}")
         except AbsentError:
             message = f"cannot be written: 0x{source.address:X} is not in {self.labels.image.name}"
-            self.notes.remark(0, source.name, message)
+            self.findings.warning(0, source.name, message)
 
     def _shared_axis(self, axis: Axis) -> None:
         shared = self.labels.shared(axis.name)
         if shared.axis is None:
-            self.notes.remark(0, axis.name, "is a rescale axis, which is not written")
+            self.findings.warning(0, axis.name, "is a rescale axis, which is not written")
             return
-        points = _in_order(axis.breakpoints, shared.falling)
+        points = _memory_order(axis.breakpoints, shared.falling)
         if points.size != len(shared.axis):
             self._resized_axis(shared, points)
         else:
             self._numbers(shared.source, shared.part, points, shared.source.address, "breakpoint")
 
     def _resized_axis(self, shared: SharedAxis, points: Float) -> None:
-        """Another number of breakpoints: possible where the memory counts them, with all tables that share them."""
+        """Change the size of an axis, if the memory stores its point count, with all tables that share it."""
         name = shared.source.name
         users = [
             one.name
@@ -182,9 +184,9 @@ class _ImageWriter:
         if users:
             self._wrong(
                 name,
-                f"has {points.size} breakpoints, the image {len(shared.axis or ())}, and {join_limited(users)} "
-                "that share them are not given",
-                "Give these tables too.",
+                f"has {points.size} breakpoints, but the image has {len(shared.axis or ())}, and {join_limited(users)} "
+                "sharing them are not given",
+                "Include these tables.",
             )
             return
         places = self._resized(shared.source, {"AXIS_PTS_X": points.size}, (len(shared.axis or ()),))
@@ -196,7 +198,7 @@ class _ImageWriter:
     def _resized(
         self, source: AxisPts | Characteristic, counts: Mapping[str, int], before: tuple[int, ...]
     ) -> PartOffsets | None:
-        """Where everything is with other numbers of points; None, and an error, where the memory has none of them."""
+        """Locate all parts for other point counts; None, with an error, if the memory stores no counts."""
         layout = self.labels.layout(source.record_layout)
         stored = {f"AXIS_PTS_{one.direction}" for one in layout.components if one.kind == "NO_AXIS_PTS"}
         shared = isinstance(source, Characteristic) and {
@@ -205,9 +207,9 @@ class _ImageWriter:
             if axis.attribute == "COM_AXIS"
         }
         sizes = " x ".join(map(str, counts.values()))
-        said = f"has {sizes} points here, {' x '.join(map(str, before))} in the image"
+        said = f"has {sizes} points, but {' x '.join(map(str, before))} in the image"
         if not set(counts) <= stored | (shared or set()):
-            self._wrong(source.name, f"{said}, which keeps no number of them", "Give it as many.")
+            self._wrong(source.name, f"{said}, which stores no point count", "Use the same number.")
             return None
         try:
             return self.labels.places(source, counts)
@@ -232,10 +234,10 @@ class _ImageWriter:
         label = self.labels.label(member.name)
         if label.member is None:
             message = "is a text in the control unit"
-            self.notes.remark(0, member.name, f"{message}; the number given is not written")
+            self.findings.warning(0, member.name, f"{message}; the number given is not written")
             return
         if label.member.values.ndim != member.values.ndim or len(label.axes) != len(member.axes):
-            self._wrong(member.name, f"is a {member.kind} here and a {label.member.kind} in the control unit")
+            self._wrong(member.name, f"is a {member.kind}, but a {label.member.kind} in the control unit")
             return
         if member.values.shape != label.member.values.shape:
             self._resized_table(label, member)
@@ -246,7 +248,7 @@ class _ImageWriter:
         self._numbers(label.source, label.part, values, label.source.address, "value", member)
 
     def _axis(self, label: Label, direction: str, mine: AxisInMemory, axis: Axis) -> None:
-        points = _in_order(axis.breakpoints, mine.falling)
+        points = _memory_order(axis.breakpoints, mine.falling)
         if mine.part is not None:
             self._numbers(
                 label.source, mine.part, points, label.source.address, f"{direction} breakpoint", locked=mine.read_only
@@ -254,14 +256,14 @@ class _ImageWriter:
             return
         wanted = self._shared_points(mine)
         span = float(np.ptp(wanted)) or 1.0
-        if np.any(np.abs(axis.breakpoints - wanted) > _CLOSE * span):
+        if np.any(np.abs(axis.breakpoints - wanted) > _FIXED_POINT_TOLERANCE * span):
             at = int(np.argmax(np.abs(axis.breakpoints - wanted)))
             which = f"where the common axis {mine.shared} has" if mine.shared else "which the control unit fixes to"
             message = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {wanted[at]:g}"
-            self._wrong(label.source.name, message, "Give both the same breakpoints.")
+            self._wrong(label.source.name, message, "Use the same breakpoints.")
 
     def _shared_points(self, mine: AxisInMemory) -> Float:
-        """The breakpoints that a common axis will have."""
+        """Return the breakpoints that a common axis will have."""
         given = next((axis for axis in self.given.axes if axis.name == mine.shared), None) if mine.shared else None
         return mine.axis.breakpoints if given is None else given.breakpoints
 
@@ -269,7 +271,7 @@ class _ImageWriter:
         before, sizes = label.part.physical.shape, member.values.shape
         if not label.axes:
             said = " x ".join(map(str, sizes))
-            self._wrong(member.name, f"has {said} values here, {' x '.join(map(str, before))} in the control unit")
+            self._wrong(member.name, f"has {said} values, but {' x '.join(map(str, before))} in the control unit")
             return
         both = zip(DIRECTIONS, sizes, before, strict=False)
         counts = {f"AXIS_PTS_{direction}": size for direction, size, old in both if size != old}
@@ -278,7 +280,7 @@ class _ImageWriter:
             return
         self._counts(label.source, places)
         for direction, mine, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
-            points, key = _in_order(axis.breakpoints, mine.falling), f"AXIS_PTS_{direction}"
+            points, key = _memory_order(axis.breakpoints, mine.falling), f"AXIS_PTS_{direction}"
             if mine.part is not None:
                 part = self.labels.part(label.source.address, places, key, mine.part.kept)
                 self._numbers(
@@ -287,7 +289,7 @@ class _ImageWriter:
             elif len(self._shared_points(mine)) == len(axis):
                 self._axis(label, direction, mine, axis)
             else:
-                self._wrong(member.name, f"has {len(axis)} {direction} breakpoints, its axis has another number")
+                self._wrong(member.name, f"has {len(axis)} {direction} breakpoints, but its axis has another number")
         part = self.labels.part(label.source.address, places, "FNC_VALUES", label.part.kept)
         values = label.in_memory_order(member.values)
         self._numbers(label.source, part, values, label.source.address, "value", member, everything=True)
@@ -296,10 +298,10 @@ class _ImageWriter:
         label = self.labels.label(text.name)
         if label.text is None:
             message = f"is a {label.source.type} in the control unit"
-            self.notes.remark(0, text.name, f"{message}; the text given is not written")
+            self.findings.warning(0, text.name, f"{message}; the text given is not written")
             return
         if text.kind != label.text.kind:
-            self.notes.remark(0, text.name, f"is of the kind {text.kind} here, {label.text.kind} in the control unit")
+            self.findings.warning(0, text.name, f"is of kind {text.kind}, but {label.text.kind} in the control unit")
         if text.text == label.text.text:
             return
         if label.source.read_only:
@@ -314,7 +316,7 @@ class _ImageWriter:
         raw = None if words is None else words.raw(text.text)
         if raw is None or words is None:
             known = ", ".join(dict.fromkeys(word for _, _, word in words.table.ranges)) if words else ""
-            self._wrong(text.name, f"{text.text[:40]!r} is no word that it can have", f"Choose from {known[:200]}.")
+            self._wrong(text.name, f"must be one of its texts, got {text.text[:40]!r}", f"Choose from {known[:200]}.")
             return
         self.done[text.name] = None
         self.memory.put(label.source.name, label.source.address, label.part, np.asarray(raw), np.asarray(True))
@@ -323,7 +325,7 @@ class _ImageWriter:
         size = label.part.stored.size
         content = text.text.encode(encoding_of(label.source), errors="replace")
         if len(content) > size:
-            self._wrong(text.name, f"has {len(content)} characters, there is room for {size}", "Shorten the text.")
+            self._wrong(text.name, f"has {len(content)} characters, but there is room for {size}", "Shorten the text.")
             return
         raw = np.frombuffer(content.ljust(size, b"\0"), dtype=np.uint8).astype(np.float64)
         if label.part.kept.data_type == "SBYTE":
@@ -337,18 +339,18 @@ class _ImageWriter:
         part: ObjectPart,
         values: Float,
         address: int,
-        thing: str,
+        item: str,
         member: Parameter | None = None,
         *,
         everything: bool = False,
         locked: bool = False,
     ) -> None:
-        """Write the numbers that differ from the memory, or `everything` where it lies anew."""
+        """Write the numbers that differ from the memory, or all if `everything` is set."""
         unlike = part.unlike(values) | everything
         if not unlike.any():
             return
         axes = None if member is None else member.axes
-        found = nearest_raw(source.name, part, values, unlike, thing, axes, self.notes)
+        found = nearest_raw(source.name, part, values, unlike, item, axes, self.findings)
         if found is None:
             return
         changed = (found.raw != part.raw) & unlike
@@ -360,31 +362,31 @@ class _ImageWriter:
         self.memory.put(source.name, address, part, found.raw, changed | everything)
 
     def _read_only(self, source: AxisPts | Characteristic, count: int) -> None:
-        message = f"is READ_ONLY: {count_noun(count, 'other value')} given for it not written"
-        self.notes.remark(0, source.name, message)
+        message = f"is READ_ONLY: {count_noun(count, 'changed value')} not written"
+        self.findings.warning(0, source.name, message)
 
     def _wrong(self, name: str, message: str, remedy: str = "") -> None:
-        self.notes.error(0, name, message, remedy)
+        self.findings.error(0, name, message, remedy)
 
 
-def _in_order(points: Float, falling: bool) -> Float:
+def _memory_order(points: Float, falling: bool) -> Float:
     return points[::-1] if falling else points
 
 
-def _tell_dependent(a2l: A2l, changed: Collection[str], notes: Findings) -> None:
-    """Tell which labels a formula gives from others that have changed."""
+def _warn_about_dependent(a2l: A2l, changed: Collection[str], findings: Findings) -> None:
+    """Warn about labels that formulas derive from changed ones."""
     found = [
         one.name
         for one in a2l.characteristics.values()
         if one.name not in changed and any(name in changed for name in one.dependent_on)
     ]
     if found:
-        message = f"{join_limited(found)} follow from changed labels by formulas, which are not calculated"
-        notes.remark(0, "", f"{message}; their numbers stay")
+        message = f"not recomputed although labels in their formulas changed: {join_limited(found)}"
+        findings.warning(0, "", message)
 
 
-def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, notes: Findings) -> None:
-    """Tell which labels that were not to change have changed, because they lie in the same memory as others."""
+def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: Findings) -> None:
+    """Report labels that change only because they share memory with others."""
     after = Labels(a2l, read_image(content, image.name, Findings(image.name)))
     for name in a2l.characteristics:
         if name in writer.done or name in a2l.axis_pts:
@@ -396,5 +398,5 @@ def _tell_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWr
         if before.places.offsets.keys() == now.places.offsets.keys() and before.same_numbers(now):
             continue
         given = name in writer.given
-        message = "changes although it is not to: it lies in the same memory as another label that does"
-        (notes.error if given else notes.remark)(0, name, message)
+        message = "changes unintentionally: it shares memory with another label that is changed"
+        (findings.error if given else findings.warning)(0, name, message)

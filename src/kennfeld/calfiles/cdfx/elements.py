@@ -1,7 +1,4 @@
-"""The instances of a CDFX file: one a label, whether they stand side by side, in each other, or in variants.
-
-The numbers of a CDFX value: V, VH, VF and the groups VG, in which x runs fastest.
-"""
+"""Instances of a CDFX file, nested or in variants, and their values (V, VH, VF in groups VG, x running fastest)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -19,7 +16,7 @@ __all__ = ["Instance", "Values", "array_size", "instances", "values_of"]
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
 
-_HELD = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")
+_VALUE_TAGS = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")
 
 _NUMBERS = ("V", "VF", "VH")
 
@@ -40,7 +37,7 @@ class Instance:
 
     @property
     def labels(self) -> dict[str, Any]:
-        """What every parameter and text keeps of it."""
+        """The attributes that parameters and texts keep."""
         named = {"display_name": self.display_name, "variant": self.variant}
         return {"description": self.description, "functions": self.functions, **named}
 
@@ -50,18 +47,18 @@ class Instance:
         return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
 
 
-def instances(root: Element, notes: Findings) -> list[Instance]:
-    """All labels that hold something, once a variant, in the order of the file; says what is left aside."""
-    found: list[Instance] = []
+def instances(root: Element, findings: Findings) -> list[Instance]:
+    """Return all labels with values, once per variant, in file order; report what is skipped."""
+    results: list[Instance] = []
     for tree in _trees(root):
         for element in tree.all("SW-INSTANCE"):
-            found += _flat(element, "", notes)
-    _tell_left_aside(root, notes)
-    return found
+            results += _flatten(element, "", findings)
+    _report_histories(root, findings)
+    return results
 
 
 def _trees(element: Element) -> Iterator[Element]:
-    """The SW-INSTANCE-TREEs, however many systems and specifications are around them."""
+    """Return the SW-INSTANCE-TREEs, however many systems and specifications are around them."""
     for child in element.children:
         if child.tag == "SW-INSTANCE-TREE":
             yield child
@@ -69,16 +66,16 @@ def _trees(element: Element) -> Iterator[Element]:
             yield from _trees(child)
 
 
-def _flat(element: Element, outer: str, notes: Findings) -> Iterator[Instance]:
-    """An instance and those within it; INCA may write the label a.b.c as c in b in a."""
+def _flatten(element: Element, outer: str, findings: Findings) -> Iterator[Instance]:
+    """Return an instance and those within it; INCA may write the label a.b.c as c in b in a."""
     name = element.line_of("SHORT-NAME").strip()
     name = name if not outer or name.startswith("[") else f"{outer}.{name}"
     name = outer + name if outer and name.startswith("[") else name
     if not name:
-        notes.error(element.line, "", "SW-INSTANCE has no SHORT-NAME", "Give it a name.")
+        findings.error(element.line, "", "SW-INSTANCE has no SHORT-NAME", "Give it a name.")
         return
     inner = list(element.all("SW-INSTANCE"))
-    for holder, variant in _holders(element, bool(inner), name, notes):
+    for holder, variant in _holders(element, bool(inner), name, findings):
         value, axes = holder.first("SW-VALUE-CONT"), holder.first("SW-AXIS-CONTS")
         yield Instance(
             name,
@@ -92,27 +89,27 @@ def _flat(element: Element, outer: str, notes: Findings) -> Iterator[Instance]:
             variant,
         )
     for child in inner:
-        yield from _flat(child, name, notes)
+        yield from _flatten(child, name, findings)
 
 
-def _holders(element: Element, has_inner: bool, name: str, notes: Findings) -> Iterator[tuple[Element, str]]:
-    """What holds values: the instance itself, or each of its variants with its name."""
+def _holders(element: Element, has_inner: bool, name: str, findings: Findings) -> Iterator[tuple[Element, str]]:
+    """Yield the elements that contain values: the instance itself, or each variant with its name."""
     variants = element.first(_VARIANTS)
-    found: dict[str, Element] = {}
+    results: dict[str, Element] = {}
     for holder in variants.all(_VARIANT) if variants else ():
-        first = found.setdefault(_variant(holder), holder)
+        first = results.setdefault(_variant(holder), holder)
         if first is not holder:
-            message = f"is another variant with the criteria of that in line {first.line}; left aside"
-            notes.remark(holder.line, name, message)
-    if found:
-        yield from ((holder, variant) for variant, holder in found.items())
+            message = f"is a variant with the same criteria as in line {first.line}; skipped"
+            findings.warning(holder.line, name, message)
+    if results:
+        yield from ((holder, variant) for variant, holder in results.items())
     elif element.first("SW-VALUE-CONT") is not None or not has_inner:
         yield element, ""
 
 
 def _variant(holder: Element) -> str:
-    """The criteria of a variant: `Engine=2,Gear=1`; a reference without a value stands alone."""
-    return ",".join(word for child in holder.children if child.tag not in _HELD for word in _criteria(child))
+    """Return the criteria of a variant: `Engine=2,Gear=1`; a reference without a value stands alone."""
+    return ",".join(word for child in holder.children if child.tag not in _VALUE_TAGS for word in _criteria(child))
 
 
 def _criteria(element: Element) -> Iterator[str]:
@@ -127,7 +124,7 @@ def _criteria(element: Element) -> Iterator[str]:
         yield from _criteria(child)
 
 
-def _tell_left_aside(root: Element, notes: Findings) -> None:
+def _report_histories(root: Element, findings: Findings) -> None:
     histories = 0
     waiting: list[Element] = [root]
     while waiting:
@@ -136,12 +133,12 @@ def _tell_left_aside(root: Element, notes: Findings) -> None:
         if element.tag not in ("SW-VALUE-CONT", "SW-AXIS-CONTS"):
             waiting += element.children
     if histories:
-        notes.remark(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} left aside")
+        findings.warning(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} skipped")
 
 
 @dataclass
 class Values:
-    """What a SW-VALUES-PHYS holds, flat, with the shape its groups give it; x is the last index of that shape."""
+    """The content of a SW-VALUES-PHYS, flat, with the shape given by its groups; x is the last index."""
 
     line: int
     numbers: list[float] = field(default_factory=list)
@@ -149,22 +146,22 @@ class Values:
     shape: tuple[int, ...] = ()
 
     def shaped(self, sizes: tuple[int, ...]) -> Float | None:
-        """The numbers as an array of these sizes, x first; None where they are not that many or grouped otherwise."""
+        """Return the numbers as an array of these sizes, x first; None if count or grouping differs."""
         if len(self.numbers) != prod(sizes) or (len(self.shape) > 1 and self.shape != sizes[::-1]):
             return None
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
-def values_of(holder: Element | None, name: str, notes: Findings) -> Values | None:
-    """The values within a SW-VALUE-CONT or SW-AXIS-CONT.
+def values_of(holder: Element | None, name: str, findings: Findings) -> Values | None:
+    """Return the values within a SW-VALUE-CONT or SW-AXIS-CONT.
 
-    None where there are none, and with an error noted for each text that is no number.
+    None if there are none, and with an error for each invalid number.
     """
     found = None if holder is None else holder.first("SW-VALUES-PHYS")
     if found is None:
         return None
     values = Values(found.line)
-    taken = _Taken(name, notes, values)
+    taken = _ValueWalker(name, findings, values)
     shape = taken.group(found)
     if shape is None or taken.wrong:
         return None
@@ -173,7 +170,7 @@ def values_of(holder: Element | None, name: str, notes: Findings) -> Values | No
 
 
 def array_size(holder: Element) -> tuple[int, ...]:
-    """What SW-ARRAYSIZE states, x first, without the ones that INCA appends; empty where it states nothing usable."""
+    """Return the SW-ARRAYSIZE, x first; empty if it states nothing usable."""
     found = holder.first("SW-ARRAYSIZE")
     words = [word.strip() for word in found.words("V")] if found else []
     if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
@@ -182,11 +179,11 @@ def array_size(holder: Element) -> tuple[int, ...]:
 
 
 @dataclass
-class _Taken:
-    """Walks the groups of one value; `group` gives the shape, or None where rows are not equally long."""
+class _ValueWalker:
+    """Walks the groups of one value; `group` returns the shape, or None if rows differ in length."""
 
     name: str
-    notes: Findings
+    findings: Findings
     values: Values
     wrong: bool = False
 
@@ -201,8 +198,10 @@ class _Taken:
             return None
         odd = next((i for i, shape in enumerate(shapes) if shape != shapes[0]), None)
         if odd is not None:
-            message = f"group {odd + 1} has {_size(shapes[odd])}, the first has {_size(shapes[0])}"
-            self.notes.error(groups[odd].line, self.name, message)
+            message = (
+                f"group {odd + 1} has {_describe_size(shapes[odd])}, but the first has {_describe_size(shapes[0])}"
+            )
+            self.findings.error(groups[odd].line, self.name, message)
             return None
         return (len(groups), *(shapes[0] or ()))
 
@@ -213,31 +212,31 @@ class _Taken:
             elif child.tag in _NUMBERS:
                 words = child.text.split(PARTED)
                 # Python would read 1_000 as a thousand.
-                numbers = None if "_" in child.text else _numbers(child.tag, words)
+                numbers = None if "_" in child.text else _parse_numbers(child.tag, words)
                 if numbers is None:
                     self._wrong(child, words)
                 else:
                     self.values.numbers += numbers
 
     def _wrong(self, child: Element, words: list[str]) -> None:
-        """Name each word that is no number, with its line."""
+        """Report each invalid number with its line."""
         line = child.line
         for word in words:
-            if "_" in word or _numbers(child.tag, [word]) is None:
+            if "_" in word or _parse_numbers(child.tag, [word]) is None:
                 shown = word.strip()[:60]
                 remedy = "Write a decimal point." if _has_comma(shown) else ""
                 at = line + word[: len(word) - len(word.lstrip())].count("\n")
-                self.notes.error(at, self.name, f"{shown!r} is no finite number", remedy)
+                self.findings.error(at, self.name, f"must be a finite number, got {shown!r}", remedy)
             line += word.count("\n")
         self.wrong = True
 
 
-def _size(shape: tuple[int, ...] | None) -> str:
+def _describe_size(shape: tuple[int, ...] | None) -> str:
     return count_noun(prod(shape or ()), "value")
 
 
-def _numbers(tag: str, words: list[str]) -> list[float] | None:
-    """The numbers of words; None where one of them is none, or not finite."""
+def _parse_numbers(tag: str, words: list[str]) -> list[float] | None:
+    """Return the numbers of words; None if one of them is none, or not finite."""
     try:
         numbers = [float(int(word, 16)) for word in words] if tag == "VH" else list(map(float, words))
     except (ValueError, OverflowError):
@@ -246,7 +245,7 @@ def _numbers(tag: str, words: list[str]) -> list[float] | None:
 
 
 def _has_comma(word: str) -> bool:
-    """Whether a word would be a number with a point for its comma."""
+    """Check whether a word would be a number with a decimal point instead of a comma."""
     try:
         return "," in word and isfinite(float(word.replace(",", ".")))
     except ValueError:

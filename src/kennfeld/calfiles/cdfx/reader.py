@@ -1,9 +1,9 @@
-"""CDFX 2.0, the calibration data format of ASAM: one SW-INSTANCE a label, its values and axes in physical units.
+"""Reads CDFX 2.0, the calibration data format of ASAM: one SW-INSTANCE per label, with values in physical units.
 
-A map is stored by groups, one for each y, with x running fastest. A common axis (COM_AXIS) is an instance of its own,
-to which tables refer by name: our group axis. The axis of a table may also be a curve (CURVE_AXIS) or a list of pairs
-(RES_AXIS) that turns a quantity into a position between the columns. Such an axis is resolved to breakpoints
-where that gives the same lookup, or where the file states them.
+A map is stored in groups, one per y, with x running fastest. A common axis (COM_AXIS) is an instance of its own, to
+which tables refer by name: a group axis here. A table axis may also be a curve (CURVE_AXIS) or a list of pairs
+(RES_AXIS) that map an input to a position between columns. Such an axis is resolved to breakpoints if that gives the
+same lookup, or if the file states them.
 """
 
 import re
@@ -15,8 +15,8 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
-from kennfeld.calfiles.xml_tree import Element, collection_paused, parsed
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set, drop_trailing_ones
+from kennfeld.calfiles.xml_tree import Element, collection_paused, parse_xml
 from kennfeld.formatting import count_noun, join_limited
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
@@ -31,47 +31,47 @@ _WORDS: dict[str, TextKind] = {"ASCII": "text", "BOOLEAN": "boolean"}  # categor
 _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
 _TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _DIRECTIONS = ("x", "y", "z", "fourth")
-_MOST_DIMENSIONS = 4
+_MAX_DIMENSIONS = 4
 
 
 def recognises_cdfx(text: str) -> bool:
-    """Whether a text is XML whose root is that of CDFX."""
+    """Check whether a text is XML whose root is that of CDFX."""
     return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
 
 
 def read_cdfx(source: CalibrationSource) -> ReadResult:
-    """The parameters of a CDFX file, with variants or without; where there are several, the first variant counts.
+    """Return the parameters of a CDFX file, with or without variants; the first variant of a label is used.
 
-    Raises `InputError` with every finding; text tables, axes that cannot be resolved and histories are left aside
+    Raises `InputError` with all findings; text tables, axes that cannot be resolved and histories are skipped
     with a remark. Entities are refused.
     """
     with collection_paused():
         return _read(source, Findings(source.name))
 
 
-def _read(source: CalibrationSource, notes: Findings) -> ReadResult:
-    root = parsed(source.raw, notes, "V")
+def _read(source: CalibrationSource, findings: Findings) -> ReadResult:
+    root = parse_xml(source.raw, findings, "V")
     if root is None:
-        notes.settle()
+        findings.finish()
         raise AssertionError("a document that is not read has a finding")
-    reader = _CdfxReader(notes)
-    found = instances(root, notes)
-    if not found and not _holds(root, "SW-INSTANCE-TREE"):
-        notes.error(root.line, "", "has no SW-INSTANCE-TREE, where CDFX keeps its labels", "Export it as CDF 2.0.")
+    reader = _CdfxReader(findings)
+    found = instances(root, findings)
+    if not found and not _contains_tag(root, "SW-INSTANCE-TREE"):
+        findings.error(root.line, "", "has no SW-INSTANCE-TREE, which contains the labels", "Export it as CDF 2.0.")
     for instance in found:
         if instance.category in ("COM_AXIS", "RES_AXIS", "CURVE_AXIS"):
             reader.take_axis(instance)
     for instance in found:
         if instance.category not in ("COM_AXIS", "RES_AXIS"):
             reader.take(instance)
-    reader.tell_numbered()
-    remarks = notes.settle()
+    reader.warn_about_numeric_booleans()
+    remarks = findings.finish()
     version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
     kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
     return ReadResult(kind, reader.parameters(), remarks)
 
 
-def _holds(root: Element, tag: str) -> bool:
+def _contains_tag(root: Element, tag: str) -> bool:
     waiting = [root]
     while waiting:
         element = waiting.pop()
@@ -83,14 +83,14 @@ def _holds(root: Element, tag: str) -> bool:
 
 @dataclass(frozen=True)
 class _Positions:
-    """An axis that gives positions between columns: at `inputs[k]` the position is `positions[k]`."""
+    """An axis that maps inputs to positions between columns: `inputs[k]` is at `positions[k]`."""
 
     inputs: Float
     positions: Float
     unit: str
 
     def breakpoints(self, columns: int) -> Float | None:
-        """The inputs of the columns 0, 1, ...; None where interpolating between them is another lookup.
+        """Return the inputs of columns 0, 1, ...; None if interpolation between them differs.
 
         Interpolation of a curve and then between columns bends at the curve's own breakpoints too, so these must lie
         on columns.
@@ -101,9 +101,9 @@ class _Positions:
 
 
 class _CdfxReader:
-    def __init__(self, notes: Findings) -> None:
-        self.notes = notes
-        self.things: dict[tuple[str, str], Parameter | Text] = {}  # by name and variant
+    def __init__(self, findings: Findings) -> None:
+        self.findings = findings
+        self.items: dict[tuple[str, str], Parameter | Text] = {}  # by name and variant
         self.kinds: dict[str, type] = {}  # of the first variant of each label
         self.groups: dict[str, Axis] = {}
         self.positions: dict[str, _Positions] = {}
@@ -112,46 +112,38 @@ class _CdfxReader:
         self.taken: dict[tuple[str, str], tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
     def parameters(self) -> ParameterSet:
-        """The set of all that was taken; the first variant of each label counts."""
-        first = {name: (name, variant) for name, variant in reversed(self.things)}
-        chosen = [thing for key, thing in self.things.items() if first[key[0]] == key]
-        return ParameterSet(
-            [thing for thing in chosen if isinstance(thing, Parameter)],
-            [thing for thing in chosen if isinstance(thing, Text)],
-            self.groups.values(),
-            [thing for key, thing in self.things.items() if first[key[0]] != key],
-        )
+        return build_set(self.items, self.groups.values())
 
-    def tell_numbered(self) -> None:
+    def warn_about_numeric_booleans(self) -> None:
         """Remark on booleans that are given as numbers, whose category is not kept."""
         if self.numbered:
             names = join_limited(list(dict.fromkeys(self.numbered)))
-            message = f"{names} are BOOLEAN with a number: they are read as numbers and written as VALUE or VAL_BLK"
-            self.notes.remark(0, "", message)
+            message = f"BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK: {names}"
+            self.findings.warning(0, "", message)
 
     def take_axis(self, instance: Instance) -> None:
         """Keep an axis that tables refer to."""
         # A CURVE_AXIS is a parameter too, whose findings are noted where it is taken.
-        notes = Findings("") if instance.category == "CURVE_AXIS" else self.notes
-        values = values_of(instance.value, instance.name, notes)
+        findings = Findings("") if instance.category == "CURVE_AXIS" else self.findings
+        values = values_of(instance.value, instance.name, findings)
         if instance.variant and (instance.name in self.groups or instance.name in self.positions):
             if instance.category != "CURVE_AXIS":  # which is a curve in each of its variants
-                self._left_aside(instance, f"is the axis in another variant ({instance.variant})")
+                self._skip(instance, f"is the axis in another variant ({instance.variant})")
             return
         if values is not None and values.texts:
             if instance.category == "COM_AXIS":
-                self._left_aside(instance, "holds text, which is no breakpoint")
+                self._skip(instance, "contains text instead of breakpoints")
         elif instance.category == "COM_AXIS":
             self._take_group(instance, values)
         elif values is not None and (found := self._positions(instance, values)):
             self.positions[instance.name] = found
         if instance.category == "RES_AXIS":
-            message = "RES_AXIS gives tables their breakpoints; as a parameter it is left aside"
-            self.notes.remark(instance.line, instance.name, message)
+            message = "RES_AXIS only provides breakpoints of tables; skipped as a parameter"
+            self.findings.warning(instance.line, instance.name, message)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points = None if values is None else np.array(values.numbers)
-        wrong = "has no breakpoints" if points is None else _fault(points)
+        wrong = "has no breakpoints" if points is None else _points_fault(points)
         if wrong or points is None:
             self.broken.add(instance.name)
             if values is not None or _is_empty(instance.value):
@@ -174,30 +166,30 @@ class _CdfxReader:
         return _Positions(np.array(axis.numbers), np.array(values.numbers), unit)
 
     def take(self, instance: Instance) -> None:
-        """Check an instance and keep what it holds."""
+        """Check an instance and add it."""
         category = instance.category
         if instance.value is None:
-            self._left_aside(instance, "holds no values")
+            self._skip(instance, "contains no values")
             return
         if category not in (*_SCALARS, *_BLOCKS, *_TABLES, "ASCII"):
-            message = f"has the category {category[:40]}, which no parameter holds" if category else "has no CATEGORY"
-            self._left_aside(instance, message)
+            message = f"has the unsupported category {category[:40]}" if category else "has no CATEGORY"
+            self._skip(instance, message)
             return
-        values = values_of(instance.value, instance.name, self.notes)
+        values = values_of(instance.value, instance.name, self.findings)
         if values is None:
             if _is_empty(instance.value):
                 self._wrong(instance, f"{category} has no SW-VALUES-PHYS")
         elif category == "ASCII" or (category in _SCALARS and values.texts):
             self._take_text(instance, values)
         elif values.texts:
-            self._left_aside(instance, f"{category} holds text, which is no number to calibrate")
+            self._skip(instance, f"{category} contains text and cannot be calibrated")
         else:
             self._take_member(instance, values)
 
     def _take_text(self, instance: Instance, values: Values) -> None:
         if values.numbers or len(values.texts) > 1:
             found = count_noun(len(values.numbers) + len(values.texts), "value")
-            self._wrong(instance, f"{instance.category} has {found}, not one text")
+            self._wrong(instance, f"{instance.category} has {found} instead of one text")
             return
         kind = _WORDS.get(instance.category, "enumeration")
         text = Text(instance.name, "".join(values.texts), kind=kind, unit=instance.unit, **instance.labels)
@@ -212,19 +204,18 @@ class _CdfxReader:
         if member is not None:
             self._hold(instance, member)
 
-    def _hold(self, instance: Instance, thing: Parameter | Text) -> None:
-        """Keep what a label is in a variant."""
-        first = self.kinds.setdefault(instance.name, type(thing))
-        if first is not type(thing) and Text in (first, type(thing)):
-            self._left_aside(instance, "is a text in one variant and a number in another")
-        elif self._is_new(instance, thing):
-            self.things[instance.name, instance.variant] = thing
+    def _hold(self, instance: Instance, item: Parameter | Text) -> None:
+        first = self.kinds.setdefault(instance.name, type(item))
+        if first is not type(item) and Text in (first, type(item)):
+            self._skip(instance, "is a text in one variant and a number in another")
+        elif self._is_new(instance, item):
+            self.items[instance.name, instance.variant] = item
 
     def _is_new(self, instance: Instance, made: object) -> bool:
-        """Whether a name comes for the first time; a repetition must hold the same."""
+        """Check whether a name occurs for the first time; a repetition must be equal."""
         line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, made))
         if first is not made and first != made:
-            message = f"{instance.name} is defined a second time, with another content than in line {line}"
+            message = f"{instance.name} is already defined in line {line}, with different content"
             self._wrong(instance, message, "Keep one of the two.")
         return first is made
 
@@ -234,24 +225,24 @@ class _CdfxReader:
             return None
         if instance.category.startswith("DEP"):
             message = "is a dependent value: its number is read, the formula for it is in the A2L file"
-            self.notes.remark(instance.line, instance.name, message)
+            self.findings.warning(instance.line, instance.name, message)
         return parameter(instance.name, values.numbers[0], unit=instance.unit, **instance.labels)
 
     def _block(self, instance: Instance, values: Values) -> Parameter | None:
         assert instance.value is not None
         stated, shape = array_size(instance.value), values.shape[::-1]
         if len(shape) == 1:
-            shape = _without_ones(stated) if prod(stated) == shape[0] and stated else shape
-        elif stated and _without_ones(stated) != _without_ones(shape):
+            shape = drop_trailing_ones(stated) if prod(stated) == shape[0] and stated else shape
+        elif stated and drop_trailing_ones(stated) != drop_trailing_ones(shape):
             said, found = (" x ".join(map(str, sizes)) for sizes in (stated, shape))
-            self._wrong(instance, f"SW-ARRAYSIZE asks for {said} values, the groups hold {found}")
+            self._wrong(instance, f"SW-ARRAYSIZE states {said} values, but the groups contain {found}")
             return None
         if not values.numbers or (len(values.shape) == 1 and stated and prod(stated) != len(values.numbers)):
-            asked = f", SW-ARRAYSIZE asks for {' x '.join(map(str, stated))}" if stated else ""
+            asked = f", but SW-ARRAYSIZE states {' x '.join(map(str, stated))}" if stated else ""
             self._wrong(instance, f"{instance.category} has {count_noun(len(values.numbers), 'value')}{asked}")
             return None
-        if len(shape) > _MOST_DIMENSIONS:
-            self._left_aside(instance, f"has {len(shape)} dimensions, a value block at most {_MOST_DIMENSIONS}")
+        if len(shape) > _MAX_DIMENSIONS:
+            self._skip(instance, f"has {len(shape)} dimensions, but a value block has at most {_MAX_DIMENSIONS}")
             return None
         array = values.shaped(shape)
         assert array is not None
@@ -261,7 +252,7 @@ class _CdfxReader:
         wanted = _TABLES[instance.category]
         if len(instance.axes) != wanted:
             found = count_noun(len(instance.axes), "SW-AXIS-CONT")
-            self._wrong(instance, f"{instance.category} has {found}, it needs {wanted}")
+            self._wrong(instance, f"{instance.category} has {found}, but needs {wanted}")
             return None
         sizes = values.shape[::-1] if len(values.shape) == wanted else (0,) * wanted
         found_axes = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
@@ -272,7 +263,7 @@ class _CdfxReader:
         if array is None:
             has = " x ".join(map(str, values.shape[::-1]))
             asked = " x ".join(str(len(axis)) for axis in axes)
-            self._wrong(instance, f"{instance.category} has {has} values, its axes ask for {asked}")
+            self._wrong(instance, f"{instance.category} has {has} values, but its axes require {asked}")
             return None
         return parameter(instance.name, array, axes, unit=instance.unit, **instance.labels)
 
@@ -280,9 +271,9 @@ class _CdfxReader:
         cont = instance.axes[direction]
         reference = cont.line_of("SW-INSTANCE-REF").strip()
         category = cont.line_of("CATEGORY").strip().upper()
-        given = values_of(cont, instance.name, self.notes)
+        given = values_of(cont, instance.name, self.findings)
         if given is not None and given.texts:
-            self._left_aside(instance, f"has text on its {_DIRECTIONS[direction]} axis")
+            self._skip(instance, f"has text on its {_DIRECTIONS[direction]} axis")
             return None
         points = None if given is None else np.array(given.numbers)
         if category in ("RES_AXIS", "CURVE_AXIS") or reference in self.positions:
@@ -293,10 +284,10 @@ class _CdfxReader:
             if _is_empty(cont):
                 self._wrong(instance, f"has no {_DIRECTIONS[direction]} breakpoints")
             return None
-        fault = _fault(points)
+        fault = _points_fault(points)
         if fault:
-            remedy = "Each breakpoint must be larger than the one before." if points.size else ""
-            self.notes.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", remedy)
+            remedy = "Each breakpoint must be greater than the previous one." if points.size else ""
+            self.findings.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", remedy)
             return None
         return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
 
@@ -304,9 +295,9 @@ class _CdfxReader:
         cont, letter = instance.axes[direction], _DIRECTIONS[direction]
         if reference in self.broken:
             return None
-        if reference not in self.groups and (points is None or _fault(points)):
+        if reference not in self.groups and (points is None or _points_fault(points)):
             message = f"refers to the {letter} axis {reference}, which is not in this file"
-            self._left_aside(instance, message, "Export the axis along with it.")
+            self._skip(instance, message, "Export the axis too.")
             return None
         if reference not in self.groups and points is not None:
             unit = cont.line_of("UNIT-DISPLAY-NAME")
@@ -315,12 +306,12 @@ class _CdfxReader:
         unit = cont.line_of("UNIT-DISPLAY-NAME") if cont.first("UNIT-DISPLAY-NAME") else group.unit
         if points is None or np.array_equal(points, group.breakpoints):
             return group.changed(unit=unit)
-        fault = _fault(points)
+        fault = _points_fault(points)
         if fault:
-            self.notes.error(cont.line, instance.name, f"the {letter} axis {fault}")
+            self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}")
             return None
-        message = f"has other {letter} breakpoints than the group axis {reference}; they are kept as an axis of its own"
-        self.notes.remark(cont.line, instance.name, message)
+        message = f"has other {letter} breakpoints than the group axis {reference}; kept as an axis of its own"
+        self.findings.warning(cont.line, instance.name, message)
         return Axis(points, unit=unit)
 
     def _resolved(
@@ -331,35 +322,27 @@ class _CdfxReader:
         unit = cont.line_of("UNIT-DISPLAY-NAME") or (known.unit if known else "")
         if points is None and known is not None:
             points = known.breakpoints(size)
-        if points is None or _fault(points):
+        if points is None or _points_fault(points):
             kind = cont.line_of("CATEGORY").strip() or "axis"
-            message = f"has breakpoints that do not follow from the {kind} {reference}"
-            self._left_aside(instance, message)
+            message = f"has breakpoints that cannot be derived from the {kind} {reference}"
+            self._skip(instance, message)
             return None
         return Axis(points, unit=unit)
 
-    def _left_aside(self, instance: Instance, message: str, remedy: str = "") -> None:
-        self.notes.remark(instance.line, instance.name, f"{message}; left aside", remedy)
+    def _skip(self, instance: Instance, message: str, remedy: str = "") -> None:
+        self.findings.warning(instance.line, instance.name, f"{message}; skipped", remedy)
 
     def _wrong(self, instance: Instance, message: str, remedy: str = "") -> None:
-        self.notes.error(instance.line, instance.name, message, remedy)
+        self.findings.error(instance.line, instance.name, message, remedy)
 
 
 def _is_empty(holder: Element | None) -> bool:
-    """Whether values are missing, as against wrong ones, which have findings of their own."""
+    """Check whether values are missing; wrong ones have findings of their own."""
     return holder is None or holder.first("SW-VALUES-PHYS") is None
 
 
-def _without_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
-    """Sizes without the ones that tools append; (3, 1) and (3,) hold the same."""
-    kept = len(sizes)
-    while kept > 1 and sizes[kept - 1] == 1:
-        kept -= 1
-    return sizes[:kept]
-
-
-def _fault(points: Float) -> str:
-    """What is wrong with breakpoints; empty where nothing is."""
+def _points_fault(points: Float) -> str:
+    """Return what is wrong with breakpoints, or an empty text."""
     if not points.size:
         return "has no breakpoints"
     falling = np.flatnonzero(points[1:] <= points[:-1])
@@ -367,6 +350,6 @@ def _fault(points: Float) -> str:
         return ""
     at = int(falling[0])
     return (
-        f"does not increase: breakpoint {at + 2} ({points[at + 1]:g}) does not exceed "
+        f"is not strictly increasing: breakpoint {at + 2} ({points[at + 1]:g}) does not exceed "
         f"breakpoint {at + 1} ({points[at]:g})"
     )

@@ -1,9 +1,9 @@
-"""CVX 2.1, the CSV of INCA: a header that states its own separators, then one record a value, curve, map or axis.
+"""Reads CVX 2.1, the CSV of INCA: a header that states its separators, then one record per value, curve, map or axis.
 
-A record is an identifier in column 2, a line that begins with its type, and values from column 3 on;
-columns 1 and 2 hold free text, where INCA puts units as `:"rpm":`. Axes are records of their own: X_AXIS_PTS
-under the name of the table, or AXIS_PTS under the name of a group axis. No record says which group axis a table
-uses; the specification leaves "axis name information" to the free text of the type line, and so do we.
+A record is an identifier in column 2, a line that begins with its type, and values from column 3 on; columns 1 and 2
+contain free text, where INCA writes units as `:"rpm":`. Axes are records of their own: X_AXIS_PTS under the name of
+the table, or AXIS_PTS under the name of a group axis. No record states which group axis a table uses; the
+specification leaves "axis name information" to the free text of the type line, and so does this reader.
 """
 
 import re
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
-from kennfeld.calfiles.verbal_values import of_one_kind
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set
+from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
@@ -26,8 +26,8 @@ __all__ = []
 _TITLE = "CALIBRATION VALUES V"
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
 _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
-_LEFT_ASIDE = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
-_TYPES = frozenset({"VALUE", "VAL_BLK", "CURVE", "MAP", "ASCII", *_AXES, *_LEFT_ASIDE})
+_SKIPPED_TYPES = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
+_TYPES = frozenset({"VALUE", "VAL_BLK", "CURVE", "MAP", "ASCII", *_AXES, *_SKIPPED_TYPES})
 _CODINGS = frozenset({"FUNCTION", "VARIANT", "DISPLAY_IDENTIFIER"})
 _UNIT = re.compile(r""":(["'])(.*)\1:""")  # in the string delimiter of the file
 
@@ -70,7 +70,7 @@ class _Record:
 
 @dataclass(frozen=True)
 class _Dialect:
-    """What the first line of a file declares."""
+    """The declarations in the first line of a file."""
 
     version: str
     separator: str = ","
@@ -79,7 +79,7 @@ class _Dialect:
     quote: str = '"'
 
     def cells(self, line: str) -> list[str]:
-        """The cells of a line; a separator between quotes separates nothing; empty cells at the end are dropped."""
+        """Split a line into cells, except at separators within quotes; trailing empty cells are dropped."""
         cells = line.split(self.separator) if self.quote not in line else self._quoted_cells(line)
         cells = [cell.strip() for cell in cells]
         while cells and not cells[-1]:
@@ -97,13 +97,13 @@ class _Dialect:
         return [*cells, line[start:]]
 
     def text(self, cell: str) -> str | None:
-        """The text of a quoted cell; None for any other."""
+        """Return the text of a quoted cell; None for any other."""
         if len(cell) < 2 or cell[0] != self.quote or cell[-1] != self.quote:
             return None
         return cell[1:-1].replace(self.quote * 2, self.quote)
 
     def variant(self, cells: list[str]) -> str:
-        """The variant in the cells `"Car"."Cabrio"`, `"Gear"."Manual"`: Car=Cabrio,Gear=Manual."""
+        """Return the variant in the cells `"Car"."Cabrio"`, `"Gear"."Manual"`: Car=Cabrio,Gear=Manual."""
         quote = re.escape(self.quote)
         text = f"{quote}((?:[^{quote}]|{quote}{quote})*){quote}"
         pairs = (re.fullmatch(rf"{text}\s*[.,]\s*{text}", cell) for cell in cells)
@@ -116,7 +116,7 @@ class _Dialect:
         return ",".join(filter(None, said))
 
     def numbers(self, cells: list[str]) -> list[float]:
-        """The numbers of cells; NaN for a cell that holds none."""
+        """Return the numbers of cells; NaN for a cell that holds none."""
         if self.point == ".":
             try:
                 if "_" not in "".join(cells):
@@ -135,36 +135,36 @@ class _Dialect:
 
 
 def recognises_cvx(text: str) -> bool:
-    """Whether a text begins with the title of a CVX file."""
+    """Check whether a text begins with the title of a CVX file."""
     return text.lstrip("\ufeff \t\n").startswith(_TITLE)
 
 
 def read_cvx(source: CalibrationSource) -> ReadResult:
-    """The parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
+    """Return the parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
 
-    Raises `InputError` with every finding.
+    Raises `InputError` with all findings.
     """
-    notes = Findings(source.name)
+    findings = Findings(source.name)
     text = source.text.lstrip("\ufeff")
-    dialect = _dialect(text, notes)
-    reader = _CvxReader(notes, dialect)
-    records = _records(text, dialect, notes)
+    dialect = _dialect(text, findings)
+    reader = _CvxReader(findings, dialect)
+    records = _records(text, dialect, findings)
     for record in records:
         if record.kind in _AXES:
             reader.take_axis(record)
     for record in records:
         if record.kind not in _AXES:
             reader.take(record)
-    remarks = notes.settle()
+    remarks = findings.finish()
     return ReadResult(f"CVX {dialect.version}", reader.parameters(), remarks)
 
 
-def _dialect(text: str, notes: Findings) -> _Dialect:
-    found = _HEADER.match(text.lstrip())
-    if found is None:
-        notes.error(1, "", "the first line states no version", f"It must begin like {_TITLE}2.1,.,*")
+def _dialect(text: str, findings: Findings) -> _Dialect:
+    match = _HEADER.match(text.lstrip())
+    if match is None:
+        findings.error(1, "", "the first line states no version", f"It must begin like {_TITLE}2.1,.,*")
         return _Dialect("")
-    version, separator, point, comment, quote = found.groups()
+    version, separator, point, comment, quote = match.groups()
     separator = separator or ","
     # The specification: where both are a comma, the decimal point is the default.
     point = "." if point == separator else point or "."
@@ -180,7 +180,7 @@ def _rows(text: str, dialect: _Dialect) -> Iterator[_CsvRow]:
             yield _CsvRow(number, cells)
 
 
-def _records(text: str, dialect: _Dialect, notes: Findings) -> list[_Record]:
+def _records(text: str, dialect: _Dialect, findings: Findings) -> list[_Record]:
     records: list[_Record] = []
     before = _CsvRow(0, [])
     for row in _rows(text, dialect):
@@ -189,21 +189,23 @@ def _records(text: str, dialect: _Dialect, notes: Findings) -> list[_Record]:
                 records[-1].rows.pop()  # the identifier of this record
             records.append(_Record(before.cells[1], row))
         elif row.cells[0] in _TYPES:
-            notes.error(row.line, "", f"{row.cells[0]} follows no identifier", "Put its name in column 2 before it.")
+            findings.error(
+                row.line, "", f"{row.cells[0]} has no identifier", "Put its name in column 2 of the line above."
+            )
             records.append(_Record("", row))
         elif records and row.cells[0].strip("'") in _CODINGS:
-            _code(records[-1], row, dialect)
+            _apply_coding(records[-1], row, dialect)
         elif records:
             records[-1].rows.append(row)
         before = row
     if not records and before.line > 1:
-        message = f"holds no record whose cells are separated by {dialect.separator!r}, as its first line declares"
-        notes.error(before.line, "", message, "Compare the first line with the others.")
+        message = f"contains no record whose cells are separated by {dialect.separator!r}, as its first line declares"
+        findings.error(before.line, "", message, "Compare the first line with the others.")
     return [record for record in records if record.name]
 
 
-def _code(record: _Record, row: _CsvRow, dialect: _Dialect) -> None:
-    """Heed a line that says to which function or variant a record belongs, or how it is displayed."""
+def _apply_coding(record: _Record, row: _CsvRow, dialect: _Dialect) -> None:
+    """Apply a line with the function, variant or display name of a record."""
     kind = row.cells[0].strip("'")
     first = (dialect.text(row.values[0]) or "") if row.values else ""
     if kind == "VARIANT":
@@ -215,25 +217,19 @@ def _code(record: _Record, row: _CsvRow, dialect: _Dialect) -> None:
 
 
 class _CvxReader:
-    def __init__(self, notes: Findings, dialect: _Dialect) -> None:
-        self.notes = notes
+    def __init__(self, findings: Findings, dialect: _Dialect) -> None:
+        self.findings = findings
         self.dialect = dialect
         self.axes: dict[tuple[str, str, str], tuple[_Record, Axis]] = {}  # by type, name and variant
         self.folded: dict[tuple[str, str, str], Axis] = {}  # without regard to case
         self.groups: dict[str, Axis] = {}  # group axes, each in its first variant
         self.groups_folded: dict[str, Axis] = {}
-        self.things: dict[tuple[str, str], tuple[_Record, Parameter | Text]] = {}  # by name and variant
+        self.items: dict[tuple[str, str], tuple[_Record, Parameter | Text]] = {}  # by name and variant
         self.first: dict[str, Parameter | Text] = {}  # of each name
 
     def parameters(self) -> ParameterSet:
-        """The set; the first variant of each name counts."""
-        things = of_one_kind({key: thing for key, (_, thing) in self.things.items()})
-        first = {name: (name, variant) for name, variant in reversed(things)}
-        chosen = [thing for key, thing in things.items() if first[key[0]] == key]
-        members = [thing for thing in chosen if isinstance(thing, Parameter)]
-        texts = [thing for thing in chosen if isinstance(thing, Text)]
-        others = [thing for key, thing in things.items() if first[key[0]] != key]
-        return ParameterSet(members, texts, self.groups.values(), others)
+        items = unify_text_kinds({key: item for key, (_, item) in self.items.items()})
+        return build_set(items, self.groups.values())
 
     def take_axis(self, record: _Record) -> None:
         cells = [record.row, *record.rows]
@@ -242,7 +238,9 @@ class _CvxReader:
             return
         falling = np.flatnonzero(points[1:] <= points[:-1])
         if not points.size or falling.size or not np.isfinite(points).all():
-            message = "has no breakpoints" if not points.size else f"does not increase: {_fall(points)}"
+            message = (
+                "has no breakpoints" if not points.size else f"is not strictly increasing: {_describe_fall(points)}"
+            )
             self._wrong(record, f"{record.kind} {message}")
             return
         is_group = record.kind == "AXIS_PTS"
@@ -259,48 +257,47 @@ class _CvxReader:
         group = self.groups.setdefault(record.name, axis)
         self.groups_folded.setdefault(record.name.casefold(), axis)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
-            message = f"is the group axis in another variant ({record.variant}); left aside"
-            self.notes.remark(record.row.line, record.name, message)
+            message = f"is the group axis in another variant ({record.variant}); skipped"
+            self.findings.warning(record.row.line, record.name, message)
 
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
         if record.kind in ("ASCII", "VALUE") and text is not None:
             kind: TextKind = "text" if record.kind == "ASCII" else "enumeration"
             self._hold(record, Text(record.name, text, kind=kind, unit=record.unit, **record.labels))
-        elif record.kind in _LEFT_ASIDE or self._holds_text(record):
-            self.notes.remark(record.row.line, record.name, f"{record.kind} with its content is left aside")
+        elif record.kind in _SKIPPED_TYPES or self._holds_text(record):
+            self.findings.warning(record.row.line, record.name, f"{record.kind} is not supported here; skipped")
         else:
             member = self._member(record)
             if member is not None:
                 self._hold(record, member)
 
-    def _hold(self, record: _Record, thing: Parameter | Text) -> None:
-        """Keep a parameter or text; one identifier may occur once a variant."""
-        first = self.first.setdefault(record.name, thing)
-        if isinstance(first, Text) != isinstance(thing, Text):
-            self._wrong(record, f"{record.name} is defined a second time, as a number and as a text")
+    def _hold(self, record: _Record, item: Parameter | Text) -> None:
+        first = self.first.setdefault(record.name, item)
+        if isinstance(first, Text) != isinstance(item, Text):
+            self._wrong(record, f"{record.name} is defined twice, as a number and as a text")
             return
-        before, known = self.things.setdefault((record.name, record.variant), (record, thing))
-        if not _same(known, thing):
-            message = f"{record.name} is defined a second time, with other values than in line {before.row.line}"
+        before, known = self.items.setdefault((record.name, record.variant), (record, item))
+        if not _same_content(known, item):
+            message = f"{record.name} is already defined in line {before.row.line}, with other values"
             self._wrong(record, message, "Keep one of the two.")
 
     def _holds_text(self, record: _Record) -> bool:
         return any(self.dialect.text(cell) is not None for row in (record.row, *record.rows) for cell in row.values)
 
     def _repeated(self, record: _Record, first: _Record) -> None:
-        message = f"{record.name} is defined a second time, with other values than in line {first.row.line}"
+        message = f"{record.name} is already defined in line {first.row.line}, with other values"
         self._wrong(record, message, "Keep one of the two.")
 
     def _wrong(self, record: _Record, message: str, remedy: str = "") -> None:
-        self.notes.error(record.row.line, record.name, message, remedy)
+        self.findings.error(record.row.line, record.name, message, remedy)
 
     def _member(self, record: _Record) -> Parameter | None:
         makers: dict[str, Callable[[_Record], Parameter | None]]
         makers = {"VALUE": self._scalar, "VAL_BLK": self._block, "CURVE": self._table, "MAP": self._table}
         if record.kind in makers:
             return makers[record.kind](record)
-        self._wrong(record, f"{record.kind} holds no text between {self.dialect.quote}")
+        self._wrong(record, f"{record.kind} contains no text between {self.dialect.quote}")
         return None
 
     def _scalar(self, record: _Record) -> Parameter | None:
@@ -334,7 +331,7 @@ class _CvxReader:
         rows = record.rows[1:] if len(record.rows) == count + 1 else record.rows
         if len(rows) != count:
             self._wrong(
-                record, f"{record.kind} has {count_noun(len(rows), 'row')} of values, its axis asks for {count}"
+                record, f"{record.kind} has {count_noun(len(rows), 'row')} of values, but its axis requires {count}"
             )
             return None
         if not self._widths_agree(record, rows, len(own[0])):
@@ -348,8 +345,8 @@ class _CvxReader:
     def _widths_agree(self, record: _Record, rows: list[_CsvRow], width: int) -> bool:
         short = [row for row in rows if len(row.values) != width]
         for row in short:
-            message = f"the row has {count_noun(len(row.values), 'value')}, the x axis asks for {width}"
-            self.notes.error(row.line, record.name, message)
+            message = f"the row has {count_noun(len(row.values), 'value')}, but the x axis has {width}"
+            self.findings.error(row.line, record.name, message)
         return not short
 
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
@@ -366,15 +363,15 @@ class _CvxReader:
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}
         if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:
-            message = f"{record.kind} does not say which group axis is its {letter.lower()} axis; left aside"
-            self.notes.remark(record.row.line, record.name, message, "Export it as DCM.")
+            message = f"{record.kind} does not state which group axis is its {letter.lower()} axis; skipped"
+            self.findings.warning(record.row.line, record.name, message, "Export it as DCM.")
         else:
-            remedy = "The file may be cut off: take a complete copy."
+            remedy = "The file may be truncated: use a complete copy."
             self._wrong(record, f"{record.kind} has no record {letter}_AXIS_PTS", remedy)
         return None
 
     def _numbers(self, record: _Record, rows: list[_CsvRow]) -> Float | None:
-        """All numbers of some rows; None where one of them is none."""
+        """Return all numbers of some rows; None if one of them is none."""
         numbers = [self.dialect.numbers(row.values) for row in rows]
         wrong = [
             (row.line, cell)
@@ -383,16 +380,16 @@ class _CvxReader:
             if not isfinite(number)
         ]
         for line, cell in wrong:
-            self.notes.error(line, record.name, f"{cell[:60]!r} is no number")
+            self.findings.error(line, record.name, f"must be a number, got {cell[:60]!r}")
         return None if wrong else np.array([number for found in numbers for number in found], dtype=np.float64)
 
 
-def _same(first: Parameter | Text, second: Parameter | Text) -> bool:
+def _same_content(first: Parameter | Text, second: Parameter | Text) -> bool:
     if isinstance(first, Text) or isinstance(second, Text):
         return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
     return first.values.shape == second.values.shape and np.array_equal(first.values, second.values)
 
 
-def _fall(points: Float) -> str:
+def _describe_fall(points: Float) -> str:
     at = int(np.flatnonzero(points[1:] <= points[:-1])[0])
     return f"breakpoint {at + 2} ({points[at + 1]:g}) does not exceed breakpoint {at + 1} ({points[at]:g})"

@@ -1,7 +1,7 @@
-"""DCM text as lines and blocks: which statement stands where, before anybody asks what it means.
+"""Splits DCM text into blocks, before their content is interpreted.
 
-DCM is strictly line oriented: the first word of a line is its keyword. Every statement keeps its line
-number, so that a finding can point at it and a writer can later replace single numbers in place.
+DCM is line oriented: the first word of a line is its keyword. Every statement keeps its line number, so that a finding
+can point at it and the writer can replace single numbers in place.
 """
 
 import re
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import nearest
 
-__all__ = ["DcmBlock", "DcmLines", "recognises_dcm", "split", "unquoted"]
+__all__ = ["DcmBlock", "DcmLines", "recognises_dcm", "split_blocks", "unquote"]
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
-_NUMERIC = {
+_SIZE_COUNTS = {
     "FESTWERT": 0,
     "TEXTSTRING": 0,
     "KENNLINIE": 1,
@@ -25,26 +25,28 @@ _NUMERIC = {
     "FESTKENNFELD": 2,
     "GRUPPENKENNFELD": 2,
 }  # keyword: how many sizes follow the name
-_BLOCKS = frozenset({*_NUMERIC, "FESTWERTEBLOCK"})
-_LISTS = frozenset({"FUNKTIONEN", "VARIANTENKODIERUNG"})
-_SINGLE = frozenset({"KONSERVIERUNG_FORMAT", "MODULKOPF"})
-_INSIDE = frozenset(
+_BLOCKS = frozenset({*_SIZE_COUNTS, "FESTWERTEBLOCK"})
+_LIST_KEYWORDS = frozenset({"FUNKTIONEN", "VARIANTENKODIERUNG"})
+_SINGLE_LINES = frozenset({"KONSERVIERUNG_FORMAT", "MODULKOPF"})
+_BLOCK_KEYWORDS = frozenset(
     {"WERT", "TEXT", "ST/X", "ST/Y", "ST_TX/X", "ST_TX/Y"}
     | {"LANGNAME", "DISPLAYNAME", "VAR", "FUNKTION", "EINHEIT_X", "EINHEIT_Y", "EINHEIT_W"}
 )
-_KEYWORDS = sorted(_BLOCKS | _LISTS | _SINGLE | _INSIDE | {"END"})
+_KEYWORDS = sorted(_BLOCKS | _LIST_KEYWORDS | _SINGLE_LINES | _BLOCK_KEYWORDS | {"END"})
 _GROUP_AXIS = re.compile(r"\s*\*\s*(SSTX|SSTY|SST)(?:\s+(.*?))?\s*$")
 _SIZE = re.compile(r"[1-9]\d{0,9}")
 _BLOCK_HEADER = re.compile(r"(\S+)\s+(\d+)(?:\s*@\s*(\d+))?\s*$")
 _WORD = re.compile(r'"([^"]*)"|([^\s"]+)')
 _ESCAPED = re.compile(r'\\(["\\])')
-_RECOGNISED = re.compile(rf"^[ \t]*(?:{'|'.join(sorted(_BLOCKS | _LISTS | _SINGLE))})(?:\s|$)", re.MULTILINE)
-_MOST_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
+_RECOGNISED = re.compile(
+    rf"^[ \t]*(?:{'|'.join(sorted(_BLOCKS | _LIST_KEYWORDS | _SINGLE_LINES))})(?:\s|$)", re.MULTILINE
+)
+_MAX_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
 
 
 @dataclass(slots=True)
 class DcmBlock:
-    """One block from its header to its END; `sizes` is None where the header could not be read."""
+    """One block from its header to its END; `sizes` is None if the header could not be read."""
 
     keyword: str
     name: str
@@ -54,43 +56,45 @@ class DcmBlock:
     end: int = 0  # the line of its END
 
     def text_of(self, keyword: str) -> str:
-        """The quoted text of an attribute, or nothing."""
-        return next((unquoted(rest) for _, key, rest in self.statements if key == keyword), "")
+        """Return the quoted text of an attribute, or an empty text."""
+        return next((unquote(rest) for _, key, rest in self.statements if key == keyword), "")
 
     def rest_of(self, keyword: str) -> str:
-        """What follows a keyword, as it stands."""
+        """Return the rest of the line after a keyword, verbatim."""
         return next((rest for _, key, rest in self.statements if key == keyword), "")
 
     @property
     def functions(self) -> tuple[str, ...]:
         """The functions that use it, quoted or not, each once."""
         return tuple(
-            dict.fromkeys(word for _, key, rest in self.statements if key == "FUNKTION" for word in words(rest) if word)
+            dict.fromkeys(
+                word for _, key, rest in self.statements if key == "FUNKTION" for word in split_words(rest) if word
+            )
         )
 
 
 @dataclass
 class DcmLines:
-    """The blocks of a file, its version (1 where the file states none) and what its variant coding declares."""
+    """The blocks of a file, its version (1 if none is stated) and the criteria of its variant coding."""
 
     version: str
     blocks: list[DcmBlock]
-    criteria: frozenset[str] = frozenset()  # by which variants are told apart
+    criteria: frozenset[str] = frozenset()  # which distinguish variants
 
 
-def words(rest: str) -> list[str]:
-    """The words of a line; a quoted text is one.
+def split_words(rest: str) -> list[str]:
+    """Return the words of a line; a quoted text is one.
 
-    >>> words('Engine "Basic functions" 2')
+    >>> split_words('Engine "Basic functions" 2')
     ['Engine', 'Basic functions', '2']
     """
     return [quoted or bare for quoted, bare in _WORD.findall(rest)]
 
 
-def unquoted(rest: str) -> str:
-    r"""The text between the first and the last quote of a line, or the bare words.
+def unquote(rest: str) -> str:
+    r"""Return the text between the first and the last quote of a line, or the bare words.
 
-    >>> unquoted(r'"say \"yes\"" ')
+    >>> unquote(r'"say \"yes\"" ')
     'say "yes"'
     """
     first, last = rest.find('"'), rest.rfind('"')
@@ -101,17 +105,17 @@ def unquoted(rest: str) -> str:
 
 
 def recognises_dcm(text: str) -> bool:
-    """Whether any line of a text opens a DCM block or states its version."""
+    """Check whether any line of a text opens a DCM block or states its version."""
     return _RECOGNISED.search(text) is not None
 
 
-def split(text: str, notes: Findings) -> DcmLines:
-    """Cut DCM text into blocks; whatever is no DCM goes to the notes, with its line."""
-    splitter = _Splitter(notes)
+def split_blocks(text: str, findings: Findings) -> DcmLines:
+    """Split DCM text into blocks; other content is reported with its line."""
+    splitter = _Splitter(findings)
     for number, line in enumerate(text.split("\n"), 1):
         parts = line.split(None, 1)
         # nearly all lines of a file are these, so they take the short way
-        if len(parts) == 2 and parts[0] in _INSIDE and splitter.block is not None:
+        if len(parts) == 2 and parts[0] in _BLOCK_KEYWORDS and splitter.block is not None:
             splitter.block.statements.append((number, parts[0], parts[1]))
         elif parts:
             splitter.feed(number, line, parts[0], parts[1] if len(parts) > 1 else "")
@@ -121,8 +125,8 @@ def split(text: str, notes: Findings) -> DcmLines:
 
 
 class _Splitter:
-    def __init__(self, notes: Findings) -> None:
-        self.notes = notes
+    def __init__(self, findings: Findings) -> None:
+        self.findings = findings
         self.version = "1"
         self.blocks: list[DcmBlock] = []
         self.block: DcmBlock | None = None
@@ -132,16 +136,16 @@ class _Splitter:
 
     def feed(self, number: int, line: str, keyword: str, rest: str) -> None:
         """Take a line that begins with a keyword, followed by the rest."""
-        if self.block is not None and keyword in _INSIDE:
+        if self.block is not None and keyword in _BLOCK_KEYWORDS:
             self.block.statements.append((number, keyword, rest))
         elif keyword[0] in "*!.":
             self._comment(number, line)
         elif keyword == "END":
             self._end(number)
-        elif keyword in _BLOCKS or keyword in _LISTS:
+        elif keyword in _BLOCKS or keyword in _LIST_KEYWORDS:
             self.close_open_block()
             self.block = self._opened(number, keyword, rest)
-        elif keyword in _SINGLE:
+        elif keyword in _SINGLE_LINES:
             self._single(keyword, rest)
         else:
             self._stranger(number, keyword, rest)
@@ -149,13 +153,13 @@ class _Splitter:
     def _comment(self, number: int, line: str) -> None:
         if self.block is None or "SST" not in line:
             return
-        found = _GROUP_AXIS.match(line)
-        if found:
-            self.block.statements.append((number, found[1], found[2] or ""))
+        match = _GROUP_AXIS.match(line)
+        if match:
+            self.block.statements.append((number, match[1], match[2] or ""))
 
     def _end(self, number: int) -> None:
         if self.block is None:
-            self.notes.error(number, "", "END closes no block", "Delete it, or restore the block's first line.")
+            self.findings.error(number, "", "END without a block", "Delete it, or restore the block's first line.")
         elif self.block.keyword in _BLOCKS:
             self.block.end = number
             self.blocks.append(self.block)
@@ -165,16 +169,16 @@ class _Splitter:
         """Report the block that another one, or the end of the file, interrupts."""
         if self.block is not None and self.block.keyword:
             message = f"{self.block.keyword} has no END"
-            remedy = "The file may be cut off: take a complete copy, or add the missing lines."
-            self.notes.error(self.block.line, self.block.name, message, remedy)
+            remedy = "The file may be truncated: use a complete copy, or add the missing lines."
+            self.findings.error(self.block.line, self.block.name, message, remedy)
         self.block = None
 
     def _opened(self, number: int, keyword: str, rest: str) -> DcmBlock:
-        if keyword in _LISTS:
+        if keyword in _LIST_KEYWORDS:
             return DcmBlock(keyword, "", number)
-        name, sizes = _header(keyword, rest)
+        name, sizes = _parse_header(keyword, rest)
         if sizes is None:
-            self.notes.error(number, name, f"{keyword} needs {_asked(keyword)}", "", f"{keyword} {rest}")
+            self.findings.error(number, name, f"{keyword} needs {_required_header(keyword)}", "", f"{keyword} {rest}")
         return DcmBlock(keyword, name, number, sizes)
 
     def _single(self, keyword: str, rest: str) -> None:
@@ -183,49 +187,49 @@ class _Splitter:
             self.version = rest.strip() or "2.0"
 
     def _stranger(self, number: int, keyword: str, rest: str) -> None:
-        """A keyword of no known version inside a block or between two; one near a known one is a slip."""
+        """Handle an unknown keyword; one similar to a known one is an error."""
         if self.block is not None:
             if keyword == "KRITERIUM" and self.block.keyword == "VARIANTENKODIERUNG":
-                self.criteria.update(words(rest)[:1])
-            if self.block.keyword not in ("", *_LISTS):
+                self.criteria.update(split_words(rest)[:1])
+            if self.block.keyword not in ("", *_LIST_KEYWORDS):
                 self.unknown.setdefault(keyword, (number, self.block.name, rest))
             return
-        if keyword in _INSIDE:
-            self.notes.error(number, "", f"{keyword} stands outside of any block", "", f"{keyword} {rest}")
+        if keyword in _BLOCK_KEYWORDS:
+            self.findings.error(number, "", f"{keyword} is outside any block", "", f"{keyword} {rest}")
             return
         guess = self._guess(keyword)
         if guess:
-            self.notes.error(number, rest.split(" ")[0], f"{keyword} is no keyword of DCM", guess)
+            self.findings.error(number, rest.split(" ")[0], f"unknown keyword {keyword}", guess)
         else:
             self.unknown.setdefault(keyword, (number, "", rest))
         self.block = DcmBlock("", "", number)
 
     def _guess(self, keyword: str) -> str:
         self.guessed += 1
-        return nearest(keyword[:60], _KEYWORDS) if self.guessed <= _MOST_GUESSES else ""
+        return nearest(keyword[:60], _KEYWORDS) if self.guessed <= _MAX_GUESSES else ""
 
     def note_unknown_keywords(self) -> None:
-        """One remark a keyword, at its first place."""
-        for keyword, (number, thing, _) in self.unknown.items():
-            self.notes.remark(number, thing, f"{keyword[:60]} is no known keyword; left aside")
+        """Warn about each unknown keyword once, at its first line."""
+        for keyword, (number, item, _) in self.unknown.items():
+            self.findings.warning(number, item, f"unknown keyword {keyword[:60]}; skipped")
 
 
-def _asked(keyword: str) -> str:
+def _required_header(keyword: str) -> str:
     if keyword == "FESTWERTEBLOCK":
         return "a name and its size, like 'Name 7' or 'Name 4 @ 2'"
-    return ("a name alone", "a name and one size", "a name and two sizes, x and y")[_NUMERIC[keyword]]
+    return ("only a name", "a name and one size", "a name and two sizes, x and y")[_SIZE_COUNTS[keyword]]
 
 
-def _header(keyword: str, rest: str) -> tuple[str, tuple[int, ...] | None]:
+def _parse_header(keyword: str, rest: str) -> tuple[str, tuple[int, ...] | None]:
     if keyword == "FESTWERTEBLOCK":
-        found = _BLOCK_HEADER.match(rest)
-        name, given = (found[1], [size for size in found.groups()[1:] if size]) if found else (rest.strip(), [])
+        match = _BLOCK_HEADER.match(rest)
+        name, given = (match[1], [size for size in match.groups()[1:] if size]) if match else (rest.strip(), [])
     else:
         parts = rest.split()
-        count = max(len(parts) - _NUMERIC[keyword], 1)
+        count = max(len(parts) - _SIZE_COUNTS[keyword], 1)
         # Only group axes are known to have names with blanks.
         count = count if keyword == "STUETZSTELLENVERTEILUNG" else min(count, 1)
         name, given = " ".join(parts[:count]), parts[count:]
-    wanted = (1, 2) if keyword == "FESTWERTEBLOCK" else (_NUMERIC[keyword],)
+    wanted = (1, 2) if keyword == "FESTWERTEBLOCK" else (_SIZE_COUNTS[keyword],)
     usable = name and len(given) in wanted and all(_SIZE.fullmatch(size) for size in given)
     return name, tuple(int(size) for size in given) if usable else None

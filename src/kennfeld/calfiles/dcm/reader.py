@@ -1,4 +1,4 @@
-"""DCM blocks as parameters: numbers, axes, units, group axes; every block is checked before anything is built."""
+"""Converts DCM blocks to parameters: numbers, axes, units and group axes."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -10,35 +10,34 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.dcm.lines import DcmBlock as Lines
-from kennfeld.calfiles.dcm.lines import DcmLines, split, unquoted
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
-from kennfeld.calfiles.verbal_values import of_one_kind
+from kennfeld.calfiles.dcm.lines import DcmLines, split_blocks, unquote
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set
+from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 __all__ = ["Dcm", "Key", "VariantValue", "variant_values"]
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
-_LONGEST = 4096  # characters of a line with the values of variants; the search takes the square of them
+_MAX_VARIANT_LINE = 4096  # characters of a line with the values of variants; the search takes the square of them
 _VARIANT = re.compile(r'([^,="]+)(?:=\s*("(?:[^"\\]|\\.)*"|[^,]*))?\s*(?:,|$)')
 
 Key = tuple[str, str]  # name and variant
-Thing = Parameter | Text
+Item = Parameter | Text
 
 
 @dataclass(frozen=True)
 class PendingTable:
-    """A checked block whose group axes are not tied yet."""
+    """A checked block whose group axes are not resolved yet."""
 
     lines: Lines
-    thing: Thing
+    item: Item
     groups: tuple[str, ...] = ()  # the group axis each axis refers to
 
 
 @dataclass(frozen=True)
 class _Numbers:
-    """All numbers behind one keyword of a block."""
+    """All numbers after one keyword of a block."""
 
     values: Float
     line: int  # where they begin
@@ -47,9 +46,9 @@ class _Numbers:
 
 @dataclass
 class DcmContent:
-    """What the blocks hold."""
+    """The parameters, texts and group axes of the blocks."""
 
-    things: dict[Key, PendingTable] = field(default_factory=dict)
+    items: dict[Key, PendingTable] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
     axis_lines: dict[str, Lines] = field(default_factory=dict)
     keys: dict[int, Key] = field(default_factory=dict)  # of the block that begins in a line
@@ -57,7 +56,7 @@ class DcmContent:
 
 @dataclass(frozen=True, eq=False)
 class Dcm:
-    """A DCM file as it was read: its characters, its blocks, and what each of them holds.
+    """A DCM file as read: its text, its blocks and their content.
 
     `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none.
     """
@@ -65,21 +64,21 @@ class Dcm:
     source: CalibrationSource
     blocks: tuple[Lines, ...]
     keys: Mapping[int, Key]
-    things: Mapping[Key, Thing]
+    items: Mapping[Key, Item]
     axes: Mapping[str, Axis]
     criteria: frozenset[str]
 
 
 def read_dcm(source: CalibrationSource) -> ReadResult:
-    """The parameters of a DCM file, version 1.x or 2.x.
+    """Return the parameters of a DCM file, version 1.x or 2.x.
 
     Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j. Of a label with
-    several variants the first one counts. Raises `InputError` with every finding; text axes and text tables are left
+    several variants the first one counts. Raises `InputError` with all findings; text axes and text tables are left
     aside with a remark, and stay in the file when it is written again.
     """
-    notes = Findings(source.name)
-    lines = split(source.text, notes)
-    reader = _DcmReader(notes, lines)
+    findings = Findings(source.name)
+    lines = split_blocks(source.text, findings)
+    reader = _DcmReader(findings, lines)
     blocks = [block for block in lines.blocks if block.sizes is not None]
     for block in blocks:
         if block.keyword == "STUETZSTELLENVERTEILUNG":
@@ -87,29 +86,18 @@ def read_dcm(source: CalibrationSource) -> ReadResult:
     for block in blocks:
         if block.keyword != "STUETZSTELLENVERTEILUNG":
             reader.take(block)
-    things, axes = reader.tied(), reader.found.axes
-    remarks = notes.settle()
-    first = {name: (name, variant) for name, variant in reversed(things)}
-    chosen = [thing for key, thing in things.items() if first[key[0]] == key]
-    return ReadResult(
-        f"DCM {lines.version}",
-        ParameterSet(
-            [thing for thing in chosen if isinstance(thing, Parameter)],
-            [thing for thing in chosen if isinstance(thing, Text)],
-            axes.values(),
-            [thing for key, thing in things.items() if first[key[0]] != key],
-            Dcm(source, tuple(lines.blocks), reader.found.keys, things, axes, lines.criteria),
-        ),
-        remarks,
-    )
+    items, axes = reader.tied(), reader.found.axes
+    remarks = findings.finish()
+    origin = Dcm(source, tuple(lines.blocks), reader.found.keys, items, axes, lines.criteria)
+    return ReadResult(f"DCM {lines.version}", build_set(items, axes.values(), origin), remarks)
 
 
 def variant_of(block: Lines, criteria: frozenset[str] = frozenset()) -> str:
-    """The variant for which a block holds: `Engine=2,Gear=1`; empty where it names none."""
-    return "" if variant_values(block, criteria) else _criteria(block.rest_of("VAR"))
+    """Return the variant for which a block holds: `Engine=2,Gear=1`; empty if it names none."""
+    return "" if variant_values(block, criteria) else _normalise_criteria(block.rest_of("VAR"))
 
 
-def _criteria(rest: str) -> str:
+def _normalise_criteria(rest: str) -> str:
     return ",".join("=".join(side.strip() for side in part.split("=")) for part in rest.split(","))
 
 
@@ -124,7 +112,7 @@ class VariantValue:
 
 
 def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]:
-    """The values of other variants in a block of one value.
+    """Return the values of other variants in a block of one value.
 
     Such a line states a criterion instead where the variant coding of the file declares it.
     """
@@ -133,10 +121,10 @@ def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]
         return []
     first = next(at for at, key in enumerate(keys) if key in ("WERT", "TEXT"))
     values = [
-        VariantValue(found[1].strip(), (found[2] or "").strip(), line, found.start(2))
+        VariantValue(match[1].strip(), (match[2] or "").strip(), line, match.start(2))
         for line, key, rest in block.statements[first:]
-        if key == "VAR" and len(rest) < _LONGEST
-        for found in _VARIANT.finditer(rest)
+        if key == "VAR" and len(rest) < _MAX_VARIANT_LINE
+        for match in _VARIANT.finditer(rest)
     ]
     quoted = keys[first] == "TEXT"
     fits = (one.value.startswith('"') if quoted else _is_number(one.value) for one in values)
@@ -144,15 +132,14 @@ def variant_values(block: Lines, criteria: frozenset[str]) -> list[VariantValue]
 
 
 class _DcmReader:
-    def __init__(self, notes: Findings, lines: DcmLines) -> None:
-        self.notes = notes
+    def __init__(self, findings: Findings, lines: DcmLines) -> None:
+        self.findings = findings
         self.version = lines.version
         self.criteria = lines.criteria
         self.found = DcmContent()
         self.first: dict[str, PendingTable] = {}  # of each label
 
     def take_axis(self, block: Lines) -> None:
-        """Keep a group axis."""
         points = self._axis_points(block, 0)
         if points is None:
             return
@@ -164,48 +151,46 @@ class _DcmReader:
         elif variant_of(block) == variant_of(first):
             self._twice(block, first.line, "with other breakpoints")
         else:
-            message = f"is the axis of line {first.line} in another variant ({variant_of(block)}); left aside"
-            self.notes.remark(block.line, block.name, message)
+            message = f"is the axis of line {first.line} in another variant ({variant_of(block)}); skipped"
+            self.findings.warning(block.line, block.name, message)
 
     def take(self, block: Lines) -> None:
-        """Check a block and keep what it holds."""
+        """Check a block and add its content."""
         keys = [key for _, key, _ in block.statements]
         if block.keyword in ("FESTWERT", "TEXTSTRING") and block.rest_of("TEXT"):
             kind: TextKind = "text" if block.keyword == "TEXTSTRING" else "enumeration"
-            text, unit = unquoted(block.rest_of("TEXT")), block.text_of("EINHEIT_W")
+            text, unit = unquote(block.rest_of("TEXT")), block.text_of("EINHEIT_W")
             self._take(block, Text(block.name, text, kind=kind, unit=unit, **self._labels(block)))
             return
         texts = [key for key in keys if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         if texts:
-            message = f"{block.keyword} holds text ({texts[0]}), which is no number to calibrate; left aside"
-            self.notes.remark(block.line, block.name, message)
+            message = f"{block.keyword} contains text ({texts[0]}) and cannot be calibrated; skipped"
+            self.findings.warning(block.line, block.name, message)
             return
         table = self._table(block)
         if table is not None:
-            self._take(block, table, _groups(block))
+            self._take(block, table, _group_axes(block))
 
-    def _take(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
-        self._hold(block, thing, groups)
+    def _take(self, block: Lines, item: Item, groups: tuple[str, ...] = ()) -> None:
+        self._hold(block, item, groups)
         for one in variant_values(block, self.criteria):
-            if isinstance(thing, Text):
-                self._hold(block, replace(thing, text=unquoted(one.value), variant=one.variant))
+            if isinstance(item, Text):
+                self._hold(block, replace(item, text=unquote(one.value), variant=one.variant))
             else:
-                self._hold(block, thing.changed(values=np.array(float(one.value)), variant=one.variant))
+                self._hold(block, item.changed(values=np.array(float(one.value)), variant=one.variant))
 
-    def _hold(self, block: Lines, thing: Thing, groups: tuple[str, ...] = ()) -> None:
-        """One label may occur once a variant."""
-        key = (thing.name, thing.variant)
-        held = PendingTable(block, thing, groups)
-        first = self.first.setdefault(thing.name, held)
-        if isinstance(thing, Text) != isinstance(first.thing, Text):
-            self._twice(block, first.lines.line, "as a text" if isinstance(thing, Text) else "as a number")
+    def _hold(self, block: Lines, item: Item, groups: tuple[str, ...] = ()) -> None:
+        """Add an item; a label may occur once per variant."""
+        key = (item.name, item.variant)
+        held = PendingTable(block, item, groups)
+        first = self.first.setdefault(item.name, held)
+        if isinstance(item, Text) != isinstance(first.item, Text):
+            self._twice(block, first.lines.line, "as a text" if isinstance(item, Text) else "as a number")
             return
-        known = self.found.things.setdefault(key, held)
+        known = self.found.items.setdefault(key, held)
         self.found.keys.setdefault(block.line, key)
-        if not _same(known.thing, thing):
-            self._twice(
-                block, known.lines.line, "with another text" if isinstance(thing, Text) else "with other values"
-            )
+        if not _same_content(known.item, item):
+            self._twice(block, known.lines.line, "with another text" if isinstance(item, Text) else "with other values")
 
     def _labels(self, block: Lines) -> dict[str, Any]:
         return {
@@ -216,8 +201,8 @@ class _DcmReader:
         }
 
     def _twice(self, block: Lines, line: int, difference: str) -> None:
-        message = f"{block.name} is defined a second time, {difference}, after line {line}"
-        self.notes.error(block.line, block.name, message, "Keep one of the two.")
+        message = f"{block.name} is already defined in line {line}, {difference}"
+        self.findings.error(block.line, block.name, message, "Keep one of the two.")
 
     def _table(self, block: Lines) -> Parameter | None:
         assert block.sizes is not None
@@ -244,22 +229,22 @@ class _DcmReader:
         found = self._numbers(block, keyword)
         if found is None:
             return None
-        wrong = _wrong_axis(letter, found.values, block.sizes[direction])
+        wrong = _axis_fault(letter, found.values, block.sizes[direction])
         if wrong:
-            self.notes.error(found.line, block.name, *wrong)
+            self.findings.error(found.line, block.name, *wrong)
         return None if wrong else found.values
 
     def _points_elsewhere(self, block: Lines, direction: int, group: Axis | None) -> Float | None:
-        """DCM 1.x writes group and fixed tables without breakpoints; a distribution may hold them."""
+        """Return breakpoints of a table without any: DCM 1.x stores them in a distribution, if at all."""
         assert block.sizes is not None
         if group is not None and len(group) == block.sizes[direction]:
             return group.breakpoints
         letter, keyword = _AXES[direction][:2]
         if self.version.startswith("1") and block.keyword.startswith(("FEST", "GRUPPEN")):
-            message = f"{block.keyword} of DCM 1.x has no {letter} breakpoints in the file; left aside"
-            self.notes.remark(block.line, block.name, message, "Export it as DCM 2.0.")
+            message = f"{block.keyword} of DCM 1.x has no {letter} breakpoints in the file; skipped"
+            self.findings.warning(block.line, block.name, message, "Export it as DCM 2.0.")
         else:
-            self.notes.error(block.line, block.name, f"has no {letter} breakpoints", f"Add a line {keyword}.")
+            self.findings.error(block.line, block.name, f"has no {letter} breakpoints", f"Add a line {keyword}.")
         return None
 
     def _values(self, block: Lines, sizes: tuple[int, ...]) -> Float | None:
@@ -269,12 +254,14 @@ class _DcmReader:
         count, wanted = len(found.values), prod(sizes)
         if count != wanted:
             asked = f"{' x '.join(map(str, sizes))} = {wanted}" if len(sizes) > 1 else str(wanted)
-            self.notes.error(block.line, block.name, f"has {count_noun(count, 'value')}, its header asks for {asked}")
+            self.findings.error(
+                block.line, block.name, f"has {count_noun(count, 'value')}, but its header states {asked}"
+            )
             return None
         return found.values.reshape(sizes[::-1]).T
 
     def _rows_complete(self, block: Lines, found: _Numbers) -> bool:
-        """Whether each ST/Y of a map is followed by one row; a table of the right size may still be shifted."""
+        """Check whether each ST/Y of a map is followed by one full row."""
         if block.sizes is None or len(block.sizes) < 2 or len(found.rows) != block.sizes[1]:
             return True
         ends = [start for _, _, start in found.rows[1:]] + [len(found.values)]
@@ -282,13 +269,13 @@ class _DcmReader:
         for (line, rest, start), end in zip(found.rows, ends, strict=True):
             if end - start != block.sizes[0]:
                 count = count_noun(end - start, "value")
-                message = f"the row at y = {rest.strip()} has {count}, the header asks for {block.sizes[0]}"
-                self.notes.error(line, block.name, message)
+                message = f"the row at y = {rest.strip()} has {count}, but the header states {block.sizes[0]}"
+                self.findings.error(line, block.name, message)
                 complete = False
         return complete
 
     def _numbers(self, block: Lines, keyword: str) -> _Numbers | None:
-        """All numbers behind a keyword; None where one of them is none."""
+        """Return all numbers after a keyword; None if one of them is invalid."""
         words: list[str] = []
         rows: list[tuple[int, str, int]] = []
         waiting: list[str] = []  # lines that are split together, since a split for each would take twice as long
@@ -317,22 +304,22 @@ class _DcmReader:
             for word in rest.split() if key == keyword else ():
                 if not _is_number(word):
                     remedy = "Write a decimal point." if _is_number(word.replace(",", ".", 1)) else ""
-                    self.notes.error(line, block.name, f"{word[:60]!r} is no finite number", remedy, rest)
+                    self.findings.error(line, block.name, f"must be a finite number, got {word[:60]!r}", remedy, rest)
 
     def _axis_named(self, reference: str) -> Axis | None:
-        r"""ASCET refers to the axis `distrib` of a module as `distrib\Module`."""
+        r"""Return a group axis; ASCET refers to the axis `distrib` of a module as `distrib\Module`."""
         axes = self.found.axes
         return axes.get(reference) or axes.get(reference.partition("\\")[0])
 
-    def tied(self) -> dict[Key, Thing]:
-        """What was read, the tables with their group axes named, the words of a label of one kind."""
-        return of_one_kind({key: self._tied(held) for key, held in self.found.things.items()})
+    def tied(self) -> dict[Key, Item]:
+        """Return all items, tables with their group axes named, the texts of a label of one kind."""
+        return unify_text_kinds({key: self._tied(held) for key, held in self.found.items.items()})
 
-    def _tied(self, held: PendingTable) -> Thing:
-        if isinstance(held.thing, Text) or not any(held.groups):
-            return held.thing
-        pairs = zip(held.thing.axes, held.groups, strict=True)
-        return held.thing.changed(axes=tuple(self._tie(held.lines, axis, group) for axis, group in pairs))
+    def _tied(self, held: PendingTable) -> Item:
+        if isinstance(held.item, Text) or not any(held.groups):
+            return held.item
+        pairs = zip(held.item.axes, held.groups, strict=True)
+        return held.item.changed(axes=tuple(self._tie(held.lines, axis, group) for axis, group in pairs))
 
     def _tie(self, block: Lines, axis: Axis, reference: str) -> Axis:
         if not reference:
@@ -341,36 +328,36 @@ class _DcmReader:
         if group is None:
             group = self.found.axes[reference] = Axis(axis.breakpoints, unit=axis.unit, name=reference)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
-            message = f"has other breakpoints than the group axis {group.name}; they are kept as an axis of its own"
-            self.notes.remark(block.line, block.name, message)
+            message = f"has other breakpoints than the group axis {group.name}; kept as an axis of its own"
+            self.findings.warning(block.line, block.name, message)
             return axis
         return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name)
 
 
-def _groups(block: Lines) -> tuple[str, ...]:
-    """The group axes a block refers to; other kinds own their axes, whatever a comment says."""
+def _group_axes(block: Lines) -> tuple[str, ...]:
+    """Return the group axes of a block; other kinds own their axes, whatever a comment states."""
     assert block.sizes is not None
     if not block.keyword.startswith("GRUPPEN"):
         return ()
     return tuple(block.rest_of(_AXES[direction][3]) for direction in range(len(block.sizes)))
 
 
-def _wrong_axis(letter: str, points: Float, size: int) -> tuple[str, str] | None:
-    """What is wrong with the breakpoints of an axis, and the mend."""
+def _axis_fault(letter: str, points: Float, size: int) -> tuple[str, str] | None:
+    """Return what is wrong with breakpoints and the remedy, or None."""
     if len(points) != size:
-        return f"has {count_noun(len(points), f'{letter} breakpoint')}, its header asks for {size}", ""
+        return f"has {count_noun(len(points), f'{letter} breakpoint')}, but its header states {size}", ""
     falling = np.flatnonzero(points[1:] <= points[:-1])
     if not falling.size:
         return None
     at = int(falling[0])
     message = (
-        f"the {letter} axis does not increase: breakpoint {at + 2} ({points[at + 1]:g}) "
+        f"the {letter} axis is not strictly increasing: breakpoint {at + 2} ({points[at + 1]:g}) "
         f"does not exceed breakpoint {at + 1} ({points[at]:g})"
     )
-    return message, "Each breakpoint must be larger than the one before."
+    return message, "Each breakpoint must be greater than the previous one."
 
 
-def _same(first: Thing, second: Thing) -> bool:
+def _same_content(first: Item, second: Item) -> bool:
     if isinstance(first, Text) or isinstance(second, Text):
         return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
     if first.kind != second.kind or not np.array_equal(first.values, second.values):
@@ -380,7 +367,7 @@ def _same(first: Thing, second: Thing) -> bool:
 
 
 def _strict_float(word: str) -> float:
-    """Python would read 1_000 as a thousand."""
+    """Convert a word to a number, but not 1_000, which Python accepts."""
     if "_" in word:
         raise ValueError(word)
     return float(word)

@@ -1,4 +1,4 @@
-"""Parameters as new DCM 2.0 text, laid out as INCA does; numbers in their shortest form that reads back exactly."""
+"""Writes DCM 2.0 as INCA lays it out; numbers in the shortest form that reads back exactly."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,7 @@ from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text
 
-__all__ = ["axis_block", "in_the_block_of", "quoted", "refuse", "thing_block", "whole_text"]
+__all__ = ["axis_block", "check_storable", "item_block", "quote", "shares_block", "whole_text"]
 
 _HEADER = """* encoding="UTF-8"
 * DAMOS format
@@ -19,42 +19,42 @@ _HEADER = """* encoding="UTF-8"
 
 KONSERVIERUNG_FORMAT 2.0
 """
-_A_LINE = 6  # numbers a line, as INCA writes them
+_NUMBERS_PER_LINE = 6  # numbers a line, as INCA writes them
 _NAME = re.compile(r'[^\s"*!.][^\s"]*')
 _KEYWORDS = {"scalar": "FESTWERT", "block": "FESTWERTEBLOCK", "curve": "KENNLINIE", "map": "KENNFELD"}
 _LETTERS = ("X", "Y")
 
 
 def whole_text(parameters: ParameterSet) -> str:
-    """The text of a DCM 2.0 file.
+    """Return the text of a DCM 2.0 file.
 
     A table with a group axis becomes a GRUPPENKENNLINIE or GRUPPENKENNFELD, and each group axis is written once.
-    Bounds, locks, axis inputs and extrapolation have no place in DCM.
+    Bounds, locks, axis inputs and extrapolation cannot be stored in DCM.
     """
     further: dict[str, list[Parameter | Text]] = {}
-    for thing in parameters.others:
-        further.setdefault(thing.name, []).append(thing)
+    for item in parameters.others:
+        further.setdefault(item.name, []).append(item)
     blocks = []
-    for thing in parameters.chosen:
-        others = further.get(thing.name, [])
-        blocks.append(thing_block(thing, [other for other in others if in_the_block_of(thing, other)]))
-        blocks += [thing_block(other) for other in others if not in_the_block_of(thing, other)]
+    for item in parameters.chosen:
+        others = further.get(item.name, [])
+        blocks.append(item_block(item, [other for other in others if shares_block(item, other)]))
+        blocks += [item_block(other) for other in others if not shares_block(item, other)]
     # An axis whose name has blanks cannot head a block; its tables carry it.
     blocks += [axis_block(axis) for axis in parameters.axes if _NAME.fullmatch(axis.name)]
     return "\n".join([_HEADER, *_lists(parameters), *blocks])
 
 
-def in_the_block_of(thing: Parameter | Text, other: Parameter | Text) -> bool:
-    """Whether another variant is a line in the block of a single value, as `VAR VariantA=27.5`."""
-    single = isinstance(thing, Text) or thing.kind == "scalar"
-    return single and not thing.variant and bool(other.variant) and "=" not in other.variant
+def shares_block(item: Parameter | Text, other: Parameter | Text) -> bool:
+    """Check whether another variant is a line in the block of a single value, as `VAR VariantA=27.5`."""
+    single = isinstance(item, Text) or item.kind == "scalar"
+    return single and not item.variant and bool(other.variant) and "=" not in other.variant
 
 
 def _lists(parameters: ParameterSet) -> Iterator[str]:
-    """The functions and the criteria of variants that blocks name."""
-    functions = dict.fromkeys(name for thing in parameters.everything.values() for name in thing.functions)
+    """Return the functions and the criteria of variants that blocks name."""
+    functions = dict.fromkeys(name for item in parameters.everything.values() for name in item.functions)
     if functions:
-        yield "\n".join(["FUNKTIONEN", *(f'   FKT {_word(name)} "" ""' for name in functions), "END", ""])
+        yield "\n".join(["FUNKTIONEN", *(f'   FKT {_quote_if_needed(name)} "" ""' for name in functions), "END", ""])
     values: dict[str, dict[str, None]] = {}
     for variant in parameters.variants:
         for criterion, equals, value in (part.partition("=") for part in variant.split(",")):
@@ -65,68 +65,68 @@ def _lists(parameters: ParameterSet) -> Iterator[str]:
         yield "\n".join(["VARIANTENKODIERUNG", *lines, "END", ""])
 
 
-def _word(name: str) -> str:
-    return name if _NAME.fullmatch(name) else quoted(name)
+def _quote_if_needed(name: str) -> str:
+    return name if _NAME.fullmatch(name) else quote(name)
 
 
-def refuse(parameters: ParameterSet, file: str) -> None:
-    """Raise `InputError` naming every parameter that DCM cannot hold: cubes, values that are not finite."""
-    notes = Findings(file)
+def check_storable(parameters: ParameterSet, file: str) -> None:
+    """Raise `InputError` naming every parameter that DCM cannot store, such as cubes and non-finite values."""
+    findings = Findings(file)
     used = {axis.name for member in parameters.parameters for axis in member.axes}
-    for name in _repeated([*parameters, *(text.name for text in parameters.texts)]):
-        notes.error(0, name, "is given twice", "Rename one of the two.")
-    for thing in (*parameters.chosen, *parameters.others):
-        for message, remedy in _faults(thing):
-            notes.error(0, thing.name, message, remedy)
+    for name in _repeated_names([*parameters, *(text.name for text in parameters.texts)]):
+        findings.error(0, name, "is defined twice", "Rename one of the two.")
+    for item in (*parameters.chosen, *parameters.others):
+        for message, remedy in _item_faults(item):
+            findings.error(0, item.name, message, remedy)
     for axis in parameters.axes:
         for message, remedy in _axis_faults(axis, used):
-            notes.error(0, axis.name, message, remedy)
-    notes.settle()
+            findings.error(0, axis.name, message, remedy)
+    findings.finish()
 
 
-def _repeated(names: list[str]) -> list[str]:
+def _repeated_names(names: list[str]) -> list[str]:
     return sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
 
 
-def _faults(thing: Parameter | Text) -> Iterator[tuple[str, str]]:
-    yield from _name_faults(thing.name)
-    if any(map(holds_control_characters, (thing.variant, *thing.functions))) or '"' in "".join(thing.functions):
-        yield "DCM cannot hold line breaks in a variant, or quotes in a function", "Rename it."
-    if isinstance(thing, Text):
-        if holds_control_characters(thing.text):
-            yield "DCM cannot hold a text with line breaks or control characters", "Write it as .json."
-    elif thing.kind == "rbf":
-        yield "DCM cannot hold an expansion in radial basis functions", "Write it as .json."
-    elif thing.kind not in _KEYWORDS or thing.values.ndim > 2:
-        yield f"DCM cannot hold a {thing.kind} of {thing.values.ndim} dimensions", "Write it as .json."
-    elif thing.size == 0:
-        yield "DCM cannot hold a block without values", "Write it as .json."
-    elif not np.isfinite(thing.values).all():
-        yield "DCM cannot hold values that are not finite", "Give it values, or write it as .json."
+def _item_faults(item: Parameter | Text) -> Iterator[tuple[str, str]]:
+    yield from _name_faults(item.name)
+    if any(map(holds_control_characters, (item.variant, *item.functions))) or '"' in "".join(item.functions):
+        yield "DCM cannot store line breaks in a variant, or quotes in a function", "Rename it."
+    if isinstance(item, Text):
+        if holds_control_characters(item.text):
+            yield "DCM cannot store a text with line breaks or control characters", "Write it as .json."
+    elif item.kind == "rbf":
+        yield "DCM cannot store a radial basis function expansion", "Write it as .json."
+    elif item.kind not in _KEYWORDS or item.values.ndim > 2:
+        yield f"DCM cannot store a {item.kind} of {item.values.ndim} dimensions", "Write it as .json."
+    elif item.size == 0:
+        yield "DCM cannot store an empty block", "Write it as .json."
+    elif not np.isfinite(item.values).all():
+        yield "DCM cannot store non-finite values", "Set finite values, or write it as .json."
 
 
 def _name_faults(name: str) -> Iterator[tuple[str, str]]:
     if not _NAME.fullmatch(name) or holds_control_characters(name):
-        yield f"{name!r} cannot be a name in DCM: it must be one word without quotes", "Rename it."
+        yield f"{name!r} is not a valid DCM name: it must be one word without quotes", "Rename it."
 
 
 def _axis_faults(axis: Axis, used: set[str]) -> Iterator[tuple[str, str]]:
     if axis.name not in used:
         yield from _name_faults(axis.name)
     elif axis.name != axis.name.strip() or holds_control_characters(axis.name):
-        yield f"{axis.name!r} cannot be the name of a group axis in DCM: blanks around it are lost", "Rename it."
+        yield f"{axis.name!r} is not a valid name of a DCM group axis: surrounding blanks are lost", "Rename it."
 
 
-def thing_block(thing: Parameter | Text, variants: Iterable[Parameter | Text] = ()) -> str:
-    """The block of a parameter or text, ending in a line feed; `variants` are further values of a single one."""
-    body = _text_body(thing) if isinstance(thing, Text) else _parameter_body(thing)
+def item_block(item: Parameter | Text, variants: Iterable[Parameter | Text] = ()) -> str:
+    """Return the block of a parameter or text, ending in a line feed; `variants` are further values of a single one."""
+    body = _text_body(item) if isinstance(item, Text) else _parameter_body(item)
     values = [f"   {variant_line(other)}" for other in variants]
     return "\n".join([*body, *values, "END", ""])
 
 
 def variant_line(other: Parameter | Text) -> str:
-    """The value of another variant: `VAR VariantA=27.5`."""
-    value = quoted(other.text) if isinstance(other, Text) else repr(float(other.values))
+    """Return the value of another variant: `VAR VariantA=27.5`."""
+    value = quote(other.text) if isinstance(other, Text) else repr(float(other.values))
     return f"VAR {other.variant}={value}"
 
 
@@ -135,20 +135,20 @@ def _parameter_body(member: Parameter) -> Iterator[str]:
     sizes = " @ ".join(map(str, member.values.shape)) if isinstance(member, Block) else _sizes(member.axes)
     yield f"{group}{_KEYWORDS[member.kind]} {member.name} {sizes}".rstrip()
     yield from _labels(member)
-    yield from (f"   EINHEIT_{letter} {quoted(axis.unit)}" for letter, axis in _directions(member))
-    yield f"   EINHEIT_W {quoted(member.unit)}"
-    yield from (f"*SST{letter}\t{axis.name}" for letter, axis in _directions(member) if axis.name)
+    yield from (f"   EINHEIT_{letter} {quote(axis.unit)}" for letter, axis in _lettered_axes(member))
+    yield f"   EINHEIT_W {quote(member.unit)}"
+    yield from (f"*SST{letter}\t{axis.name}" for letter, axis in _lettered_axes(member) if axis.name)
     yield from _numbers_of(member)
 
 
-def _labels(thing: Parameter | Text) -> Iterator[str]:
-    yield f"   LANGNAME {quoted(thing.description)}"
-    if thing.functions:
-        yield f"   FUNKTION {' '.join(map(_word, thing.functions))}"
-    if thing.display_name:
-        yield f"   DISPLAYNAME {_word(thing.display_name)}"
-    if thing.variant:
-        yield f"   VAR {thing.variant}"
+def _labels(item: Parameter | Text) -> Iterator[str]:
+    yield f"   LANGNAME {quote(item.description)}"
+    if item.functions:
+        yield f"   FUNKTION {' '.join(map(_quote_if_needed, item.functions))}"
+    if item.display_name:
+        yield f"   DISPLAYNAME {_quote_if_needed(item.display_name)}"
+    if item.variant:
+        yield f"   VAR {item.variant}"
 
 
 def _numbers_of(member: Parameter) -> Iterator[str]:
@@ -166,26 +166,26 @@ def _numbers_of(member: Parameter) -> Iterator[str]:
 
 def _numbers(keyword: str, values: Float) -> Iterator[str]:
     words = [repr(value) for value in values.tolist()]
-    for start in range(0, len(words), _A_LINE):
-        yield f"   {keyword}   {'   '.join(words[start : start + _A_LINE])}"
+    for start in range(0, len(words), _NUMBERS_PER_LINE):
+        yield f"   {keyword}   {'   '.join(words[start : start + _NUMBERS_PER_LINE])}"
 
 
 def _text_body(text: Text) -> Iterator[str]:
     yield f"{'TEXTSTRING' if text.kind == 'text' else 'FESTWERT'} {text.name}"
     yield from _labels(text)
     if text.unit or text.kind != "text":
-        yield f"   EINHEIT_W {quoted(text.unit)}"
-    yield f"   TEXT {quoted(text.text)}"
+        yield f"   EINHEIT_W {quote(text.unit)}"
+    yield f"   TEXT {quote(text.text)}"
 
 
 def axis_block(axis: Axis) -> str:
-    """The block of a group axis, ending in a line feed."""
+    """Return the block of a group axis, ending in a line feed."""
     lines = [f"STUETZSTELLENVERTEILUNG {axis.name} {len(axis)}", "*SST", '   LANGNAME ""']
-    lines += [f"   EINHEIT_X {quoted(axis.unit)}", *_numbers("ST/X", axis.breakpoints)]
+    lines += [f"   EINHEIT_X {quote(axis.unit)}", *_numbers("ST/X", axis.breakpoints)]
     return "\n".join([*lines, "END", ""])
 
 
-def _directions(member: Parameter) -> Iterable[tuple[str, Axis]]:
+def _lettered_axes(member: Parameter) -> Iterable[tuple[str, Axis]]:
     return zip(_LETTERS, member.axes, strict=False)
 
 
@@ -193,7 +193,7 @@ def _sizes(axes: tuple[Axis, ...]) -> str:
     return " ".join(str(len(axis)) for axis in axes)
 
 
-def quoted(text: str) -> str:
-    """A text between quotes, on one line."""
+def quote(text: str) -> str:
+    """Return a text between quotes, on one line."""
     escaped = one_line(text).replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'

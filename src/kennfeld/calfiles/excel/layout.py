@@ -1,15 +1,13 @@
-"""The sheets of a calibration workbook, and how it is told from a workbook of measured data.
+"""The layout of a calibration workbook, shared by its reader and writer.
 
-The layout of a calibration workbook, which its writer and its reader share.
+    Parameters   the index: one row per parameter, with the sheet of its values
+    Scalars      one row per single value
+    Texts        one row per text
+    Axes         one row per group axis, where it is edited; tables refer to it by formulas
+    MapX         one sheet per table: its axes, then the numbers
 
-    Parameters   the index: a row for each parameter, with the sheet that holds its values
-    Scalars      a row for each single value
-    Texts        a row for each text
-    Axes         a row for each group axis, where it is edited; tables hold formulas that follow it
-    MapX         a sheet for each table: its axes, then the numbers
-
-A table has x to the right and y down; the cell left above the numbers says so (`y down / x right`). Higher directions
-are tables below each other, each with its breakpoints in a row `z | 0.5` before it.
+A table has x to the right and y down; the cell above and left of the numbers says so (`y down / x right`). Higher
+dimensions are tables below each other, each with its breakpoints in a row `z | 0.5` above it.
 """
 
 import re
@@ -44,7 +42,7 @@ __all__ = [
     "index_heading",
     "is_calibration_workbook",
     "number_fault",
-    "opened",
+    "open_source",
     "sheet_names",
     "sheet_of",
 ]
@@ -60,16 +58,16 @@ CORNERS = ("x right", "y down / x right")  # of one direction, of two and more
 TEXT_KINDS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 KINDS = ("scalar", "block", "curve", "map", "cube", *TEXT_KINDS)
 LETTERS = "xyzw"
-_LONGEST_NAME = 31  # characters, a limit of Excel
-_UNFIT = re.compile(r"[\[\]:*?/\\\x00-\x1f]")
+_MAX_NAME_LENGTH = 31  # characters, a limit of Excel
+_INVALID_IN_NAME = re.compile(r"[\[\]:*?/\\\x00-\x1f]")
 
 _ZIP = b"PK\x03\x04"
-_LIST = 10_000_000  # bytes; no list of sheets is longer
+_MAX_SHEET_LIST = 10_000_000  # bytes; no list of sheets is longer
 _SHEET_NAME = re.compile(rb'<(?:\w+:)?sheet\s[^>]*?name="([^"]*)"')
 
 
 def sheet_names(names: Iterable[str]) -> list[str]:
-    """A name that Excel accepts for each sheet, different from the others without regard to case.
+    """Return a name that Excel accepts for each sheet, different from the others without regard to case.
 
     >>> sheet_names(["MapX", "mapx", "a[0]", "Axes"])
     ['MapX', 'mapx (2)', 'a(0)', 'Axes (2)']
@@ -77,14 +75,14 @@ def sheet_names(names: Iterable[str]) -> list[str]:
     taken = {name.casefold() for name in (INDEX, SCALARS, TEXTS, AXES, "History")}
     found = []
     for name in names:
-        wanted = _UNFIT.sub("_", name.replace("[", "(").replace("]", ")")).strip("' ") or "_"
-        made, count = wanted[:_LONGEST_NAME].rstrip("' "), 1
-        while made.casefold() in taken or not made:
+        wanted = _INVALID_IN_NAME.sub("_", name.replace("[", "(").replace("]", ")")).strip("' ") or "_"
+        result, count = wanted[:_MAX_NAME_LENGTH].rstrip("' "), 1
+        while result.casefold() in taken or not result:
             count += 1
             ending = f" ({count})"
-            made = wanted[: _LONGEST_NAME - len(ending)] + ending
-        taken.add(made.casefold())
-        found.append(made)
+            result = wanted[: _MAX_NAME_LENGTH - len(ending)] + ending
+        taken.add(result.casefold())
+        found.append(result)
     return found
 
 
@@ -96,23 +94,23 @@ class Sheet:
     rows: list[list[object]]
 
     def cell(self, row: int, column: int) -> object:
-        """What a cell holds; None where it is empty, or beyond the last one."""
+        """Return the value of a cell; None if it is empty or beyond the last one."""
         if row >= len(self.rows) or column >= len(self.rows[row]):
             return None
         value = self.rows[row][column]
         return None if value == "" else value
 
     def text(self, row: int, column: int) -> str:
-        """What a cell shows, as text."""
+        """Return the value of a cell as text."""
         value = self.cell(row, column)
         return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
 
     def width(self, row: int) -> int:
-        """How many columns a row has at most."""
+        """Return the number of columns of a row."""
         return len(self.rows[row]) if row < len(self.rows) else 0
 
     def place(self, row: int, column: int) -> str:
-        """How a message names a cell.
+        """Return the location of a cell for messages.
 
         >>> Sheet("MapX", []).place(3, 2)
         'Sheet MapX cell C4'
@@ -121,18 +119,18 @@ class Sheet:
 
 
 def number_fault(value: object) -> str:
-    """Why a cell is no number; empty for a number."""
+    """Return why a cell is not a number; empty for a number."""
     if value is None:
-        return "is empty; a number is missing"
+        return "must be a number, but is empty"
     if isinstance(value, bool):
-        return f"holds {value}, which is no number"
+        return f"must be a number, got {value}"
     if isinstance(value, (date, time, timedelta)):
-        return "holds a date or time, which is no number"
-    return "" if isinstance(value, (int, float)) else f"holds {str(value)[:60]!r}, which is no number"
+        return "must be a number, got a date or time"
+    return "" if isinstance(value, (int, float)) else f"must be a number, got {str(value)[:60]!r}"
 
 
 def looks_like_a_workbook(source: CalibrationSource) -> bool:
-    """Whether a file, of which the beginning may suffice, is an .xlsx."""
+    """Check whether a file, of which the beginning may suffice, is an .xlsx."""
     if not source.raw.startswith(_ZIP):
         return False
     try:
@@ -143,21 +141,21 @@ def looks_like_a_workbook(source: CalibrationSource) -> bool:
 
 
 def is_calibration_workbook(source: CalibrationSource) -> bool:
-    """Whether an .xlsx holds parameters rather than measured data: it has the index that lists them."""
+    """Check whether an .xlsx holds parameters rather than measured data: it has the index that lists them."""
     if not source.raw.startswith(_ZIP):
         return False
     try:
         with zipfile.ZipFile(BytesIO(source.raw)) as archive, archive.open("xl/workbook.xml") as stream:
-            names = _SHEET_NAME.findall(stream.read(_LIST))
+            names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))
         if INDEX.encode() not in names:
             return False
-        return index_heading(sheet_of(opened(source), INDEX)) is not None
+        return index_heading(sheet_of(open_source(source), INDEX)) is not None
     except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
         return False
 
 
 def index_heading(sheet: Sheet) -> int | None:
-    """The row with the headings of the index."""
+    """Return the row with the headings of the index."""
     for row in range(min(len(sheet.rows), 50)):
         words = {str(cell).strip().casefold() for cell in sheet.rows[row]}
         if {INDEX_HEADING[0], INDEX_HEADING[1], INDEX_HEADING[-1]} <= words:
@@ -165,13 +163,13 @@ def index_heading(sheet: Sheet) -> int | None:
     return None
 
 
-def opened(source: CalibrationSource) -> Workbook:
-    """The workbook; raises `InputError` where it is damaged, encrypted, or asks for more memory than a table needs."""
+def open_source(source: CalibrationSource) -> Workbook:
+    """Open a workbook; raises `InputError` if it is damaged, encrypted or too large."""
     return workbooks.opened(source.name, source.raw)
 
 
 def sheet_of(book: Workbook, name: str) -> Sheet:
-    """The cells of a sheet; raises `InputError` if it is damaged, or formulas in it have no saved values."""
+    """Return the cells of a sheet; raises `InputError` if it is damaged, or formulas in it have no saved values."""
     if (unsaved := book.unsaved(name)) is not None:
         raise InputError.of(book.name, str(unsaved), unsaved.remedy)
     return Sheet(name, book.cells(name))

@@ -1,4 +1,4 @@
-"""A calibration workbook as parameters: the index names what there is and on which sheet its numbers are."""
+"""Reads a calibration workbook: its index lists the parameters and the sheets of their values."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,11 +19,11 @@ from kennfeld.calfiles.excel.layout import (
     Sheet,
     index_heading,
     number_fault,
-    opened,
+    open_source,
     sheet_of,
 )
 from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
+from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
@@ -32,28 +32,28 @@ from kennfeld.workbooks import Workbook
 
 __all__ = []
 
-Thing = Parameter | Text
+Item = Parameter | Text
 Key = tuple[str, str]  # name and variant
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 
 
 def read_excel(source: CalibrationSource) -> ReadResult:
-    """The parameters of a workbook with an index; sheets that the index does not name are the user's own.
+    """Return the parameters of a workbook with an index; sheets that the index does not name are the user's own.
 
-    Of a label with several variants the first one counts. Raises `InputError` with every finding and its cell.
+    Of a label with several variants the first one counts. Raises `InputError` with all findings and its cell.
     """
-    notes = Findings(source.name)
-    book = opened(source)
+    findings = Findings(source.name)
+    book = open_source(source)
     index = sheet_of(book, INDEX) if INDEX in book.names else Sheet(INDEX, [])
     heading = index_heading(index)
     if heading is None:
         message = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
-        notes.error(0, "", message, "A workbook of measured data belongs to a dataset.")
-        notes.settle()
+        findings.error(0, "", message, "Use a workbook of measured data as a dataset.")
+        findings.finish()
     assert heading is not None
-    reader = _SheetReader(book, notes)
-    reader.read(_rows(index, heading, INDEX_HEADING, notes))
-    remarks = notes.settle()
+    reader = _SheetReader(book, findings)
+    reader.read(_rows(index, heading, INDEX_HEADING, findings))
+    remarks = findings.finish()
     return ReadResult("Excel", reader.parameters(), remarks)
 
 
@@ -85,12 +85,12 @@ class _SheetRow:
         return {"description": self.text("description"), "functions": functions, **named}
 
 
-def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], notes: Findings) -> list[_SheetRow]:
-    """The rows of a list below its headings, whose columns may have moved."""
+def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], findings: Findings) -> list[_SheetRow]:
+    """Return the rows of a list below its headings, whose columns may have moved."""
     if heading is None:
         heading = next((row for row in range(min(len(sheet.rows), 50)) if words[0] in _words(sheet, row)), None)
     if heading is None:
-        notes.error(0, "", f"Sheet {sheet.name} has no row of headings", f"Its first row must be: {', '.join(words)}.")
+        findings.error(0, "", f"Sheet {sheet.name} has no header row", f"Its first row must be: {', '.join(words)}.")
         return []
     found = _words(sheet, heading)
     columns = {word: found.index(word) for word in words if word in found}
@@ -106,14 +106,14 @@ def _words(sheet: Sheet, row: int) -> list[str]:
 @dataclass
 class _SheetReader:
     book: Workbook
-    notes: Findings
-    things: dict[Key, Thing] = field(default_factory=dict)
+    findings: Findings
+    items: dict[Key, Item] = field(default_factory=dict)
     groups: dict[str, tuple[Sheet, AxisCells]] = field(default_factory=dict)
     broken: set[str] = field(default_factory=set)  # group axes with a finding of their own
     users: dict[str, str] = field(default_factory=dict)  # the parameter whose table is on a sheet
 
     def read(self, index: list[_SheetRow]) -> None:
-        """Everything that the index names, in its order, then the single values that were added."""
+        """Read all items of the index in order, then single values that were added elsewhere."""
         self._read_groups()
         singles = self._listed(SCALARS, SCALARS_HEADING)
         texts = self._listed(TEXTS, TEXTS_HEADING)
@@ -121,7 +121,7 @@ class _SheetReader:
         for row in index:
             first = seen.setdefault(row.key, row)
             if first is not row:
-                self._wrong(f"{row.place('name')} names {row.name} a second time", "Delete one of the two rows.")
+                self._wrong(f"{row.place('name')} repeats the name {row.name}", "Delete one of the two rows.")
             else:
                 self._take(row, singles, texts)
         for key, row in {**singles, **texts}.items():
@@ -129,41 +129,35 @@ class _SheetReader:
                 self._hold(key, self._single(row) if key in singles else _text(row))
 
     def parameters(self) -> ParameterSet:
-        """The set; the first variant of each name counts."""
-        first = {name: (name, variant) for name, variant in reversed(self.things)}
-        chosen = [thing for key, thing in self.things.items() if first[key[0]] == key]
-        others = [thing for key, thing in self.things.items() if first[key[0]] != key]
-        axes = [_axis(cells, name) for name, (_, cells) in self.groups.items()]
-        members = [thing for thing in chosen if isinstance(thing, Parameter)]
-        return ParameterSet(members, [thing for thing in chosen if isinstance(thing, Text)], axes, others)
+        return build_set(self.items, [_axis(cells, name) for name, (_, cells) in self.groups.items()])
 
     def _wrong(self, message: str, remedy: str = "") -> None:
-        self.notes.error(0, "", message, remedy)
+        self.findings.error(0, "", message, remedy)
 
-    def _hold(self, key: Key, thing: Thing | None) -> None:
-        if thing is None:
+    def _hold(self, key: Key, item: Item | None) -> None:
+        if item is None:
             return
-        first = next((known for (name, _), known in self.things.items() if name == key[0]), thing) if key[1] else thing
-        if isinstance(first, Text) != isinstance(thing, Text):
+        first = next((known for (name, _), known in self.items.items() if name == key[0]), item) if key[1] else item
+        if isinstance(first, Text) != isinstance(item, Text):
             self._wrong(f"{key[0]} is a text in one variant and a number in another", "Rename one of the two.")
-        self.things[key] = thing
+        self.items[key] = item
 
     def _listed(self, name: str, heading: tuple[str, ...]) -> dict[Key, _SheetRow]:
-        """The rows of the sheet of single values or texts."""
-        found: dict[Key, _SheetRow] = {}
+        """Return the rows of the sheet of single values or texts."""
+        results: dict[Key, _SheetRow] = {}
         if name not in self.book.names:
-            return found
-        for row in _rows(sheet_of(self.book, name), None, heading, self.notes):
-            if row.key in found:
-                self._wrong(f"{row.place('name')} names {row.name} a second time", "Delete one of the two rows.")
-            found.setdefault(row.key, row)
-        return found
+            return results
+        for row in _rows(sheet_of(self.book, name), None, heading, self.findings):
+            if row.key in results:
+                self._wrong(f"{row.place('name')} repeats the name {row.name}", "Delete one of the two rows.")
+            results.setdefault(row.key, row)
+        return results
 
     def _take(self, row: _SheetRow, singles: dict[Key, _SheetRow], texts: dict[Key, _SheetRow]) -> None:
         kind, sheet = row.text("kind").strip().casefold(), row.text("sheet").strip()
         if kind not in KINDS:
-            remedy = nearest(kind, KINDS) or f"The kinds are {', '.join(KINDS)}."
-            self._wrong(f"{row.place('kind')} holds {row.text('kind')[:60]!r}, which is no kind of parameter", remedy)
+            remedy = nearest(kind, KINDS) or f"Must be one of: {', '.join(KINDS)}."
+            self._wrong(f"{row.place('kind')} must be a kind of parameter, got {row.text('kind')[:60]!r}", remedy)
             return
         text_kind = next((one for one in TEXT_KINDS if one == kind), None)
         if text_kind or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
@@ -174,11 +168,11 @@ class _SheetReader:
             found = listed[row.key]
             self._hold(row.key, _text(found, text_kind, row.text("unit")) if text_kind else self._single(found))
         elif sheet not in self.book.names:
-            message = f"{row.place('sheet')} names the sheet {sheet!r}, which this workbook does not have"
+            message = f"{row.place('sheet')} refers to the unknown sheet {sheet!r}"
             self._wrong(message, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
         elif self.users.setdefault(sheet, row.place("name")) != row.place("name"):
-            message = f"{row.place('sheet')} names the sheet {sheet!r}, as {self.users[sheet]} does"
-            self._wrong(message, "Each table has a sheet of its own.")
+            message = f"{row.place('sheet')} refers to the sheet {sheet!r}, which {self.users[sheet]} already uses"
+            self._wrong(message, "Each table needs its own sheet.")
         else:
             self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet)))
 
@@ -186,7 +180,7 @@ class _SheetReader:
         if "value" not in row.columns:
             self._wrong(f"Sheet {row.sheet.name} has no column 'value'")
             return None
-        number = read_number(row.sheet, row.row, row.columns["value"], self.notes)
+        number = read_number(row.sheet, row.row, row.columns["value"], self.findings)
         if number is None:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
@@ -194,12 +188,12 @@ class _SheetReader:
         if size == [""]:
             return Scalar(row.name, number, **attributes)
         if any(word.strip() != "1" for word in size) or len(size) > 4:
-            self._wrong(f"{row.place('size')} holds {row.text('size')!r}, but there is one value")
+            self._wrong(f"{row.place('size')} contains {row.text('size')!r}, but there is one value")
             return None
         return Block(row.name, np.full([1] * len(size), number), **attributes)
 
     def _table(self, row: _SheetRow, kind: str, sheet: Sheet) -> Parameter | None:
-        grid = read_grid(sheet, self.notes)
+        grid = read_grid(sheet, self.findings)
         if grid is None:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
@@ -207,7 +201,7 @@ class _SheetReader:
             return Block(row.name, grid.values, **attributes)
         least, most = _TABLES[kind]
         if not least <= len(grid.axes) <= most:
-            self._wrong(f"Sheet {sheet.name} has a table of {len(grid.axes)} directions, which is no {kind}")
+            self._wrong(f"Sheet {sheet.name} has a table of {len(grid.axes)} dimensions, which does not fit a {kind}")
             return None
         axes = [self._table_axis(sheet, cells) for cells in grid.axes]
         if None in axes:
@@ -231,24 +225,25 @@ class _SheetReader:
         return _axis(cells, cells.group) if self._increases(sheet, cells) else None
 
     def _agrees(self, sheet: Sheet, cells: AxisCells, where: Sheet, known: AxisCells) -> bool:
-        """Whether the copy of a group axis is that of its own row."""
-        remedy = f"Change group axes on the sheet {AXES} alone, and let Excel recalculate."
+        """Check whether the copy of a group axis equals its definition."""
+        remedy = f"Edit group axes only on the sheet {AXES}, and let Excel recalculate."
         if len(cells.points) != len(known.points):
-            found = f"{sheet.place(*cells.cells[0])} begins {len(cells.points)} breakpoints"
-            self._wrong(f"{found}, the group axis {cells.group} has {len(known.points)}", remedy)
+            found = f"{sheet.place(*cells.cells[0])} starts {len(cells.points)} breakpoints"
+            self._wrong(f"{found}, but the group axis {cells.group} has {len(known.points)}", remedy)
             return False
         for point, cell, other, place in zip(cells.points, cells.cells, known.points, known.cells, strict=True):
             if point != other:
                 origin = f"{other:.15g} of the group axis {cells.group} in {where.place(*place)}"
-                self._wrong(f"{sheet.place(*cell)} holds {point:.15g}, not {origin}", remedy)
+                self._wrong(f"{sheet.place(*cell)} contains {point:.15g} instead of {origin}", remedy)
                 return False
         return True
 
     def _increases(self, sheet: Sheet, cells: AxisCells) -> bool:
         for before, after, place in zip(cells.points, cells.points[1:], cells.cells[1:], strict=False):
             if after <= before:
-                message = f"{sheet.place(*place)} holds {after:.15g}, no more than the breakpoint before, {before:.15g}"
-                self._wrong(message, "Each breakpoint must be larger than the one before.")
+                shown = f"{sheet.place(*place)} contains {after:.15g}"
+                message = f"{shown}, which does not exceed the previous breakpoint {before:.15g}"
+                self._wrong(message, "Each breakpoint must be greater than the previous one.")
                 return False
         return True
 
@@ -256,12 +251,12 @@ class _SheetReader:
         if AXES not in self.book.names:
             return
         sheet = sheet_of(self.book, AXES)
-        for row in _rows(sheet, None, AXES_HEADING, self.notes):
+        for row in _rows(sheet, None, AXES_HEADING, self.findings):
             name = row.text(AXES_HEADING[0]).strip()
             start = row.columns.get("breakpoints", len(AXES_HEADING) - 1)
-            cells = _breakpoints(sheet, row.row, start, self.notes)
+            cells = _breakpoints(sheet, row.row, start, self.findings)
             if name in self.groups:
-                self._wrong(f"{row.place(AXES_HEADING[0])} names {name} a second time", "Delete one of the two rows.")
+                self._wrong(f"{row.place(AXES_HEADING[0])} repeats the name {name}", "Delete one of the two rows.")
             elif cells is None or not self._increases(sheet, cells):
                 self.broken.add(name)
             else:
@@ -273,14 +268,14 @@ def _text(row: _SheetRow, kind: TextKind = "text", unit: str = "") -> Text:
     return Text(row.name, row.text("text"), kind=kind, unit=unit, **row.labels())
 
 
-def _breakpoints(sheet: Sheet, row: int, start: int, notes: Findings) -> AxisCells | None:
+def _breakpoints(sheet: Sheet, row: int, start: int, findings: Findings) -> AxisCells | None:
     end = start
     while sheet.cell(row, end) is not None:
         end += 1
     if not number_fault(sheet.cell(row, end + 1)) or end == start:
-        notes.error(0, "", f"{sheet.place(row, end)} is empty; a breakpoint is missing")
+        findings.error(0, "", f"{sheet.place(row, end)} is empty; a breakpoint is missing")
         return None
-    points = [read_number(sheet, row, column, notes) for column in range(start, end)]
+    points = [read_number(sheet, row, column, findings) for column in range(start, end)]
     known = [point for point in points if point is not None]
     return AxisCells(known, [(row, c) for c in range(start, end)]) if len(known) == len(points) else None
 

@@ -1,4 +1,4 @@
-"""Parameters as an Excel workbook with one sheet a table, for people who calibrate in Excel."""
+"""Writes parameters as an Excel workbook with one sheet per table."""
 
 import re
 from collections import Counter
@@ -33,19 +33,19 @@ from kennfeld.workbooks import column_letters
 
 __all__ = []
 
-Thing = Parameter | Text
-_MOST_ROWS, _MOST_COLUMNS, _LONGEST_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
-_MOST_LINKS = 60_000
+Item = Parameter | Text
+_MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
+_MAX_LINKS = 60_000
 _UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff\ufffe\uffff]|\A<r>(?=.*</r>\Z)", re.DOTALL)
-_NO_DATE = datetime(2000, 1, 1)  # the same set gives the same bytes
+_FIXED_DATE = datetime(2000, 1, 1)  # the same set gives the same bytes
 _COLOURS = {"min_color": "#63BE7B", "mid_color": "#FFEB84", "max_color": "#F8696B"}
 
 
 def write_excel(parameters: ParameterSet, file: str) -> WriteResult:
-    """A set as .xlsx: an index, the single values and texts in lists, a sheet for each table in each variant.
+    """Return a set as .xlsx: an index, lists of single values and texts, one sheet per table and variant.
 
     Numbers read back exactly. Bounds, locks and extrapolation have no place. Raises `InputError` naming every
-    parameter that does not fit: expansions, values that are not finite, tables beyond the size of a sheet.
+    parameter that does not fit: expansions, non-finite values, tables beyond the size of a sheet.
     """
     import xlsxwriter
 
@@ -53,7 +53,7 @@ def write_excel(parameters: ParameterSet, file: str) -> WriteResult:
     stream = BytesIO()
     options = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
     with xlsxwriter.Workbook(stream, options) as book:
-        book.set_properties({"created": _NO_DATE})
+        book.set_properties({"created": _FIXED_DATE})
         _WorkbookWriter(book, parameters).write()
     return WriteResult(stream.getvalue())
 
@@ -62,11 +62,11 @@ class _WorkbookWriter:
     def __init__(self, book: Any, parameters: ParameterSet) -> None:
         self.book = book
         self.parameters = parameters
-        self.things: list[Thing] = [*parameters.chosen, *parameters.others]
-        tables = [thing for thing in self.things if isinstance(thing, Parameter) and not _is_single(thing)]
+        self.items: list[Item] = [*parameters.chosen, *parameters.others]
+        tables = [item for item in self.items if isinstance(item, Parameter) and not _is_single(item)]
         self.tables = dict(zip(map(id, tables), sheet_names(_title(table) for table in tables), strict=True))
         self.axis_rows = {axis.name: row for row, axis in enumerate(parameters.axes, 1)}
-        self.sheet_type = _exact_sheet()
+        self.sheet_type = _exact_sheet_class()
         self.bold = book.add_format({"bold": True})
         self.head = book.add_format({"bold": True, "bg_color": "#D9D9D9", "bottom": 1})
         self.axis = book.add_format({"bold": True, "bg_color": "#DDEBF7", "border": 1, "border_color": "#BFBFBF"})
@@ -74,20 +74,20 @@ class _WorkbookWriter:
         self.link = book.add_format({"font_color": "#0563C1", "underline": 1})
 
     def write(self) -> None:
-        """All sheets, the index first."""
-        singles = [t for t in self.things if isinstance(t, Parameter) and _is_single(t)]
-        texts = [t for t in self.things if isinstance(t, Text)]
-        self._list(INDEX, INDEX_HEADING, map(self._index_row, self.things), links=True)
+        """Write all sheets, the index first."""
+        singles = [t for t in self.items if isinstance(t, Parameter) and _is_single(t)]
+        texts = [t for t in self.items if isinstance(t, Text)]
+        self._list(INDEX, INDEX_HEADING, map(self._index_row, self.items), links=True)
         if singles:
             self._list(SCALARS, SCALARS_HEADING, map(_scalar_row, singles))
         if texts:
             self._list(TEXTS, TEXTS_HEADING, map(_text_row, texts))
         if self.parameters.axes:
             self._group_axes()
-        for thing in self.things:
-            if id(thing) in self.tables:
-                assert isinstance(thing, Parameter)
-                self._table(thing)
+        for item in self.items:
+            if id(item) in self.tables:
+                assert isinstance(item, Parameter)
+                self._table(item)
 
     def _sheet(self, name: str) -> Any:
         return self.book.add_worksheet(name, worksheet_class=self.sheet_type)
@@ -99,7 +99,7 @@ class _WorkbookWriter:
             for column, cell in enumerate(row):
                 if isinstance(cell, float):
                     sheet.write_number(last, column, cell)
-                elif links and 0 < last < _MOST_LINKS and column == len(heading) - 1:
+                elif links and 0 < last < _MAX_LINKS and column == len(heading) - 1:
                     self._link(sheet, last, column, cell)
                 else:
                     sheet.write_string(last, column, cell, self.head if last == 0 else None)
@@ -113,12 +113,12 @@ class _WorkbookWriter:
         quoted = target.replace("'", "''")
         sheet.write_url(row, column, f"internal:'{quoted}'!A1", self.link, text or target)
 
-    def _index_row(self, thing: Thing) -> tuple[str, ...]:
-        if isinstance(thing, Text):
-            return (thing.name, thing.kind, "", thing.unit, thing.description, *_labels(thing), TEXTS)
-        size = "" if thing.kind == "scalar" else _size(thing)
-        sheet = self.tables.get(id(thing), SCALARS)
-        return (thing.name, thing.kind, size, thing.unit, thing.description, *_labels(thing), sheet)
+    def _index_row(self, item: Item) -> tuple[str, ...]:
+        if isinstance(item, Text):
+            return (item.name, item.kind, "", item.unit, item.description, *_labels(item), TEXTS)
+        size = "" if item.kind == "scalar" else _size(item)
+        sheet = self.tables.get(id(item), SCALARS)
+        return (item.name, item.kind, size, item.unit, item.description, *_labels(item), sheet)
 
     def _group_axes(self) -> None:
         sheet = self._sheet(AXES)
@@ -156,7 +156,7 @@ class _WorkbookWriter:
         return 4 + len(table.axes)
 
     def _pages(self, sheet: Any, table: Parameter, values: Float, axes: list[Axis | None], row: int) -> None:
-        """The numbers of a table, a page for each of its breakpoints beyond x and y."""
+        """Return the numbers of a table, a page for each of its breakpoints beyond x and y."""
         x, y, *further = axes
         assert x is not None
         first = row + bool(further)  # of the corner of the first page
@@ -184,7 +184,7 @@ class _WorkbookWriter:
         row: int,
         written: dict[tuple[int, int], str],
     ) -> None:
-        """The row `z | 0.5 | w | 7` above a page; a breakpoint that comes again follows the first one."""
+        """Return the row `z | 0.5 | w | 7` above a page; a breakpoint that comes again follows the first one."""
         for column, (letter, axis, at) in enumerate(zip(LETTERS[2:], axes, indices, strict=False)):
             assert axis is not None
             sheet.write_string(row, 2 * column, letter, self.head)
@@ -196,7 +196,7 @@ class _WorkbookWriter:
                 written[column, at] = f"={column_letters(2 * column + 1)}{row + 1}"
 
     def _across(self, sheet: Any, axis: Axis, row: int, original: int | None) -> None:
-        """The x breakpoints in a row; those of a later page follow the ones in the row `original`."""
+        """Return the x breakpoints in a row; those of a later page follow the ones in the row `original`."""
         for at, point in enumerate(axis.breakpoints.tolist()):
             if original is None:
                 self._point(sheet, row, at + 1, axis, at)
@@ -204,7 +204,7 @@ class _WorkbookWriter:
                 sheet.write_formula(row, at + 1, f"={column_letters(at + 1)}{original + 1}", self.group, point)
 
     def _down(self, sheet: Any, axis: Axis, row: int, original: int | None) -> None:
-        """The y breakpoints below a row; those of a later page follow the ones below the row `original`."""
+        """Return the y breakpoints below a row; those of a later page follow the ones below the row `original`."""
         for at, point in enumerate(axis.breakpoints.tolist(), 1):
             if original is None:
                 self._point(sheet, row + at, 0, axis, at - 1)
@@ -220,7 +220,7 @@ class _WorkbookWriter:
             sheet.write_number(row, column, point, self.axis)
 
     def _numbers(self, sheet: Any, row: int, values: Float) -> None:
-        """A page of numbers with its heat colours; `values` is indexed x, y."""
+        """Return a page of numbers with its heat colours; `values` is indexed x, y."""
         width, height = values.shape
         for at, line in enumerate(values.T.tolist()):
             for column, number in enumerate(line, 1):
@@ -228,7 +228,7 @@ class _WorkbookWriter:
         sheet.conditional_format(row, 1, row + height - 1, width, {"type": "3_color_scale", **_COLOURS})
 
 
-def _exact_sheet() -> type:
+def _exact_sheet_class() -> type:
     from xlsxwriter.worksheet import Worksheet
 
     class ExactSheet(Worksheet):  # type: ignore[misc]
@@ -242,7 +242,7 @@ def _exact_sheet() -> type:
 
 
 def _is_single(member: Parameter) -> bool:
-    """Whether a parameter is one value, for the sheet of these, rather than a table."""
+    """Check whether a parameter is a single value, which goes to the sheet of scalars."""
     return member.size == 1 and not member.axes
 
 
@@ -255,8 +255,8 @@ def _text_row(text: Text) -> tuple[str, ...]:
     return (text.name, text.text, text.description, *_labels(text))
 
 
-def _labels(thing: Thing) -> tuple[str, str, str]:
-    return ", ".join(thing.functions), thing.display_name, thing.variant
+def _labels(item: Item) -> tuple[str, str, str]:
+    return ", ".join(item.functions), item.display_name, item.variant
 
 
 def _size(member: Parameter) -> str:
@@ -276,50 +276,51 @@ def _corner(table: Parameter) -> str:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    notes = Findings(file)
-    _refuse_twice(parameters, notes)
+    findings = Findings(file)
+    _refuse_twice(parameters, findings)
     groups = {axis.name: axis for axis in parameters.axes}
-    for thing in (*parameters.chosen, *parameters.others, *parameters.axes):
-        if not thing.name.strip() or thing.name != thing.name.strip() or holds_control_characters(thing.name):
-            notes.error(0, thing.name, f"{thing.name!r} cannot be a name in Excel", "Rename it.")
-        faults = [*_text_faults(thing), *(_faults(thing, groups) if isinstance(thing, Parameter) else ())]
+    for item in (*parameters.chosen, *parameters.others, *parameters.axes):
+        if not item.name.strip() or item.name != item.name.strip() or holds_control_characters(item.name):
+            findings.error(0, item.name, f"{item.name!r} is not a valid name in Excel", "Rename it.")
+        faults = [*_text_faults(item), *(_faults(item, groups) if isinstance(item, Parameter) else ())]
         for message in faults:
-            notes.error(0, thing.name, message, "Write it as .json.")
-    notes.settle()
+            findings.error(0, item.name, message, "Write it as .json.")
+    findings.finish()
 
 
-def _refuse_twice(parameters: ParameterSet, notes: Findings) -> None:
-    """A number and a text of one name could not be told apart in the index."""
+def _refuse_twice(parameters: ParameterSet, findings: Findings) -> None:
+    """Report names used twice, which the index could not distinguish."""
     names = Counter([*parameters, *(text.name for text in parameters.texts)])
     for name in (name for name, count in names.items() if count > 1):
-        notes.error(0, name, "is given twice", "Rename one of the two.")
+        findings.error(0, name, "is defined twice", "Rename one of the two.")
 
 
-def _text_faults(thing: Thing | Axis) -> Iterator[str]:
-    axes = thing.axes if isinstance(thing, Parameter) else (thing,) if isinstance(thing, Axis) else ()
-    words = [thing.name, *(word for axis in axes for word in (axis.name, axis.unit, axis.input))]
-    if not isinstance(thing, Axis):
-        words += [thing.description, *_labels(thing), thing.unit, *([thing.text] if isinstance(thing, Text) else [])]
-        if any("," in name or name != name.strip() or not name for name in thing.functions):
-            yield f"the names of its functions are parted by commas in Excel: {', '.join(thing.functions)!r}"
+def _text_faults(item: Item | Axis) -> Iterator[str]:
+    axes = item.axes if isinstance(item, Parameter) else (item,) if isinstance(item, Axis) else ()
+    words = [item.name, *(word for axis in axes for word in (axis.name, axis.unit, axis.input))]
+    if not isinstance(item, Axis):
+        words += [item.description, *_labels(item), item.unit, *([item.text] if isinstance(item, Text) else [])]
+        if any("," in name or name != name.strip() or not name for name in item.functions):
+            names = ", ".join(item.functions)
+            yield f"function names must not be empty or contain commas or surrounding blanks: {names!r}"
     if any(_UNFIT.search(word) for word in words):
-        yield "a cell of Excel cannot hold a text with control characters, or one between <r> and </r>"
-    if any(len(word) > _LONGEST_TEXT for word in words):
-        yield f"a cell of Excel holds at most {_LONGEST_TEXT} characters"
+        yield "an Excel cell cannot store text with control characters, or text between <r> and </r>"
+    if any(len(word) > _MAX_TEXT for word in words):
+        yield f"an Excel cell stores at most {_MAX_TEXT} characters"
 
 
 def _faults(member: Parameter, groups: dict[str, Axis]) -> Iterator[str]:
     if member.kind == "rbf":
-        yield "Excel sheets hold tables, not an expansion in radial basis functions"
+        yield "Excel cannot store a radial basis function expansion"
         return
     if member.size == 0:
-        yield "a block without values has no place in Excel"
+        yield "Excel cannot store an empty block"
     elif not np.isfinite(member.values).all():
-        yield "Excel cannot hold values that are not finite"
+        yield "Excel cannot store non-finite values"
     sizes = [*member.values.shape, 1, 1]
     rows = (sizes[1] + 3) * int(np.prod(sizes[2:])) + 10
-    if sizes[0] >= _MOST_COLUMNS - len(AXES_HEADING) or rows >= _MOST_ROWS:
-        yield f"a sheet of Excel cannot hold its {_size(member)} values"
+    if sizes[0] >= _MAX_COLUMNS - len(AXES_HEADING) or rows >= _MAX_ROWS:
+        yield f"an Excel sheet cannot store its {_size(member)} values"
     for axis in member.axes:
         known = groups.get(axis.name)
         if axis.name and (known is None or not np.array_equal(known.breakpoints, axis.breakpoints)):

@@ -1,7 +1,4 @@
-"""Images as calibration files: which A2L file describes an image, and what the two hold together.
-
-What reads A2L files and images is loaded by whoever has some.
-"""
+"""Images as calibration files: finds the A2L file that describes an image, and reads and writes both together."""
 
 import re
 from dataclasses import dataclass
@@ -29,19 +26,19 @@ __all__ = [
 
 IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
 _INTEL_ENDINGS = (".hex", ".ihex")
-_NAMING = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
+_HOW_TO_SPECIFY = '--a2l FILE, or { a2l = "...", hex = "..." } in a project'
 _HEAD = 65536  # characters that tell what a file is
 _A2L_BLOCK = re.compile(
     r"/begin\s+(PROJECT|MODULE|MOD_PAR|MOD_COMMON|CHARACTERISTIC|AXIS_PTS|MEASUREMENT|COMPU_METHOD|COMPU_TAB|COMPU_VTAB"
     r"|COMPU_VTAB_RANGE|RECORD_LAYOUT|FUNCTION|GROUP|FRAME|UNIT|USER_RIGHTS|VARIANT_CODING|INSTANCE|TYPEDEF_\w+|BLOB"
     r"|TRANSFORMER|IF_DATA|A2ML)\b"
 )
-_LARGEST = 500_000_000  # bytes of an included file
+_MAX_INCLUDED_BYTES = 500_000_000  # bytes of an included file
 
 
 @dataclass(frozen=True, eq=False)
 class A2lFile:
-    """What an A2L file describes, and the remarks on what of it was left aside."""
+    """The content of an A2L file; `remarks` lists what was skipped."""
 
     path: Path
     a2l: "A2l"
@@ -50,13 +47,13 @@ class A2lFile:
     @property
     def labels(self) -> "tuple[Described, ...]":
         """Every label and group axis."""
-        from kennfeld.calfiles.a2l import described
+        from kennfeld.calfiles.a2l import summarise_labels
 
-        return described(self.a2l)
+        return summarise_labels(self.a2l)
 
 
 def recognises_flash(source: CalibrationSource) -> bool:
-    """Whether a file begins like Intel HEX or S-records."""
+    """Check whether a file begins like Intel HEX or S-records."""
     head = source.raw[:_HEAD].lstrip()
     if head[:1] not in (b":", b"S"):
         return False
@@ -66,7 +63,7 @@ def recognises_flash(source: CalibrationSource) -> bool:
 
 
 def recognises_a2l(head: str) -> bool:
-    """Whether a text begins like an A2L file or a part of one, behind comments."""
+    """Check whether a text begins like an A2L file or a part of one, after comments."""
     head = head[:_HEAD]
     return "ASAP2_VERSION" in head or _A2L_BLOCK.search(head) is not None
 
@@ -77,27 +74,28 @@ def fragment_of_a2l(head: str) -> tuple[str, str] | None:
     first = _A2L_BLOCK.search(head)
     if first is None or "ASAP2_VERSION" in head or first[1] in ("PROJECT", "MODULE"):
         return None
-    message = f"is a fragment of an A2L file: it begins with {first[1]}, without a PROJECT and a MODULE around it"
-    return message, "Name the A2L file that includes it."
+    message = f"is a fragment of an A2L file: it starts with {first[1]}, without an enclosing PROJECT and MODULE"
+    return message, "Pass the A2L file that includes it."
 
 
 def read_flash(source: CalibrationSource) -> ReadResult:
-    """The parameters in an image. Its A2L file is the one that `source` names, else the one of the same name beside
-    it, else the only one in its folder.
+    """Return the parameters of an image.
 
-    Raises `InputError` where there is none, or where one of the two cannot be read.
+    Its A2L file is `source.partner`, else the one of the same name, else the only one in its folder.
+
+    Raises `InputError` if there is none, or if one of the two cannot be read.
     """
     from kennfeld.calfiles.a2l import read_parameters
     from kennfeld.calfiles.flash.records import read_image
 
     description = read_a2l(_a2l_of(source))
-    notes = Findings(source.name)
-    image = read_image(source.raw, source.name, notes)
-    own = notes.settle()
-    notes = Findings(description.path.name)
-    parameters = read_parameters(description.a2l, image, notes)
+    findings = Findings(source.name)
+    image = read_image(source.raw, source.name, findings)
+    own = findings.finish()
+    findings = Findings(description.path.name)
+    parameters = read_parameters(description.a2l, image, findings)
     kind = f"{image.kind} with {description.path.name}"
-    return ReadResult(kind, parameters, (*own, *description.remarks, *notes.settle()))
+    return ReadResult(kind, parameters, (*own, *description.remarks, *findings.finish()))
 
 
 def _a2l_of(source: CalibrationSource) -> Path:
@@ -109,50 +107,52 @@ def _a2l_of(source: CalibrationSource) -> Path:
     beside = [one for one in found if one.stem.casefold() == stem] or found
     if len(beside) == 1:
         return beside[0]
-    message = "is an image, whose labels an A2L file describes"
+    message = "is an image, which requires an A2L file that describes its labels"
     if not found:
-        raise InputError.of(source.name, f"{message}; there is none beside it", f"Name it: {_NAMING}.")
+        raise InputError.of(source.name, f"{message}; its folder contains none", f"Specify it: {_HOW_TO_SPECIFY}.")
     names = ", ".join(one.name for one in found[:5])
-    raise InputError.of(source.name, f"{message}; beside it are {names}", f"Name the right one: {_NAMING}.")
+    raise InputError.of(
+        source.name, f"{message}; its folder contains {names}", f"Specify the right one: {_HOW_TO_SPECIFY}."
+    )
 
 
 def read_a2l(path: Path) -> A2lFile:
-    """What an A2L file describes, files that it includes with it. Raises `InputError` with every finding."""
+    """Read an A2L file and the files it includes. Raises `InputError` with all findings."""
     from kennfeld.calfiles.a2l import parse_a2l
 
-    raw = _content(path)
+    raw = _file_content(path)
     if raw is None:
         beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise InputError.of(str(path), "there is no such A2L file", nearest(path.name, beside))
-    notes = Findings(path.name)
+        raise InputError.of(str(path), "A2L file not found", nearest(path.name, beside))
+    findings = Findings(path.name)
     fragment = fragment_of_a2l(CalibrationSource(path.name, raw).text)
     if fragment:
         raise InputError.of(path.name, *fragment)
-    a2l = parse_a2l(raw, path.name, notes, partial(_included, path))
-    return A2lFile(path, a2l, notes.settle())
+    a2l = parse_a2l(raw, path.name, findings, partial(_find_included, path))
+    return A2lFile(path, a2l, findings.finish())
 
 
 def describe_a2l(path: str | Path) -> A2lFile:
-    """What an A2L file says on its own, without an image. Raises `InputError`."""
+    """Read an A2L file without an image. Raises `InputError`."""
     return read_a2l(Path(path))
 
 
-def _included(main: Path, name: str, including: Path | None) -> tuple[Path, bytes] | None:
+def _find_included(main: Path, name: str, including: Path | None) -> tuple[Path, bytes] | None:
     """Return the path and the content of a file that another one includes.
 
-    The standard leaves open where it is: it is looked for beside the file that includes it, then beside the main file.
+    The standard does not define its folder: that of the including file is searched first, then that of the main file.
     """
     wanted = name.strip().replace("\\", "/")
     for folder in dict.fromkeys(file.parent for file in (including or main, main)):
-        content = _content(folder / wanted)
+        content = _file_content(folder / wanted)
         if content is not None:
             return folder / wanted, content
     return None
 
 
-def _content(path: Path) -> bytes | None:
+def _file_content(path: Path) -> bytes | None:
     try:
-        if not path.is_file() or path.stat().st_size > _LARGEST:
+        if not path.is_file() or path.stat().st_size > _MAX_INCLUDED_BYTES:
             return None
         return path.read_bytes()
     except (OSError, ValueError):
@@ -160,27 +160,30 @@ def _content(path: Path) -> bytes | None:
 
 
 def unwritable(origin: object, ending: str) -> tuple[str, str] | None:
-    """Why no file of an ending can be written over what a set was read from, and the mend; None where it can."""
+    """Return why an image of an ending cannot be written, and the remedy; None if it can."""
     if not isinstance(origin, FlashOrigin):
-        message = "an image is written over one to start from, and there is none"
-        return message, "Read the parameters from an image, or name it: kennfeld convert IN OUT --image FILE."
+        message = "writing an image requires an existing image to modify, but none is given"
+        return message, "Read the parameters from an image, or specify one: kennfeld convert IN OUT --image FILE."
     if (ending in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX"):
         return None
     known = [one for one in IMAGE_ENDINGS if (one in _INTEL_ENDINGS) == (origin.image.kind == "Intel HEX")]
-    return f"{ending} is not what {origin.image.name} holds, {origin.image.kind}", f"Write a file {', '.join(known)}."
+    return (
+        f"{origin.image.name} is {origin.image.kind}, which has other endings than {ending}",
+        f"Use {', '.join(known)}.",
+    )
 
 
 def write_flash(parameters: ParameterSet, file: str) -> WriteResult:
-    """The image that a set was read from, with the values of the set.
+    """Return the image that a set was read from, with the values of the set.
 
-    Raises `InputError` where the set is not from an image, or for values that the control unit cannot store.
+    Raises `InputError` if the set is not from an image, or for values that the control unit cannot store.
     """
     origin = parameters.origin
     wrong = unwritable(origin, Path(file).suffix.lower())
     if wrong or not isinstance(origin, FlashOrigin):
         raise InputError.of(file, *(wrong or ()))
-    from kennfeld.calfiles.a2l import stored
+    from kennfeld.calfiles.a2l import write_values
 
-    notes = Findings(file)
-    content = stored(origin.a2l, origin.image, parameters, notes)
-    return WriteResult(content, notes.settle())
+    findings = Findings(file)
+    content = write_values(origin.a2l, origin.image, parameters, findings)
+    return WriteResult(content, findings.finish())

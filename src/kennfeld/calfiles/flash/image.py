@@ -1,4 +1,4 @@
-"""The memory that a file of records describes, as far as it does: gaps cost nothing."""
+"""The memory described by a file of records; gaps take no memory."""
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from kennfeld.errors import ArgumentError
 
 __all__ = ["Image", "Record"]
 
-_LONGEST = 600  # characters of a line
+_MAX_LINE_LENGTH = 600  # characters of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,20 +24,20 @@ class Record:
 
     @property
     def end(self) -> int:
-        """The address behind the last byte."""
+        """The address after the last byte."""
         return self.address + len(self.content)
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Memory without a gap."""
+    """Consecutive memory."""
 
     address: int
     content: bytes
 
     @property
     def end(self) -> int:
-        """The address behind the last byte."""
+        """The address after the last byte."""
         return self.address + len(self.content)
 
 
@@ -55,8 +55,8 @@ class Image:
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
-        """Everything that is there, in pieces without gaps, by rising address."""
-        return tuple(_joined(run) for run in _runs(self._sorted))
+        """All memory as segments without gaps, by ascending address."""
+        return tuple(_join_run(run) for run in _contiguous_runs(self._sorted))
 
     @cached_property
     def _sorted(self) -> list[tuple[Record, int]]:
@@ -68,16 +68,16 @@ class Image:
 
     @cached_property
     def size(self) -> int:
-        """How many bytes there are."""
+        """The number of bytes."""
         return sum(len(segment.content) for segment in self.segments)
 
     def holds(self, address: int, size: int) -> bool:
-        """Whether all bytes from an address on are there."""
+        """Check whether all bytes of a range are present."""
         segment = self._segment(address)
         return segment is not None and size >= 0 and address + size <= segment.end
 
     def read(self, address: int, size: int) -> bytes | None:
-        """The bytes from an address on, None where one of them is not there."""
+        """Return the bytes of a range, None if one of them is missing."""
         segment = self._segment(address)
         if segment is None or size < 0 or address + size > segment.end:
             return None
@@ -89,9 +89,9 @@ class Image:
         return self.segments[at] if at >= 0 else None
 
     def changed(self, changes: Mapping[int, bytes]) -> bytes:
-        """The file with other bytes at some addresses; all that is not one of them or a checksum stays as it is.
+        """Return the file with other bytes at some addresses; checksums of the records follow.
 
-        Raises `ArgumentError` where the image has no such address.
+        Raises `ArgumentError` if the image has no such address.
         """
         text = bytearray(self.raw)
         starts = [record.address for record, _ in self._sorted]
@@ -106,7 +106,7 @@ class Image:
         for at, moved in checksums.items():
             before = bytes.fromhex(text[at : at + 2].decode())
             if moved % 256:
-                _put(text, at, before, bytes([(before[0] - moved) % 256]))
+                _put_digits(text, at, before, bytes([(before[0] - moved) % 256]))
         return bytes(text)
 
     def _touched(self, starts: list[int], longest: int, address: int, size: int) -> Iterator[Record]:
@@ -118,7 +118,7 @@ class Image:
             at += 1
 
 
-def _runs(ordered: list[tuple[Record, int]]) -> Iterator[list[tuple[Record, int]]]:
+def _contiguous_runs(ordered: list[tuple[Record, int]]) -> Iterator[list[tuple[Record, int]]]:
     run: list[tuple[Record, int]] = []
     end = 0
     for record, at in ordered:
@@ -131,7 +131,7 @@ def _runs(ordered: list[tuple[Record, int]]) -> Iterator[list[tuple[Record, int]
         yield run
 
 
-def _joined(run: list[tuple[Record, int]]) -> Segment:
+def _join_run(run: list[tuple[Record, int]]) -> Segment:
     first = run[0][0].address
     content = bytearray(max(record.end for record, _ in run) - first)
     for record, _ in sorted(run, key=lambda one: one[1]):
@@ -140,19 +140,19 @@ def _joined(run: list[tuple[Record, int]]) -> Segment:
 
 
 def _overwrite(text: bytearray, record: Record, address: int, content: bytes) -> int:
-    """Put bytes into the digits of a record; gives by how much the sum of its bytes has grown."""
+    """Write bytes into the digits of a record; return the increase of the sum of its bytes."""
     first, last = max(address, record.address), min(address + len(content), record.end)
     begin, end = (record.at + 2 * (at - record.address) for at in (first, last))
     now = content[first - address : last - address]
     before = bytes.fromhex(text[begin:end].decode())
     if now == before:
         return 0
-    _put(text, begin, before, now)
+    _put_digits(text, begin, before, now)
     return sum(now) - sum(before)
 
 
-def _put(text: bytearray, at: int, before: bytes, now: bytes) -> None:
-    """Digits in the letters that their line uses; those that stand for the same as before stay as they are."""
+def _put_digits(text: bytearray, at: int, before: bytes, now: bytes) -> None:
+    """Write hexadecimal digits in the case that their line uses; unchanged bytes keep their spelling."""
     small = _uses_small_letters(text, at)
     digits = text[at : at + 2 * len(before)]
     if digits == (digits.lower() if small else digits.upper()):
@@ -165,7 +165,7 @@ def _put(text: bytearray, at: int, before: bytes, now: bytes) -> None:
 
 
 def _uses_small_letters(text: bytearray, at: int) -> bool:
-    first, last = max(0, at - _LONGEST), at + _LONGEST
+    first, last = max(0, at - _MAX_LINE_LENGTH), at + _MAX_LINE_LENGTH
     start = max(first, text.rfind(b"\n", first, at) + 1, text.rfind(b"\r", first, at) + 1)
     end = min((found for mark in (b"\n", b"\r") if (found := text.find(mark, at, last)) >= 0), default=last)
     line = bytes(text[start:end])

@@ -1,12 +1,8 @@
-"""Tunes of TunerStudio (.msq), the settings of MegaSquirt, Speeduino and rusEFI controllers.
+"""Reads TunerStudio tunes (.msq), the settings of MegaSquirt, Speeduino and rusEFI controllers.
 
-XML with a `constant` or `pcVariable` for each setting: numbers parted by blanks, a row of a table for each y, or words
-in quotes. The file does not say which constants are the breakpoints of a table; see `msq_axes`.
-
-Which constants of a tune are the axes of which table.
-
-A tune holds tables and their breakpoints as unrelated constants; the definition file of the firmware (`.ini`) pairs
-them in its sections TableEditor and CurveEditor. Where it is not beside the tune, the usual pairs of the firmwares
+A tune is XML with a `constant` or `pcVariable` per setting: numbers separated by blanks, one row of a table per y, or
+words in quotes. It stores tables and their breakpoints as unrelated constants; the firmware's definition file (`.ini`)
+pairs them in its sections TableEditor and CurveEditor. Without that file in the folder of the tune, the usual pairs of
 Speeduino, MS2/Extra, MS3 and rusEFI are tried, as their public definition files state them.
 """
 
@@ -23,15 +19,15 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
-from kennfeld.calfiles.xml_tree import parsed
+from kennfeld.calfiles.xml_tree import parse_xml
 from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
 __all__ = ["Constant", "Msq", "Pair", "pairs_of", "recognises_msq", "usual_pairs"]
 
-_MOST_BYTES = 20_000_000
-_MOST_FILES = 50
+_MAX_FILE_BYTES = 20_000_000
+_MAX_FILES = 50
 _SIGNATURE = re.compile(r'^[ \t]*signature[ \t]*=[ \t]*"([^"\n]*)"', re.MULTILINE)
 _LINE = re.compile(r"[ \t]*(\w+)[ \t]*=[ \t]*(.*)")
 _WORD = re.compile(r'"([^"]*)"|([^",;\s][^",;]*)')
@@ -85,8 +81,8 @@ class Pair:
     title: str = ""
 
 
-def definition_beside(path: Path | None, signature: str, notes: Findings) -> str | None:
-    """The text of the definition file of a tune: the one beside it that names its signature, or mainController.ini."""
+def find_definition(path: Path | None, signature: str, findings: Findings) -> str | None:
+    """Return the text of a tune's definition file: the one with its signature, or mainController.ini."""
     if path is None or not path.parent.is_dir():
         return None
     texts = dict(_definitions(path))
@@ -96,9 +92,9 @@ def definition_beside(path: Path | None, signature: str, notes: Findings) -> str
     for file, text in texts.items():
         if file.name.casefold() == "maincontroller.ini":
             said = next(iter(_SIGNATURE.findall(text)), "")
-            message = f"{file.name} is for the firmware {said!r}, the tune for {signature!r}"
-            notes.remark(
-                0, "", message, "Tables may have the wrong axes: put the right definition file beside the tune."
+            message = f"{file.name} is for the firmware {said!r}, but the tune for {signature!r}"
+            findings.warning(
+                0, "", message, "Tables may have wrong axes: put the matching definition file next to the tune."
             )
             return text
     return None
@@ -109,8 +105,8 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
         folders = [path.parent, path.parent / "projectCfg"]
         files = sorted(file for folder in folders if folder.is_dir() for file in folder.iterdir())
         found = [file for file in files if file.suffix.casefold() == ".ini" and file.is_file()]
-        for file in found[:_MOST_FILES]:
-            if file.stat().st_size <= _MOST_BYTES:
+        for file in found[:_MAX_FILES]:
+            if file.stat().st_size <= _MAX_FILE_BYTES:
                 yield file, CalibrationSource(file.name, file.read_bytes()).text
     except OSError:
         return
@@ -122,8 +118,8 @@ def strings_of(definition: str) -> frozenset[str]:
 
 
 def pairs_of(definition: str) -> list[Pair]:
-    """The tables and curves that a definition file shows in its editors, in its order."""
-    found: list[Pair] = []
+    """Return the tables and curves that a definition file shows in its editors, in its order."""
+    results: list[Pair] = []
     section, title = "", ""
     bins: dict[str, list[str]] = {}
     for line in definition.split("\n"):
@@ -139,8 +135,8 @@ def pairs_of(definition: str) -> list[Pair]:
             bins, title = {}, _title(setting[2])
         elif key in ("xbins", "ybins", "zbins") and words:
             bins[key] = words
-            found += _complete(section, key, bins, title)
-    return found
+            results += _complete_pair(section, key, bins, title)
+    return results
 
 
 def _title(rest: str) -> str:
@@ -148,24 +144,24 @@ def _title(rest: str) -> str:
     return quoted[1] if quoted else ""
 
 
-def _complete(section: str, key: str, bins: dict[str, list[str]], title: str) -> list[Pair]:
-    """The pair that one more line of an editor completes."""
+def _complete_pair(section: str, key: str, bins: dict[str, list[str]], title: str) -> list[Pair]:
+    """Return the pair that one more line of an editor completes."""
     if section == "tableeditor":
         if len(bins) < 3:
             return []
         x, y = bins["xbins"], bins["ybins"]
-        return [Pair(bins["zbins"][0], (x[0], y[0]), (_second(x), _second(y)), title)]
+        return [Pair(bins["zbins"][0], (x[0], y[0]), (_input_name(x), _input_name(y)), title)]
     if key == "ybins" and "xbins" in bins:
-        return [Pair(bins["ybins"][0], (bins["xbins"][0],), (_second(bins["xbins"]), ""), title)]
+        return [Pair(bins["ybins"][0], (bins["xbins"][0],), (_input_name(bins["xbins"]), ""), title)]
     return []
 
 
-def _second(words: list[str]) -> str:
+def _input_name(words: list[str]) -> str:
     return words[1] if len(words) > 1 and re.fullmatch(r"\w+", words[1]) else ""
 
 
 def usual_pairs() -> list[Pair]:
-    """The pairs of the common firmwares; of those that name the same table, the one that fits counts."""
+    """Return the pairs of the common firmwares; of several for one table, the one that fits is used."""
     listed = f"{_SPEEDUINO_TABLES.strip()}{_TRIMS}\n{_OTHER_TABLES}\n{_CURVES}"
     words = (entry.split() for entry in re.split(r"[,\n]", listed))
     return [Pair(first, tuple(axes)) for first, *axes in filter(None, words)]
@@ -173,7 +169,7 @@ def usual_pairs() -> list[Pair]:
 
 @dataclass(frozen=True)
 class Constant:
-    """One setting: what the file says about it, and where its content lies in the characters of the file."""
+    """One setting: its attributes, and the location of its content in the file."""
 
     name: str
     line: int
@@ -186,60 +182,60 @@ class Constant:
 
     @property
     def words(self) -> list[str]:
-        """The numbers as they are written; empty where the content is no list of numbers."""
+        """The numbers as written; empty if the content is not a list of numbers."""
         words = self.content.split()
         return words if all(map(_NUMBER.fullmatch, words)) else []
 
 
 @dataclass(frozen=True, eq=False)
 class Msq:
-    """A tune as it was read: its characters, its constants, and what was made of them."""
+    """A tune as read: its text, its constants and their content."""
 
     source: CalibrationSource
     text: str
     constants: Mapping[str, Constant]
-    things: Mapping[str, Parameter | Text]
+    items: Mapping[str, Parameter | Text]
     axes: Mapping[str, Axis]
 
 
 def recognises_msq(text: str) -> bool:
-    """Whether a text is XML whose root is that of a tune."""
+    """Check whether a text is XML whose root is that of a tune."""
     return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
 
 
 def read_msq(source: CalibrationSource) -> ReadResult:
-    """The settings of a tune: numbers, tables with their axes, words; the page is told as the function.
+    """Return the settings of a tune: numbers, tables with their axes, words; the page is the function.
 
     A table whose axes are unknown, or do not increase, is a value block, its axes too. Raises `InputError` with every
     finding; entities are refused.
     """
-    notes = Findings(source.name)
-    if parsed(source.raw, notes) is None:
-        notes.settle()
+    findings = Findings(source.name)
+    if parse_xml(source.raw, findings) is None:
+        findings.finish()
     text = "".join(source.lines)
-    reader = _MsqReader(notes)
+    reader = _MsqReader(findings)
     signature = reader.find(text)
-    definition = definition_beside(source.path, signature, notes)
+    definition = find_definition(source.path, signature, findings)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
     reader.free_texts(strings_of(definition or ""))
-    remarks = notes.settle()
-    members = [thing for thing in reader.things.values() if isinstance(thing, Parameter)]
-    texts = [thing for thing in reader.things.values() if isinstance(thing, Text)]
-    origin = Msq(source, text, reader.constants, reader.things, reader.axes)
+    remarks = findings.finish()
+    members = [item for item in reader.items.values() if isinstance(item, Parameter)]
+    texts = [item for item in reader.items.values() if isinstance(item, Text)]
+    origin = Msq(source, text, reader.constants, reader.items, reader.axes)
     kind = f"MSQ tune of {signature}" if signature else "MSQ tune"
     return ReadResult(kind, ParameterSet(members, texts, reader.axes.values(), origin=origin), remarks)
 
 
 @dataclass
 class _MsqReader:
-    notes: Findings
+    findings: Findings
     constants: dict[str, Constant] = field(default_factory=dict)
     arrays: dict[str, Float] = field(default_factory=dict)  # a row for each y, as in the file
-    things: dict[str, Parameter | Text] = field(default_factory=dict)
+    items: dict[str, Parameter | Text] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
 
     def find(self, text: str) -> str:
-        """Keep all constants of a file; gives the signature of the firmware."""
+        """Add all constants of a file; return the signature of the firmware."""
         ends = [at for at, character in enumerate(text) if character == "\n"]
         page = signature = ""
         for part in _PART.finditer(text):
@@ -260,33 +256,35 @@ class _MsqReader:
             sizes = (int(counts[0]), 1)
         digits = attributes.get("digits", "")
         written = int(digits) if _COUNT.fullmatch(digits) and int(digits) < 20 else None
-        made = replace(found, unit=attributes.get("units", "").strip(), digits=written, sizes=sizes)
+        result = replace(found, unit=attributes.get("units", "").strip(), digits=written, sizes=sizes)
         if not found.name:
-            self.notes.error(found.line, "", "a constant has no name", "Take a complete copy of the file.")
+            self.findings.error(found.line, "", "a constant has no name", "Use a complete copy of the file.")
         elif found.name in self.constants:
-            message = f"is there a second time, after line {self.constants[found.name].line}; left aside"
-            self.notes.remark(found.line, found.name, message)
+            message = f"duplicate of line {self.constants[found.name].line}; skipped"
+            self.findings.warning(found.line, found.name, message)
         else:
-            self.constants[found.name] = made
-            self._value(made)
+            self.constants[found.name] = result
+            self._value(result)
 
     def _value(self, constant: Constant) -> None:
         content = constant.content.strip()
         if content.startswith('"') and constant.sizes is not None:
-            self.notes.remark(constant.line, constant.name, "is a list of words, which is no parameter; left aside")
+            self.findings.warning(
+                constant.line, constant.name, "is a list of words, which cannot be a parameter; skipped"
+            )
         elif constant.words:
             array = self._array(constant)
             if array is not None:
                 self.arrays[constant.name] = array
         elif constant.sizes is not None:
             word = next((word for word in content.split() if not _NUMBER.fullmatch(word)), "")
-            message = f"{word[:40]!r} is no number" if word else "has no numbers"
-            self.notes.error(constant.line, constant.name, message)
+            message = f"must be a number, got {word[:40]!r}" if word else "has no numbers"
+            self.findings.error(constant.line, constant.name, message)
         else:
             quoted = len(content) > 1 and content[0] == content[-1] == '"'
             text, kind = unescape(content[1:-1] if quoted else content), _WORD_KINDS[quoted]
-            unit, functions = constant.unit, _pages(constant)
-            self.things[constant.name] = Text(constant.name, text, functions=functions, unit=unit, kind=kind)
+            unit, functions = constant.unit, _page_functions(constant)
+            self.items[constant.name] = Text(constant.name, text, functions=functions, unit=unit, kind=kind)
 
     def _array(self, constant: Constant) -> Float | None:
         numbers = []
@@ -296,44 +294,44 @@ class _MsqReader:
             except ValueError:
                 numbers.append(np.nan)
             if not isfinite(numbers[-1]):
-                self.notes.error(constant.line, constant.name, f"{word[:40]!r} is no finite number")
+                self.findings.error(constant.line, constant.name, f"must be a finite number, got {word[:40]!r}")
                 return None
         rows, columns = constant.sizes or (1, len(numbers))
         if rows * columns != len(numbers):
-            message = f"has {count_noun(len(numbers), 'value')}, its rows and columns ask for {rows} x {columns}"
-            self.notes.error(constant.line, constant.name, message)
+            message = f"has {count_noun(len(numbers), 'value')}, but its rows and columns state {rows} x {columns}"
+            self.findings.error(constant.line, constant.name, message)
             return None
         return np.array(numbers).reshape(rows, columns)
 
-    def build(self, pairs: list[Pair], told: bool) -> None:
-        """Make parameters of the constants, tables of those that a pair gives axes."""
+    def build(self, pairs: list[Pair], has_definition: bool) -> None:
+        """Convert the constants to parameters, those with a pair to tables."""
         different = {(pair.values, pair.axes): pair for pair in reversed(pairs)}
-        tables = {pair.values: pair for pair in different.values() if self._fits(pair, told)}
+        tables = {pair.values: pair for pair in different.values() if self._fits(pair, has_definition)}
         used = {name for pair in tables.values() for name in pair.axes} - tables.keys()
         for name in self.constants:
             if name in self.arrays and name not in used:
-                self.things[name] = self._thing(name, tables.get(name))
-        self.things = {name: self.things[name] for name in self.constants if name in self.things}
+                self.items[name] = self._item(name, tables.get(name))
+        self.items = {name: self.items[name] for name in self.constants if name in self.items}
 
     def free_texts(self, names: Set[str]) -> None:
-        """Tell constants of free text from those whose text is one of several words."""
-        for name in names & self.things.keys():
-            thing = self.things[name]
-            if isinstance(thing, Text):
-                self.things[name] = replace(thing, kind="text")
+        """Mark constants as free text instead of one of several words."""
+        for name in names & self.items.keys():
+            item = self.items[name]
+            if isinstance(item, Text):
+                self.items[name] = replace(item, kind="text")
 
-    def _fits(self, pair: Pair, told: bool) -> bool:
-        """Whether a pair gives a table its axes."""
+    def _fits(self, pair: Pair, has_definition: bool) -> bool:
+        """Check whether a pair gives a table its axes."""
         values = self.arrays.get(pair.values)
         points = [self.arrays.get(name) for name in pair.axes]
         if values is None or any(one is None for one in points) or pair.values in pair.axes:
             return False
         sizes = tuple(one.size for one in points if one is not None)
         if sizes != (values.shape[::-1] if len(sizes) > 1 else (values.size,)):
-            if told:
+            if has_definition:
                 found = " x ".join(map(str, values.shape[::-1]))
-                message = f"has {found} values, its axes {' x '.join(map(str, sizes))}; it is read as a value block"
-                self.notes.remark(self.constants[pair.values].line, pair.values, message)
+                message = f"has {found} values, but its axes have {' x '.join(map(str, sizes))}; read as a value block"
+                self.findings.warning(self.constants[pair.values].line, pair.values, message)
             return False
         fallen = [name for name in pair.axes if not self._increases(name, pair.values)]
         return not fallen
@@ -342,13 +340,13 @@ class _MsqReader:
         points = self.arrays[name].ravel()
         if np.all(points[1:] > points[:-1]):
             return True
-        message = f"is read as a value block: its breakpoints {name} do not increase"
-        self.notes.remark(self.constants[user].line, user, message)
+        message = f"is read as a value block: its breakpoints {name} are not strictly increasing"
+        self.findings.warning(self.constants[user].line, user, message)
         return False
 
-    def _thing(self, name: str, pair: Pair | None) -> Parameter:
+    def _item(self, name: str, pair: Pair | None) -> Parameter:
         constant, array = self.constants[name], self.arrays[name]
-        labels: dict[str, Any] = {"unit": constant.unit, "functions": _pages(constant)}
+        labels: dict[str, Any] = {"unit": constant.unit, "functions": _page_functions(constant)}
         if pair is not None:
             axes = [self._axis(one, given) for one, given in zip(pair.axes, pair.inputs, strict=False)]
             return parameter(name, array.T if len(axes) > 1 else array.ravel(), axes, description=pair.title, **labels)
@@ -357,10 +355,10 @@ class _MsqReader:
         return Block(name, array.ravel() if 1 in array.shape else array.T, **labels)
 
     def _axis(self, name: str, quantity: str) -> Axis:
-        """The breakpoints in a constant: one axis for all tables that use it."""
+        """Return the breakpoints in a constant: one axis for all tables that use it."""
         points = self.arrays[name].ravel()
         return self.axes.setdefault(name, Axis(points, quantity, self.constants[name].unit, name))
 
 
-def _pages(constant: Constant) -> tuple[str, ...]:
+def _page_functions(constant: Constant) -> tuple[str, ...]:
     return (f"page {constant.page}",) if constant.page else ()

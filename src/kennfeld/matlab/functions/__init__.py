@@ -1,4 +1,4 @@
-"""The functions of MATLAB that parameter scripts and block fields use, by family."""
+"""The MATLAB functions that parameter scripts and block fields use, by family."""
 
 from kennfeld.matlab.functions import (
     array_shapes,

@@ -1,7 +1,4 @@
-"""Functions that tell or change the size and order of arrays.
-
-Functions that make arrays: zeros, ranges, grids.
-"""
+"""Functions that create arrays, and return or change their size and order."""
 
 import math
 from collections.abc import Sequence
@@ -15,16 +12,16 @@ from kennfeld.matlab.functions.numeric_registry import (
     NumericFunction,
     function,
 )
-from kennfeld.matlab.operators import cast_to_class, colon_range, joined_along, transposed
+from kennfeld.matlab.operators import cast_to_class, colon_range, concatenate_along, transpose
 from kennfeld.matlab.values import (
     EMPTY,
     INTEGERS,
-    Array,
     MatlabCell,
     MatlabValueError,
     Value,
     array_value,
     class_name,
+    format_shape,
     logical,
     numbers,
     object_array,
@@ -39,22 +36,22 @@ __all__ = []
 _CLASSES = (*INTEGERS, "double", "single", "logical")
 
 
-def requested_shape(values: Sequence[Value]) -> tuple[int, ...]:
-    """The size that arguments ask for: none for 1 x 1, one number for a square, a vector, or a number for each."""
+def parse_shape(values: Sequence[Value]) -> tuple[int, ...]:
+    """Return the shape that size arguments request: none for 1 x 1, one number for a square, a vector, or one each."""
     if not values:
         return (1, 1)
     if any(isinstance(value, np.ndarray) and value.dtype.kind == "U" for value in values):
-        raise MatlabValueError("a size has to be a number, not a text")
-    given = [numbers(value).ravel(order="F") for value in values]
-    if len(given) > 1 and any(one.size != 1 for one in given):
-        raise MatlabValueError("each size has to be one number")
-    sizes = [float(size) for one in given for size in one]
-    if len(sizes) == 1 and len(given) == 1:
+        raise MatlabValueError("a size must be a number, got text")
+    vectors = [numbers(value).ravel(order="F") for value in values]
+    if len(vectors) > 1 and any(vector.size != 1 for vector in vectors):
+        raise MatlabValueError("each size must be one number")
+    sizes = [float(size) for vector in vectors for size in vector]
+    if len(sizes) == 1 and len(vectors) == 1:
         sizes *= 2
     if any(math.isnan(size) or (size != math.floor(size) and math.isfinite(size)) for size in sizes):
-        raise MatlabValueError("a size has to be a whole number")
+        raise MatlabValueError("a size must be an integer")
     if not 2 <= len(sizes) <= 32:
-        raise MatlabValueError("an array has 2 to 32 dimensions")
+        raise MatlabValueError("an array must have 2 to 32 dimensions")
     shape = [int(min(max(size, 0), 2**53)) for size in sizes]
     while len(shape) > 2 and shape[-1] == 1:
         shape.pop()
@@ -62,24 +59,24 @@ def requested_shape(values: Sequence[Value]) -> tuple[int, ...]:
 
 
 def _filled(fill: float) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        values, name = _with_class(given)
-        shape = requested_shape(values)
-        given.budget.make(math.prod(shape))
+    def run(call: NumericArguments) -> Value:
+        values, name = _with_class(call)
+        shape = parse_shape(values)
+        call.budget.allocate(math.prod(shape))
         made = np.full(shape, fill)
         return made != 0 if name == "logical" else cast_to_class(made, name)
 
     return NumericFunction(run, 0, MANY)
 
 
-def _with_class(given: NumericArguments) -> tuple[list[Value], str]:
-    """The sizes that a call asks for, and the class behind them."""
-    values, name = list(given.values), "double"
+def _with_class(call: NumericArguments) -> tuple[list[Value], str]:
+    """Return the size arguments of a call, and the class behind them."""
+    values, name = list(call.values), "double"
     for at in range(len(values) - 1, -1, -1):
-        if given.is_text(at):
+        if call.is_text(at):
             word = text(values[at])
             if word not in (*_CLASSES, "like"):
-                raise MatlabValueError(f"{word} is no class of numbers")
+                raise MatlabValueError(f"unknown numeric class {word}")
             name = class_name(array_value(values[at + 1])) if word == "like" and at + 1 < len(values) else word
             del values[at:]
     return values, "double" if name == "like" else name
@@ -91,14 +88,14 @@ for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("in
 
 
 @function("pi", 0)
-def _pi(given: NumericArguments) -> Value:
+def _pi(call: NumericArguments) -> Value:
     return scalar(math.pi)
 
 
 def _constant(value: bool) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        shape = requested_shape(_with_class(given)[0])
-        given.budget.make(math.prod(shape))
+    def run(call: NumericArguments) -> Value:
+        shape = parse_shape(_with_class(call)[0])
+        call.budget.allocate(math.prod(shape))
         return np.full(shape, value)
 
     return NumericFunction(run, 0, MANY)
@@ -108,76 +105,76 @@ NUMERIC_FUNCTIONS["true"], NUMERIC_FUNCTIONS["false"] = _constant(True), _consta
 
 
 @function("cell", 0, MANY)
-def _cell(given: NumericArguments) -> Value:
-    shape = requested_shape(given.values) if len(given) else (0, 0)
-    given.budget.make(10 * math.prod(shape))
+def _cell(call: NumericArguments) -> Value:
+    shape = parse_shape(call.values) if len(call) else (0, 0)
+    call.budget.allocate(10 * math.prod(shape))
     return MatlabCell(object_array([EMPTY] * math.prod(shape), shape))
 
 
 @function("eye", 0, 4)
-def _eye(given: NumericArguments) -> Value:
-    values, name = _with_class(given)
-    shape = requested_shape(values)
+def _eye(call: NumericArguments) -> Value:
+    values, name = _with_class(call)
+    shape = parse_shape(values)
     if len(shape) > 2:
-        raise MatlabValueError("a matrix has two sizes")
-    given.budget.make(math.prod(shape))
-    made = np.eye(shape[0], shape[1])
-    return made != 0 if name == "logical" else cast_to_class(made, name)
+        raise MatlabValueError("a matrix requires two sizes")
+    call.budget.allocate(math.prod(shape))
+    matrix = np.eye(shape[0], shape[1])
+    return matrix != 0 if name == "logical" else cast_to_class(matrix, name)
 
 
 @function("linspace", 2, 3)
-def _linspace(given: NumericArguments) -> Value:
-    count = max(given.whole(2, 100), 1)
-    given.budget.make(count)
-    begin, end = given.number(0), given.number(1)
+def _linspace(call: NumericArguments) -> Value:
+    count = max(call.integer(2, 100), 1)
+    call.budget.allocate(count)
+    begin, end = call.number(0), call.number(1)
     return row(np.linspace(begin, end, count)) if count > 1 else row([end])
 
 
 @function("logspace", 2, 3)
-def _logspace(given: NumericArguments) -> Value:
-    count = max(given.whole(2, 50), 1)
-    given.budget.make(count)
-    begin, end = given.number(0), given.number(1)
+def _logspace(call: NumericArguments) -> Value:
+    count = max(call.integer(2, 50), 1)
+    call.budget.allocate(count)
+    begin, end = call.number(0), call.number(1)
     with np.errstate(all="ignore"):
         return row(10.0 ** (np.linspace(begin, end, count) if count > 1 else np.array([end])))
 
 
 @function("colon", 2, 3)
-def _colon(given: NumericArguments) -> Value:
-    return colon_range(given[0], given[1] if len(given) == 3 else None, given[len(given) - 1], given.budget)
+def _colon(call: NumericArguments) -> Value:
+    return colon_range(call[0], call[1] if len(call) == 3 else None, call[len(call) - 1], call.budget)
 
 
 @function("repmat", 2, MANY)
-def _repmat(given: NumericArguments) -> Value:
-    data, times = given.data(0), requested_shape(given.values[1:])
-    given.budget.make(data.size * math.prod(times))
-    most = max(data.ndim, len(times))
-    deeper = data.reshape(data.shape + (1,) * (most - data.ndim))
-    return with_class_of(given[0], np.tile(deeper, times + (1,) * (most - len(times))))
+def _repmat(call: NumericArguments) -> Value:
+    data, times = call.data(0), parse_shape(call.values[1:])
+    call.budget.allocate(data.size * math.prod(times))
+    dimensions = max(data.ndim, len(times))
+    deeper = data.reshape(data.shape + (1,) * (dimensions - data.ndim))
+    return with_class_of(call[0], np.tile(deeper, times + (1,) * (dimensions - len(times))))
 
 
 @function("meshgrid", 1, 2)
-def _meshgrid(given: NumericArguments) -> tuple[Value, ...]:
-    x = given.array(0).ravel(order="F")
-    y = given.array(1).ravel(order="F") if len(given) > 1 else x
-    given.budget.make(2 * x.size * y.size)
-    return tuple(np.ascontiguousarray(one) for one in np.meshgrid(x, y))
+def _meshgrid(call: NumericArguments) -> tuple[Value, ...]:
+    x = call.array(0).ravel(order="F")
+    y = call.array(1).ravel(order="F") if len(call) > 1 else x
+    call.budget.allocate(2 * x.size * y.size)
+    return tuple(np.ascontiguousarray(grid) for grid in np.meshgrid(x, y))
 
 
 @function("ndgrid", 1, 4)
-def _ndgrid(given: NumericArguments) -> tuple[Value, ...]:
-    axes = [given.numbers(at).ravel(order="F") for at in range(len(given))]
-    axes = axes * max(given.outputs, 2) if len(axes) == 1 else axes
-    given.budget.make(len(axes) * math.prod(axis.size for axis in axes))
-    return tuple(np.ascontiguousarray(one) for one in np.meshgrid(*axes, indexing="ij"))
+def _ndgrid(call: NumericArguments) -> tuple[Value, ...]:
+    axes = [call.numbers(at).ravel(order="F") for at in range(len(call))]
+    axes = axes * max(call.outputs, 2) if len(axes) == 1 else axes
+    call.budget.allocate(len(axes) * math.prod(axis.size for axis in axes))
+    return tuple(np.ascontiguousarray(grid) for grid in np.meshgrid(*axes, indexing="ij"))
 
 
 @function("magic", 1)
-def _magic(given: NumericArguments) -> Value:
-    size = given.whole(0)
+def _magic(call: NumericArguments) -> Value:
+    size = call.integer(0)
     if not 3 <= size <= 1000 or size % 2 == 0:
-        raise MatlabValueError("magic is known for odd sizes from 3 on")
-    given.budget.make(size * size)
+        raise MatlabValueError("magic supports odd sizes from 3 to 999")
+    call.budget.allocate(size * size)
     row_, column = np.meshgrid(np.arange(1, size + 1), np.arange(1, size + 1), indexing="ij")
     first = (row_ + column + (size - 3) // 2) % size
     second = (row_ + 2 * column - 2) % size
@@ -185,218 +182,158 @@ def _magic(given: NumericArguments) -> Value:
 
 
 @function("size", 1, 2)
-def _size(given: NumericArguments) -> "Value | tuple[Value, ...]":
-    shape = given.data(0).shape
-    if len(given) > 1:
-        if any(at < 1 or at != math.floor(at) for at in given.numbers(1).ravel(order="F")):
-            raise MatlabValueError("a dimension has to be a whole number from 1")
-        wanted = [int(at) for at in given.numbers(1).ravel(order="F")]
+def _size(call: NumericArguments) -> "Value | tuple[Value, ...]":
+    shape = call.data(0).shape
+    if len(call) > 1:
+        if any(at < 1 or at != math.floor(at) for at in call.numbers(1).ravel(order="F")):
+            raise MatlabValueError("a dimension must be an integer >= 1")
+        wanted = [int(at) for at in call.numbers(1).ravel(order="F")]
         return row([shape[at - 1] if at <= len(shape) else 1 for at in wanted])
-    if given.outputs < 2:
+    if call.outputs < 2:
         return row(shape)
-    padded = (*shape, *(1 for _ in range(given.outputs - len(shape))))
-    last = math.prod(padded[given.outputs - 1 :])
-    return tuple(scalar(size) for size in (*padded[: given.outputs - 1], last))
+    padded = (*shape, *(1 for _ in range(call.outputs - len(shape))))
+    last = math.prod(padded[call.outputs - 1 :])
+    return tuple(scalar(size) for size in (*padded[: call.outputs - 1], last))
 
 
-@function("numel", 1)
-def _numel(given: NumericArguments) -> Value:
-    return scalar(given.data(0).size)
-
-
-@function("length", 1)
-def _length(given: NumericArguments) -> Value:
-    return scalar(max(given.data(0).shape) if given.data(0).size else 0)
-
-
-@function("ndims", 1)
-def _ndims(given: NumericArguments) -> Value:
-    return scalar(given.data(0).ndim)
-
-
-@function("height", 1)
-def _height(given: NumericArguments) -> Value:
-    return scalar(given.data(0).shape[0])
-
-
-@function("width", 1)
-def _width(given: NumericArguments) -> Value:
-    return scalar(given.data(0).shape[1])
-
-
-@function("isempty", 1)
-def _isempty(given: NumericArguments) -> Value:
-    return logical(not given.data(0).size)
-
-
-@function("isscalar", 1)
-def _isscalar(given: NumericArguments) -> Value:
-    return logical(given.data(0).size == 1)
+for _name, _run in {
+    "numel": lambda call: scalar(call.data(0).size),
+    "length": lambda call: scalar(max(call.data(0).shape) if call.data(0).size else 0),
+    "ndims": lambda call: scalar(call.data(0).ndim),
+    "height": lambda call: scalar(call.data(0).shape[0]),
+    "width": lambda call: scalar(call.data(0).shape[1]),
+    "isempty": lambda call: logical(not call.data(0).size),
+    "isscalar": lambda call: logical(call.data(0).size == 1),
+    "isrow": lambda call: logical(call.data(0).ndim == 2 and call.data(0).shape[0] == 1),
+    "iscolumn": lambda call: logical(call.data(0).ndim == 2 and call.data(0).shape[1] == 1),
+    "ismatrix": lambda call: logical(call.data(0).ndim == 2),
+    "fliplr": lambda call: with_class_of(call[0], np.flip(call.data(0), 1)),
+    "flipud": lambda call: with_class_of(call[0], np.flip(call.data(0), 0)),
+    "transpose": lambda call: with_class_of(call[0], transpose(call.data(0))),
+    "ctranspose": lambda call: with_class_of(call[0], transpose(call.data(0))),
+}.items():
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(_run, 1, 1)
 
 
 @function("isvector", 1)
-def _isvector(given: NumericArguments) -> Value:
-    data = given.data(0)
+def _isvector(call: NumericArguments) -> Value:
+    data = call.data(0)
     return logical(data.ndim == 2 and 1 in data.shape)
 
 
-@function("isrow", 1)
-def _isrow(given: NumericArguments) -> Value:
-    return logical(given.data(0).ndim == 2 and given.data(0).shape[0] == 1)
-
-
-@function("iscolumn", 1)
-def _iscolumn(given: NumericArguments) -> Value:
-    return logical(given.data(0).ndim == 2 and given.data(0).shape[1] == 1)
-
-
-@function("ismatrix", 1)
-def _ismatrix(given: NumericArguments) -> Value:
-    return logical(given.data(0).ndim == 2)
-
-
 @function("reshape", 2, MANY)
-def _reshape(given: NumericArguments) -> Value:
-    data, sizes = given.data(0), list(given.values[1:])
+def _reshape(call: NumericArguments) -> Value:
+    data, sizes = call.data(0), list(call.values[1:])
     empty = [at for at, size in enumerate(sizes) if not numbers(size).size]
     if len(empty) == 1 and len(sizes) > 1:
         known = math.prod(float(numbers(size).flat[0]) for size in sizes if numbers(size).size)
         sizes[empty[0]] = scalar(data.size / known if known else 0)
-    shape = requested_shape(sizes)
+    shape = parse_shape(sizes)
     if len(sizes) == 1 and numbers(sizes[0]).size == 1:
-        raise MatlabValueError("a size needs two numbers")
+        raise MatlabValueError("a size requires two numbers")
     if math.prod(shape) != data.size:
-        raise MatlabValueError(f"{data.size} elements do not fill {' x '.join(map(str, shape))}")
-    given.budget.make(data.size)
-    return with_class_of(given[0], data.reshape(shape, order="F"))
+        raise MatlabValueError(f"{data.size} elements cannot be reshaped to {format_shape(shape)}")
+    call.budget.allocate(data.size)
+    return with_class_of(call[0], data.reshape(shape, order="F"))
 
 
 @function("horzcat", 0, MANY)
-def _horzcat(given: NumericArguments) -> Value:
-    return joined_along(given.values, 1, given.budget)
+def _horzcat(call: NumericArguments) -> Value:
+    return concatenate_along(call.values, 1, call.budget)
 
 
 @function("vertcat", 0, MANY)
-def _vertcat(given: NumericArguments) -> Value:
-    return joined_along(given.values, 0, given.budget)
+def _vertcat(call: NumericArguments) -> Value:
+    return concatenate_along(call.values, 0, call.budget)
 
 
 @function("cat", 1, MANY)
-def _cat(given: NumericArguments) -> Value:
-    axis = given.whole(0)
+def _cat(call: NumericArguments) -> Value:
+    axis = call.integer(0)
     if not 1 <= axis <= 32:
-        raise MatlabValueError(f"{axis} is no dimension")
-    return joined_along(given.values[1:], axis - 1, given.budget)
-
-
-@function("fliplr", 1)
-def _fliplr(given: NumericArguments) -> Value:
-    return with_class_of(given[0], np.flip(given.data(0), 1))
-
-
-@function("flipud", 1)
-def _flipud(given: NumericArguments) -> Value:
-    return with_class_of(given[0], np.flip(given.data(0), 0))
+        raise MatlabValueError(f"a dimension must be between 1 and 32, got {axis}")
+    return concatenate_along(call.values[1:], axis - 1, call.budget)
 
 
 @function("flip", 1, 2)
-def _flip(given: NumericArguments) -> Value:
-    data = given.data(0)
-    axis = given.dimension(1, data)
-    return with_class_of(given[0], np.flip(data, axis) if axis < data.ndim else data)
+def _flip(call: NumericArguments) -> Value:
+    data = call.data(0)
+    axis = call.dimension(1, data)
+    return with_class_of(call[0], np.flip(data, axis) if axis < data.ndim else data)
 
 
 @function("rot90", 1, 2)
-def _rot90(given: NumericArguments) -> Value:
-    return with_class_of(given[0], np.rot90(given.data(0), given.whole(1, 1) % 4))
-
-
-@function("transpose ctranspose", 1)
-def _transpose(given: NumericArguments) -> Value:
-    return with_class_of(given[0], transposed(given.data(0)))
+def _rot90(call: NumericArguments) -> Value:
+    return with_class_of(call[0], np.rot90(call.data(0), call.integer(1, 1) % 4))
 
 
 @function("permute", 2)
-def _permute(given: NumericArguments) -> Value:
-    data, order = given.data(0), [int(at) - 1 for at in given.numbers(1).ravel(order="F")]
+def _permute(call: NumericArguments) -> Value:
+    data, order = call.data(0), [int(at) - 1 for at in call.numbers(1).ravel(order="F")]
     if sorted(order) != list(range(len(order))) or len(order) < data.ndim or len(order) > 32:
-        raise MatlabValueError("the order has to name each dimension once")
-    return with_class_of(given[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
+        raise MatlabValueError("the order must list each dimension once")
+    return with_class_of(call[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
 
 
 @function("squeeze", 1)
-def _squeeze(given: NumericArguments) -> Value:
-    data = given.data(0)
-    kept = [size for size in data.shape if size != 1] if data.ndim > 2 else list(data.shape)
-    return with_class_of(given[0], data.reshape([*kept, 1, 1][: max(len(kept), 2)], order="F"))
+def _squeeze(call: NumericArguments) -> Value:
+    data = call.data(0)
+    sizes = [size for size in data.shape if size != 1] if data.ndim > 2 else list(data.shape)
+    return with_class_of(call[0], data.reshape([*sizes, 1, 1][: max(len(sizes), 2)], order="F"))
 
 
 @function("circshift", 2, 3)
-def _circshift(given: NumericArguments) -> Value:
-    data, shift = given.data(0), [int(by) for by in given.numbers(1).ravel(order="F")]
-    axes = [given.dimension(2, data)] if len(shift) == 1 else list(range(len(shift)))
-    return with_class_of(given[0], np.roll(data, shift, axes))
-
-
-def _matrix(given: NumericArguments, at: int = 0) -> Array:
-    """An argument of two dimensions."""
-    data = given.array(at)
-    if data.ndim > 2:
-        raise MatlabValueError(f"a matrix is needed, not an array of {data.ndim} dimensions")
-    return data
+def _circshift(call: NumericArguments) -> Value:
+    data, shift = call.data(0), [int(by) for by in call.numbers(1).ravel(order="F")]
+    axes = [call.dimension(2, data)] if len(shift) == 1 else list(range(len(shift)))
+    return with_class_of(call[0], np.roll(data, shift, axes))
 
 
 @function("diag", 1, 2)
-def _diag(given: NumericArguments) -> Value:
-    data, offset = _matrix(given), given.whole(1, 0)
+def _diag(call: NumericArguments) -> Value:
+    data, offset = call.matrix(0), call.integer(1, 0)
     if data.shape == (0, 0):
         return data
     if 1 in data.shape:
         side = data.size + abs(offset)
-        given.budget.make(side * side)
+        call.budget.allocate(side * side)
         return np.diag(data.ravel(order="F"), offset)
     return np.diag(data, offset).reshape(-1, 1)
 
 
-@function("tril", 1, 2)
-def _tril(given: NumericArguments) -> Value:
-    return np.tril(_matrix(given), given.whole(1, 0))
-
-
-@function("triu", 1, 2)
-def _triu(given: NumericArguments) -> Value:
-    return np.triu(_matrix(given), given.whole(1, 0))
+NUMERIC_FUNCTIONS["tril"] = NumericFunction(lambda call: np.tril(call.matrix(0), call.integer(1, 0)), 1, 2)
+NUMERIC_FUNCTIONS["triu"] = NumericFunction(lambda call: np.triu(call.matrix(0), call.integer(1, 0)), 1, 2)
 
 
 @function("kron", 2)
-def _kron(given: NumericArguments) -> Value:
-    given.budget.make(given.data(0).size * given.data(1).size)
-    return np.kron(numbers(_matrix(given, 0)), numbers(_matrix(given, 1)))
+def _kron(call: NumericArguments) -> Value:
+    call.budget.allocate(call.data(0).size * call.data(1).size)
+    return np.kron(numbers(call.matrix(0)), numbers(call.matrix(1)))
 
 
 @function("sub2ind", 2, MANY)
-def _sub2ind(given: NumericArguments) -> Value:
-    shape = [int(size) for size in given.numbers(0).ravel(order="F")]
-    step, found = 1.0, np.ones(given.data(1).shape)
-    for at, size in enumerate(shape[: len(given) - 1]):
-        place = given.numbers(at + 1)
-        if ((place < 1) | (place > size)).any():
-            raise MatlabValueError(f"an index of dimension {at + 1} is not within 1 to {size}")
-        found = found + (place - 1) * step
+def _sub2ind(call: NumericArguments) -> Value:
+    shape = [int(size) for size in call.numbers(0).ravel(order="F")]
+    step, linear = 1.0, np.ones(call.data(1).shape)
+    for at, size in enumerate(shape[: len(call) - 1]):
+        index = call.numbers(at + 1)
+        if ((index < 1) | (index > size)).any():
+            raise MatlabValueError(f"an index of dimension {at + 1} must be between 1 and {size}")
+        linear = linear + (index - 1) * step
         step *= size
-    return found
+    return linear
 
 
 @function("ind2sub", 2)
-def _ind2sub(given: NumericArguments) -> tuple[Value, ...]:
-    shape = [int(size) for size in given.numbers(0).ravel(order="F")]
-    count = max(given.outputs, 1)
+def _ind2sub(call: NumericArguments) -> tuple[Value, ...]:
+    shape = [int(size) for size in call.numbers(0).ravel(order="F")]
+    count = max(call.outputs, 1)
     shape = [*shape[: count - 1], math.prod(shape[count - 1 :])] if count <= len(shape) else shape
-    left = given.numbers(1) - 1
-    if ((left < 0) | (left >= math.prod(shape))).any():
-        raise MatlabValueError(f"an index is not within 1 to {math.prod(shape)}")
-    found = []
+    rest = call.numbers(1) - 1
+    if ((rest < 0) | (rest >= math.prod(shape))).any():
+        raise MatlabValueError(f"an index must be between 1 and {math.prod(shape)}")
+    indices = []
     for size in shape:
-        found.append(left % size + 1)
-        left = np.floor(left / size)
-    return (*found, *(np.ones_like(left) for _ in range(count - len(found))))
+        indices.append(rest % size + 1)
+        rest = np.floor(rest / size)
+    return (*indices, *(np.ones_like(rest) for _ in range(count - len(indices))))

@@ -1,12 +1,13 @@
-"""Functions of the bits of whole numbers, in the class of their first argument; doubles count as uint64."""
+"""Bitwise functions on integers, in the class of their first argument; doubles count as uint64."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kennfeld.matlab.functions.elementary import paired
+from kennfeld.matlab.functions.elementary import apply_pairwise
 from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
+from kennfeld.matlab.operators import pad_dimensions
 from kennfeld.matlab.values import INTEGERS, Array, MatlabValueError, Value, class_name, text
 
 __all__: list[str] = []
@@ -14,63 +15,58 @@ __all__: list[str] = []
 
 @dataclass(frozen=True)
 class _Class:
-    """An integer class: how many bits, and whether one of them is a sign."""
+    """An integer class: its number of bits, and its signedness."""
 
     bits: int
     signed: bool
 
     def wrapped(self, number: int) -> int:
-        """The number that the lowest bits of another one are."""
-        least = -(1 << (self.bits - 1)) if self.signed else 0
-        return (number - least) % (1 << self.bits) + least
+        """Return a number modulo the range of the class."""
+        lowest = -(1 << (self.bits - 1)) if self.signed else 0
+        return (number - lowest) % (1 << self.bits) + lowest
 
 
-def _class_of(given: NumericArguments, operands: int = 1) -> tuple[_Class, NumericArguments]:
-    """The class whose bits are meant, of an operand or as named, and the arguments without that name."""
-    names = [class_name(given.array(at)) for at in range(operands)]
-    whole = dict.fromkeys(one for one in names if one in INTEGERS)
-    if len(whole) > 1:
-        raise MatlabValueError(f"{' and '.join(whole)} cannot be combined")
-    name = next(iter(whole), "uint64")
-    if len(given) > 1 and given.is_text(len(given) - 1):
-        stated = text(given[len(given) - 1])
+def _class_of(call: NumericArguments, operands: int = 1) -> tuple[_Class, NumericArguments]:
+    """Return the class of the operands or the named one, and the arguments without that name."""
+    names = [class_name(call.array(at)) for at in range(operands)]
+    integers = dict.fromkeys(one for one in names if one in INTEGERS)
+    if len(integers) > 1:
+        raise MatlabValueError(f"{' and '.join(integers)} cannot be combined")
+    name = next(iter(integers), "uint64")
+    if len(call) > 1 and call.is_text(len(call) - 1):
+        stated = text(call[len(call) - 1])
         if stated not in INTEGERS:
-            raise MatlabValueError(f"{stated} is no class of integers")
-        name, given = (name if name in names else stated), replace(given, values=given.values[:-1])
-    return _Class(int(name.removeprefix("u").removeprefix("int")), not name.startswith("u")), given
+            raise MatlabValueError(f"unknown integer class {stated}")
+        name, call = (name if name in names else stated), replace(call, values=call.values[:-1])
+    return _Class(int(name.removeprefix("u").removeprefix("int")), not name.startswith("u")), call
 
 
-def _whole(given: NumericArguments, at: int, kind: _Class) -> Array:
-    """An argument as whole numbers of Python."""
-    values = given.numbers(at)
+def _to_integers(call: NumericArguments, at: int, kind: _Class) -> Array:
+    """Return an argument as Python integers."""
+    values = call.numbers(at)
     if not (np.isfinite(values) & (values == np.floor(values))).all():
-        raise MatlabValueError("whole numbers are needed")
+        raise MatlabValueError("arguments must be integers")
     if not kind.signed and (values < 0).any():
-        raise MatlabValueError("bits are those of numbers from 0")
-    return np.array([int(one) for one in values.ravel()], dtype=object).reshape(values.shape)
+        raise MatlabValueError("arguments must be >= 0")
+    return np.array([int(value) for value in values.ravel()], dtype=object).reshape(values.shape)
 
 
-def _applied(given: NumericArguments, operation: Callable[[int, int], int], kind: _Class, operands: int = 1) -> Value:
-    one = _whole(given, 0, kind)
-    other = _whole(given, 1, replace(kind, signed=True))
+def _apply_bits(call: NumericArguments, operation: Callable[[int, int], int], kind: _Class, operands: int = 1) -> Value:
+    left = _to_integers(call, 0, kind)
+    right = _to_integers(call, 1, replace(kind, signed=True))
     each = np.frompyfunc(lambda a, b: float(kind.wrapped(operation(int(a), int(b)))), 2, 1)
     name = next(
-        (class_name(given.array(at)) for at in range(operands) if class_name(given.array(at)) in INTEGERS), "double"
+        (class_name(call.array(at)) for at in range(operands) if class_name(call.array(at)) in INTEGERS),
+        "double",
     )
-    return paired(given, lambda *_: np.asarray(each(*_deeper(one, other))).astype(np.float64), name)
-
-
-def _deeper(*arrays: Array) -> list[Array]:
-    """Arrays with the same number of dimensions; those that are missing are one long."""
-    most = max(array.ndim for array in arrays)
-    return [array.reshape(array.shape + (1,) * (most - array.ndim)) for array in arrays]
+    return apply_pairwise(call, lambda *_: np.asarray(each(*pad_dimensions(left, right))).astype(np.float64), name)
 
 
 def _bitwise(operation: Callable[[int, int], int]) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        kind, given = _class_of(given, 2)
-        _whole(given, 1, kind)
-        return _applied(given, operation, kind, 2)
+    def run(call: NumericArguments) -> Value:
+        kind, call = _class_of(call, 2)
+        _to_integers(call, 1, kind)
+        return _apply_bits(call, operation, kind, 2)
 
     return NumericFunction(run, 2, 3)
 
@@ -82,27 +78,27 @@ NUMERIC_FUNCTIONS["bitxor"] = _bitwise(lambda one, other: one ^ other)
 
 def _place(at: int, kind: _Class) -> int:
     if not 1 <= at <= kind.bits:
-        raise MatlabValueError(f"the bit {at} is not within 1 to {kind.bits}")
+        raise MatlabValueError(f"the bit number must be between 1 and {kind.bits}, got {at}")
     return at - 1
 
 
 @function("bitshift", 2, 3)
-def _bitshift(given: NumericArguments) -> Value:
-    kind, given = _class_of(given)
-    return _applied(given, lambda one, by: one << min(by, 64) if by >= 0 else one >> min(-by, 64), kind)
+def _bitshift(call: NumericArguments) -> Value:
+    kind, call = _class_of(call)
+    return _apply_bits(call, lambda bits, by: bits << min(by, 64) if by >= 0 else bits >> min(-by, 64), kind)
 
 
 @function("bitget", 2, 3)
-def _bitget(given: NumericArguments) -> Value:
-    kind, given = _class_of(given)
-    return _applied(given, lambda one, at: one >> _place(at, kind) & 1, kind)
+def _bitget(call: NumericArguments) -> Value:
+    kind, call = _class_of(call)
+    return _apply_bits(call, lambda bits, at: bits >> _place(at, kind) & 1, kind)
 
 
 @function("bitset", 2, 4)
-def _bitset(given: NumericArguments) -> Value:
-    kind, given = _class_of(given)
-    is_set = len(given) < 3 or bool(given.number(2))
-    return _applied(given, lambda one, at: _with_bit(one, _place(at, kind), is_set), kind)
+def _bitset(call: NumericArguments) -> Value:
+    kind, call = _class_of(call)
+    is_set = len(call) < 3 or bool(call.number(2))
+    return _apply_bits(call, lambda bits, at: _with_bit(bits, _place(at, kind), is_set), kind)
 
 
 def _with_bit(number: int, at: int, is_set: bool) -> int:
@@ -110,7 +106,7 @@ def _with_bit(number: int, at: int, is_set: bool) -> int:
 
 
 @function("bitcmp", 1, 2)
-def _bitcmp(given: NumericArguments) -> Value:
-    kind, given = _class_of(given)
-    given = replace(given, values=[given[0], given[0]])
-    return _applied(given, lambda one, _: ~one, kind)
+def _bitcmp(call: NumericArguments) -> Value:
+    kind, call = _class_of(call)
+    call = replace(call, values=[call[0], call[0]])
+    return _apply_bits(call, lambda bits, _: ~bits, kind)

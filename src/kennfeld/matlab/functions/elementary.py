@@ -1,4 +1,4 @@
-"""Functions of single numbers, applied to each element."""
+"""Elementary functions of numbers, applied to each element."""
 
 import math
 from collections.abc import Callable
@@ -7,30 +7,26 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
-from kennfeld.matlab.operators import binary, cast_to_class, result_class, unary
+from kennfeld.matlab.operators import apply_binary, apply_unary, cast_to_class, result_class
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
-__all__ = ["paired"]
+__all__ = ["apply_pairwise"]
 
 _Real = Callable[[Float], Float]
 
 
-def _fix(values: Float) -> Float:
-    return np.trunc(values)
-
-
-def _rounded(values: Float) -> Float:
+def _round_half_away(values: Float) -> Float:
     return np.asarray(np.trunc(values + np.copysign(0.5, values)) if values.size else values)
 
 
-def _exact(turns: Float, name: str) -> Float:
-    """Sine or cosine of degrees, exact at their zeros and extremes."""
+def _exact_degrees(turns: Float, name: str) -> Float:
+    """Return sine or cosine of degrees, exact at zeros and extremes."""
     degrees = np.remainder(turns + (90.0 if name == "cos" else 0.0), 360.0)
-    found = np.sin(np.deg2rad(degrees))
-    known = {0.0: 0.0, 30.0: 0.5, 90.0: 1.0, 150.0: 0.5, 180.0: 0.0, 210.0: -0.5, 270.0: -1.0, 330.0: -0.5}
-    for at, value in known.items():
-        found = np.where(degrees == at, value, found)
-    return np.asarray(found)
+    values = np.sin(np.deg2rad(degrees))
+    exact = {0.0: 0.0, 30.0: 0.5, 90.0: 1.0, 150.0: 0.5, 180.0: 0.0, 210.0: -0.5, 270.0: -1.0, 330.0: -0.5}
+    for at, value in exact.items():
+        values = np.where(degrees == at, value, values)
+    return np.asarray(values)
 
 
 def _gamma(values: Float) -> Float:
@@ -45,7 +41,7 @@ def _gamma_of(value: float) -> float:
 
 def _factorial(values: Float) -> Float:
     if ((values < 0) | (values != np.floor(values))).any():
-        raise MatlabValueError("factorial is for whole numbers from 0")
+        raise MatlabValueError("factorial requires integers >= 0")
     return np.round(_gamma(values + 1))
 
 
@@ -54,7 +50,7 @@ _KEEPING: dict[str, _Real] = {
     "sign": np.sign,
     "floor": np.floor,
     "ceil": np.ceil,
-    "fix": _fix,
+    "fix": np.trunc,
     "real": lambda values: values,
     "conj": lambda values: values,
     "imag": np.zeros_like,
@@ -72,9 +68,9 @@ _FLOATING: dict[str, _Real] = {
     "asinh": np.arcsinh,
     "deg2rad": np.deg2rad,
     "rad2deg": np.rad2deg,
-    "sind": lambda values: _exact(values, "sin"),
-    "cosd": lambda values: _exact(values, "cos"),
-    "tand": lambda values: _exact(values, "sin") / _exact(values, "cos"),
+    "sind": lambda values: _exact_degrees(values, "sin"),
+    "cosd": lambda values: _exact_degrees(values, "cos"),
+    "tand": lambda values: _exact_degrees(values, "sin") / _exact_degrees(values, "cos"),
     "atand": lambda values: np.rad2deg(np.arctan(values)),
     "gamma": _gamma,
     "factorial": _factorial,
@@ -99,36 +95,38 @@ _TESTS: dict[str, Callable[[Float], Bool]] = {"isnan": np.isnan, "isinf": np.isi
 
 def _register_all() -> None:
     for name, operation in _KEEPING.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation), 1, 1)
     for name, operation in _FLOATING.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation, floating=True), 1, 1)
-    for name, (operation, forbidden, said) in _LIMITED.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_each(operation, True, forbidden, said), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation, floating=True), 1, 1)
+    for name, (operation, forbidden, value) in _LIMITED.items():
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation, True, forbidden, value), 1, 1)
     for name, test in _TESTS.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_tested(test), 1, 1)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_predicate(test), 1, 1)
+    for name, pairwise in _PAIRWISE.items():
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_pairwise(pairwise), 2, 2)
     for name, operator in _OPERATORS.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_operated(operator), 2, 2)
+        NUMERIC_FUNCTIONS[name] = NumericFunction(_operator_function(operator), 2, 2)
 
 
-def _each(
-    operation: _Real, floating: bool = False, forbidden: Callable[[Float], Bool] | None = None, said: str = ""
+def _elementwise(
+    operation: _Real, floating: bool = False, forbidden: Callable[[Float], Bool] | None = None, value: str = ""
 ) -> Callable[[NumericArguments], Value]:
-    def run(given: NumericArguments) -> Value:
-        values = given.numbers(0)
+    def run(call: NumericArguments) -> Value:
+        values = call.numbers(0)
         if forbidden is not None and forbidden(values).any():
-            raise MatlabValueError(f"{said} is complex")
-        name = class_name(given.array(0))
+            raise MatlabValueError(f"{value} is complex")
+        name = class_name(call.array(0))
         with np.errstate(all="ignore"):
-            found = np.asarray(operation(values), dtype=np.float64)
+            results = np.asarray(operation(values), dtype=np.float64)
         return cast_to_class(
-            found, "single" if name == "single" else "double" if floating else result_class(given.array(0))
+            results, "single" if name == "single" else "double" if floating else result_class(call.array(0))
         )
 
     return run
 
 
-def _tested(test: Callable[[Float], Bool]) -> Callable[[NumericArguments], Value]:
-    return lambda given: test(given.numbers(0))
+def _predicate(test: Callable[[Float], Bool]) -> Callable[[NumericArguments], Value]:
+    return lambda call: test(call.numbers(0))
 
 
 _OPERATORS = {
@@ -153,120 +151,81 @@ _OPERATORS = {
 }
 
 
-def _operated(operator: str) -> Callable[[NumericArguments], Value]:
-    return lambda given: binary(operator, given[0], given[1], given.budget)
+def _operator_function(operator: str) -> Callable[[NumericArguments], Value]:
+    return lambda call: apply_binary(operator, call[0], call[1], call.budget)
 
 
 @function("not", 1)
-def _not(given: NumericArguments) -> Value:
-    return unary("~", given[0])
+def _not(call: NumericArguments) -> Value:
+    return apply_unary("~", call[0])
 
 
 @function("uminus", 1)
-def _uminus(given: NumericArguments) -> Value:
-    return unary("-", given[0])
-
-
-@function("xor", 2)
-def _xor(given: NumericArguments) -> Value:
-    return paired(given, lambda one, other: (one != 0) != (other != 0))
+def _uminus(call: NumericArguments) -> Value:
+    return apply_unary("-", call[0])
 
 
 @function("round", 1, 2)
-def _round(given: NumericArguments) -> Value:
-    values, digits = given.numbers(0), given.whole(1, 0)
+def _round(call: NumericArguments) -> Value:
+    values, digits = call.numbers(0), call.integer(1, 0)
     factor = 10.0 ** min(max(digits, -300), 300)
-    found = _rounded(values * factor) / factor if digits else _rounded(values)
-    return cast_to_class(np.where(np.isfinite(values), found, values), result_class(given.array(0)))
+    rounded = _round_half_away(values * factor) / factor if digits else _round_half_away(values)
+    return cast_to_class(np.where(np.isfinite(values), rounded, values), result_class(call.array(0)))
 
 
-def paired(given: NumericArguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
-    """An operation on two arguments with implicit expansion, in the class that they make together."""
-    shape = binary("+", np.zeros(given.array(0).shape), np.zeros(given.array(1).shape), given.budget).shape
-    most = len(shape)
-    one, other = (values.reshape(values.shape + (1,) * (most - values.ndim)) for values in map(given.numbers, (0, 1)))
+def apply_pairwise(call: NumericArguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
+    """Apply an operation to two arguments with implicit expansion, in their common class."""
+    shape = apply_binary("+", np.zeros(call.array(0).shape), np.zeros(call.array(1).shape), call.budget).shape
+    dimensions = len(shape)
+    operands = (call.numbers(0), call.numbers(1))
+    left, right = (values.reshape(values.shape + (1,) * (dimensions - values.ndim)) for values in operands)
     with np.errstate(all="ignore"):
-        found = operation(one, other)
-    return (
-        found if found.dtype == np.bool_ else cast_to_class(found, name or result_class(given.array(0), given.array(1)))
-    )
+        result = operation(left, right)
+    if result.dtype == np.bool_:
+        return result
+    return cast_to_class(result, name or result_class(call.array(0), call.array(1)))
 
 
-@function("mod", 2)
-def _mod(given: NumericArguments) -> Value:
-    return paired(given, _modulus)
+def _modulus(left: Float, right: Float) -> Float:
+    remainder = np.where(right == 0, left, left - np.floor(left / right) * right)
+    remainder = np.where(_is_multiple(left, right), 0.0, remainder)
+    beyond = np.where(np.sign(left) * np.sign(right) < 0, right, left)
+    return np.where(np.isinf(right) & np.isfinite(left), beyond, remainder)
 
 
-def _modulus(one: Float, other: Float) -> Float:
-    made = np.where(other == 0, one, one - np.floor(one / other) * other)
-    made = np.where(_is_multiple(one, other), 0.0, made)
-    beyond = np.where(np.sign(one) * np.sign(other) < 0, other, one)
-    return np.where(np.isinf(other) & np.isfinite(one), beyond, made)
+def _remainder(left: Float, right: Float) -> Float:
+    return np.where(_is_multiple(left, right), 0.0, np.where(right == 0, np.nan, np.fmod(left, right)))
 
 
-@function("rem", 2)
-def _rem(given: NumericArguments) -> Value:
-    return paired(given, _remainder)
-
-
-def _remainder(one: Float, other: Float) -> Float:
-    return np.where(_is_multiple(one, other), 0.0, np.where(other == 0, np.nan, np.fmod(one, other)))
-
-
-def _is_multiple(one: Float, other: Float) -> Bool:
-    """Whether numbers are multiples of others that are not whole, but for rounding; MATLAB leaves no remainder then."""
-    ratio = np.abs(one / other)
+def _is_multiple(left: Float, right: Float) -> Bool:
+    """Return where numbers are multiples of fractional ones up to rounding; MATLAB leaves no remainder there."""
+    ratio = np.abs(left / right)
     is_near = np.abs(ratio - np.floor(ratio + 0.5)) <= np.finfo(np.float64).eps * ratio
-    return np.asarray(is_near & (other != np.floor(other)))
+    return np.asarray(is_near & (right != np.floor(right)))
 
 
-@function("atan2", 2)
-def _atan2(given: NumericArguments) -> Value:
-    return paired(given, np.arctan2)
-
-
-@function("atan2d", 2)
-def _atan2d(given: NumericArguments) -> Value:
-    return paired(given, lambda one, other: np.rad2deg(np.arctan2(one, other)))
-
-
-@function("hypot", 2)
-def _hypot(given: NumericArguments) -> Value:
-    return paired(given, np.hypot)
-
-
-@function("gcd", 2)
-def _gcd(given: NumericArguments) -> Value:
-    return paired(given, lambda one, other: np.gcd(_integers(one), _integers(other)).astype(np.float64))
-
-
-@function("lcm", 2)
-def _lcm(given: NumericArguments) -> Value:
-    return paired(given, lambda one, other: np.lcm(_integers(one), _integers(other)).astype(np.float64))
-
-
-_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": _rounded}
+_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": _round_half_away}
 
 
 @function("idivide", 2, 3)
-def _idivide(given: NumericArguments) -> Value:
-    way = given.text(2).casefold() if len(given) > 2 else "fix"
-    if way not in _WAYS:
-        raise MatlabValueError(f"{way} is no way of rounding")
-    return paired(given, lambda one, other: _WAYS[way](one / other))
+def _idivide(call: NumericArguments) -> Value:
+    method = call.text(2).casefold() if len(call) > 2 else "fix"
+    if method not in _WAYS:
+        raise MatlabValueError(f"unknown rounding method {method}")
+    return apply_pairwise(call, lambda left, right: _WAYS[method](left / right))
 
 
 def _integers(values: Float) -> Array:
     if not (np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)).all():
-        raise MatlabValueError("whole numbers are needed")
+        raise MatlabValueError("arguments must be integers")
     return values.astype(np.int64)
 
 
 @function("primes", 1)
-def _primes(given: NumericArguments) -> Value:
-    most = given.number(0)
-    given.budget.make(max(most, 0))
-    sieve = np.ones(max(int(most) + 1, 2), dtype=bool)
+def _primes(call: NumericArguments) -> Value:
+    limit = call.number(0)
+    call.budget.allocate(max(limit, 0))
+    sieve = np.ones(max(int(limit) + 1, 2), dtype=bool)
     sieve[:2] = False
     for at in range(2, int(len(sieve) ** 0.5) + 1):
         if sieve[at]:
@@ -275,11 +234,27 @@ def _primes(given: NumericArguments) -> Value:
 
 
 @function("nchoosek", 2)
-def _nchoosek(given: NumericArguments) -> Value:
-    total, chosen = given.whole(0), given.whole(1)
+def _nchoosek(call: NumericArguments) -> Value:
+    total, chosen = call.integer(0), call.integer(1)
     if not 0 <= chosen <= total <= 1000:
-        raise MatlabValueError("nchoosek is for whole numbers up to 1000, the second no more than the first")
+        raise MatlabValueError("nchoosek requires integers with 0 <= k <= n <= 1000")
     return array_value(np.array([[float(math.comb(total, chosen))]]))
+
+
+_PAIRWISE: dict[str, Callable[[Float, Float], Array]] = {
+    "xor": lambda left, right: (left != 0) != (right != 0),
+    "mod": _modulus,
+    "rem": _remainder,
+    "atan2": np.arctan2,
+    "atan2d": lambda left, right: np.rad2deg(np.arctan2(left, right)),
+    "hypot": np.hypot,
+    "gcd": lambda left, right: np.gcd(_integers(left), _integers(right)).astype(np.float64),
+    "lcm": lambda left, right: np.lcm(_integers(left), _integers(right)).astype(np.float64),
+}
+
+
+def _pairwise(operation: Callable[[Float, Float], Array]) -> Callable[[NumericArguments], Value]:
+    return lambda call: apply_pairwise(call, operation)
 
 
 _register_all()

@@ -1,4 +1,4 @@
-"""How a function of MATLAB is written here: it takes its arguments and returns a value, or a tuple of several."""
+"""The registry of MATLAB functions on numeric values; each returns a value or a tuple of several."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from kennfeld.matlab.values import (
     Value,
     array_value,
     elements_of,
+    integer,
     number,
     numbers,
     text,
-    whole,
 )
 
 __all__ = ["MANY", "NUMERIC_FUNCTIONS", "NumericArguments", "NumericFunction", "function"]
@@ -26,9 +26,9 @@ MANY = 1000
 
 @dataclass(frozen=True)
 class NumericArguments:
-    """What a function is called with; `outputs` is how many values the caller wants.
+    """The arguments of a call; `outputs` is the number of requested values.
 
-    `apply` calls a function that is an argument; `exists` tells whether a variable is there.
+    `apply` calls a function handle; `exists` returns True for the name of a variable.
     """
 
     values: Sequence[Value]
@@ -44,51 +44,58 @@ class NumericArguments:
         return self.values[at]
 
     def numbers(self, at: int) -> Float:
-        """The argument as numbers in double precision."""
+        """Return an argument as numbers in double precision."""
         return numbers(self.values[at])
 
     def array(self, at: int) -> Array:
-        """The argument as an array, of a parameter object its value."""
+        """Return an argument as an array; a parameter object counts as its value."""
         return array_value(self.values[at])
 
+    def matrix(self, at: int) -> Array:
+        """Return an argument as an array of two dimensions."""
+        array = self.array(at)
+        if array.ndim > 2:
+            raise MatlabValueError(f"must be a matrix, got an array of {array.ndim} dimensions")
+        return array
+
     def data(self, at: int) -> Array:
-        """The elements of the argument, whatever they are."""
+        """Return the elements of an argument of any class."""
         return elements_of(self.values[at])
 
     def number(self, at: int, default: float | None = None) -> float:
-        """The argument as one number."""
+        """Return an argument as one number."""
         return default if default is not None and at >= len(self) else number(self.values[at])
 
-    def whole(self, at: int, default: int | None = None) -> int:
-        """The argument as one whole number."""
-        return default if default is not None and at >= len(self) else whole(self.values[at])
+    def integer(self, at: int, default: int | None = None) -> int:
+        """Return an argument as one integer."""
+        return default if default is not None and at >= len(self) else integer(self.values[at])
 
     def text(self, at: int) -> str:
-        """The argument as one text."""
+        """Return an argument as text."""
         return text(self.values[at])
 
     def is_text(self, at: int) -> bool:
-        """Whether there is such an argument, and it is a text."""
+        """Return True if the argument exists and is text."""
         value = self.values[at] if at < len(self) else None
         return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
 
     def words(self, begin: int) -> list[str]:
-        """The texts from an argument on, in lower case."""
+        """Return the texts from an argument on, in lower case."""
         return [text(value).casefold() for value in self.values[begin:]]
 
     def dimension(self, at: int, array: Array) -> int:
-        """The dimension, from 0, that an argument names; without it the first that is longer than 1."""
+        """Return the dimension, from 0, that an argument names; by default the first longer than 1."""
         if at >= len(self):
             return next((k for k, size in enumerate(array.shape) if size != 1), 0)
-        found = whole(self.values[at])
-        if not 1 <= found <= 32:
-            raise MatlabValueError(f"{found} is no dimension")
-        return found - 1
+        dimension = integer(self.values[at])
+        if not 1 <= dimension <= 32:
+            raise MatlabValueError(f"a dimension must be between 1 and 32, got {dimension}")
+        return dimension - 1
 
 
 @dataclass(frozen=True)
 class NumericFunction:
-    """A function and how many arguments it takes."""
+    """A function with its minimum and maximum number of arguments."""
 
     run: Callable[[NumericArguments], "Value | tuple[Value, ...]"]
     least: int
@@ -100,7 +107,7 @@ _Run = Callable[[NumericArguments], "Value | tuple[Value, ...]"]
 
 
 def function(names: str, least: int, most: int | None = None) -> Callable[[_Run], _Run]:
-    """Registers a function under one or more names, parted by blanks."""
+    """Register a function under one or more names, separated by blanks."""
 
     def register(run: _Run) -> _Run:
         for name in names.split():

@@ -1,11 +1,10 @@
-"""Functions that find, sort and compare elements.
-
-Functions that make one number of many along a dimension: sums, means, extremes.
-"""
+"""Functions that reduce arrays along a dimension, and that find, sort and compare elements."""
 
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from kennfeld.matlab.functions.numeric_registry import (
     NumericFunction,
     function,
 )
-from kennfeld.matlab.operators import binary, cast_to_class, result_class
+from kennfeld.matlab.operators import apply_binary, cast_to_class, result_class
 from kennfeld.matlab.values import (
     EMPTY,
     Array,
@@ -35,7 +34,7 @@ from kennfeld.matlab.values import (
     object_array,
     scalar,
     text,
-    trimmed,
+    trim_dimensions,
 )
 
 __all__ = ["matches_case"]
@@ -67,37 +66,37 @@ _WITHOUT_NAN: dict[str, _Along] = {
 
 
 @function("find", 1, 3)
-def _find(given: NumericArguments) -> "Value | tuple[Value, ...]":
-    values = given.numbers(0)
-    found = np.flatnonzero(values.ravel(order="F"))
-    if len(given) > 1:
-        count = given.whole(1)
+def _find(call: NumericArguments) -> "Value | tuple[Value, ...]":
+    values = call.numbers(0)
+    positions = np.flatnonzero(values.ravel(order="F"))
+    if len(call) > 1:
+        count = call.integer(1)
         if count < 1:
-            raise MatlabValueError(f"{count} is no number of elements")
-        from_end = len(given) > 2 and given.text(2) == "last"
-        found = found[max(found.size - count, 0) :] if from_end else found[:count]
+            raise MatlabValueError(f"the number of elements must be >= 1, got {count}")
+        from_end = len(call) > 2 and call.text(2) == "last"
+        positions = positions[max(positions.size - count, 0) :] if from_end else positions[:count]
     is_row = values.ndim == 2 and values.shape[0] == 1 and values.shape[1] != 1
     shape = (1, -1) if is_row else (-1, 1)
-    if values.shape == (0, 0) or (values.size == 1 and not found.size):
+    if values.shape == (0, 0) or (values.size == 1 and not positions.size):
         shape = (0, 0)
-    if given.outputs < 2:
-        return (found + 1.0).reshape(shape)
-    rows, columns = np.unravel_index(found, (values.shape[0], values.size // max(values.shape[0], 1)), order="F")
-    taken = values.ravel(order="F")[found]
-    return (rows + 1.0).reshape(shape), (columns + 1.0).reshape(shape), taken.reshape(shape)
+    if call.outputs < 2:
+        return (positions + 1.0).reshape(shape)
+    rows, columns = np.unravel_index(positions, (values.shape[0], values.size // max(values.shape[0], 1)), order="F")
+    elements = values.ravel(order="F")[positions]
+    return (rows + 1.0).reshape(shape), (columns + 1.0).reshape(shape), elements.reshape(shape)
 
 
 @function("sort", 1, 3)
-def _sort(given: NumericArguments) -> "Value | tuple[Value, ...]":
-    is_down = given.is_text(len(given) - 1) and len(given) > 1 and given.text(len(given) - 1).casefold() == "descend"
-    if isinstance(given[0], MatlabCell):
-        words = [text(one) for one in given[0].values.ravel(order="F")]
+def _sort(call: NumericArguments) -> "Value | tuple[Value, ...]":
+    is_down = call.is_text(len(call) - 1) and len(call) > 1 and call.text(len(call) - 1).casefold() == "descend"
+    if isinstance(call[0], MatlabCell):
+        words = [text(cell) for cell in call[0].values.ravel(order="F")]
         ranks = sorted(range(len(words)), key=lambda at: words[at], reverse=is_down)
-        sorted_ = object_array([characters(words[at]) for at in ranks], given[0].values.shape)
-        return MatlabCell(sorted_), np.array(ranks, dtype=np.float64).reshape(given[0].values.shape, order="F") + 1
-    array = given.array(0)
+        sorted_ = object_array([characters(words[at]) for at in ranks], call[0].values.shape)
+        return MatlabCell(sorted_), np.array(ranks, dtype=np.float64).reshape(call[0].values.shape, order="F") + 1
+    array = call.array(0)
     values = array if array.dtype.kind == "U" else numbers(array)
-    axis = given.dimension(1, array) if len(given) > 1 and not given.is_text(1) else given.dimension(9, array)
+    axis = call.dimension(1, array) if len(call) > 1 and not call.is_text(1) else call.dimension(9, array)
     order: Array = np.argsort(-values if is_down and values.dtype.kind != "U" else values, axis=axis, kind="stable")
     if is_down and values.dtype.kind == "f":
         order = _missing_first(values, order, axis)
@@ -107,46 +106,46 @@ def _sort(given: NumericArguments) -> "Value | tuple[Value, ...]":
 
 
 def _missing_first(values: Array, order: Array, axis: int) -> Array:
-    """NaN counts as larger than any number."""
+    """Move NaN to the front of a descending order, since MATLAB sorts it as the largest number."""
     missing = np.isnan(np.take_along_axis(values, order, axis))
     return np.take_along_axis(order, np.argsort(~missing, axis=axis, kind="stable"), axis)
 
 
 @function("unique", 1, 3)
-def _unique(given: NumericArguments) -> "Value | tuple[Value, ...]":
-    is_stable = any(word == "stable" for word in given.words(1))
-    if isinstance(given[0], MatlabCell):
-        words = [text(one) for one in given[0].values.ravel(order="F")]
-        kept = list(dict.fromkeys(words)) if is_stable else sorted(set(words))
-        return MatlabCell(object_array([characters(word) for word in kept], (len(kept), 1)))
-    array = given.array(0)
-    if any(word == "rows" for word in given.words(1)):
+def _unique(call: NumericArguments) -> "Value | tuple[Value, ...]":
+    is_stable = any(word == "stable" for word in call.words(1))
+    if isinstance(call[0], MatlabCell):
+        words = [text(cell) for cell in call[0].values.ravel(order="F")]
+        unique = list(dict.fromkeys(words)) if is_stable else sorted(set(words))
+        return MatlabCell(object_array([characters(word) for word in unique], (len(unique), 1)))
+    array = call.array(0)
+    if any(word == "rows" for word in call.words(1)):
         return np.unique(array, axis=0)
     flat = array.ravel(order="F")
-    found, first, back = np.unique(flat, return_index=True, return_inverse=True, equal_nan=False)
+    elements, first, back = np.unique(flat, return_index=True, return_inverse=True, equal_nan=False)
     if is_stable:
         order = np.argsort(first, kind="stable")
-        found, first = found[order], first[order]
+        elements, first = elements[order], first[order]
         back = np.argsort(order, kind="stable")[back]
     shape = (1, -1) if array.ndim == 2 and array.shape[0] == 1 and array.size else (-1, 1)
-    return found.reshape(shape), (first + 1.0).reshape(-1, 1), (back + 1.0).reshape(-1, 1)
+    return elements.reshape(shape), (first + 1.0).reshape(-1, 1), (back + 1.0).reshape(-1, 1)
 
 
 def _words(value: Value) -> set[str]:
     if isinstance(value, MatlabCell):
-        return {text(one) for one in value.values.ravel()}
+        return {text(cell) for cell in value.values.ravel()}
     return {text(value)}
 
 
 @function("ismember", 2)
-def _ismember(given: NumericArguments) -> "Value | tuple[Value, ...]":
-    if isinstance(given[1], MatlabCell):
-        known = _words(given[1])
-        if isinstance(given[0], MatlabCell):
-            parts = given[0].values
-            return np.array([text(one) in known for one in parts.ravel()], dtype=bool).reshape(parts.shape)
-        return logical(text(given[0]) in known)
-    array, among = given.array(0), given.array(1).ravel(order="F")
+def _ismember(call: NumericArguments) -> "Value | tuple[Value, ...]":
+    if isinstance(call[1], MatlabCell):
+        known = _words(call[1])
+        if isinstance(call[0], MatlabCell):
+            parts = call[0].values
+            return np.array([text(cell) in known for cell in parts.ravel()], dtype=bool).reshape(parts.shape)
+        return logical(text(call[0]) in known)
+    array, among = call.array(0), call.array(1).ravel(order="F")
     if array.dtype.kind != "U" or among.dtype.kind != "U":
         array, among = numbers(array), numbers(among.reshape(1, -1)).ravel()
     values, first = np.unique(among, return_index=True)
@@ -156,79 +155,68 @@ def _ismember(given: NumericArguments) -> "Value | tuple[Value, ...]":
     return inside, np.where(inside, place, 0.0)
 
 
-def _set_operation(given: NumericArguments, name: str) -> Value:
-    if isinstance(given[0], MatlabCell) or isinstance(given[1], MatlabCell):
-        one, other = _words(given[0]), _words(given[1])
-        kept = sorted(one | other if name == "union" else one & other if name == "intersect" else one - other)
-        return MatlabCell(object_array([characters(word) for word in kept], (1, len(kept))))
-    one_, other_ = given.array(0), given.array(1)
+def _set_operation(call: NumericArguments, name: str) -> Value:
+    if isinstance(call[0], MatlabCell) or isinstance(call[1], MatlabCell):
+        left, right = _words(call[0]), _words(call[1])
+        words = sorted(left | right if name == "union" else left & right if name == "intersect" else left - right)
+        return MatlabCell(object_array([characters(word) for word in words], (1, len(words))))
+    first, second = call.array(0), call.array(1)
     operations: dict[str, Callable[..., Array]] = {
         "union": np.union1d,
         "intersect": np.intersect1d,
         "setdiff": np.setdiff1d,
     }
-    found = operations[name](one_.ravel(order="F"), other_.ravel(order="F"))
-    is_column = one_.shape[1] == 1 and one_.shape[0] > 1 and (name == "setdiff" or other_.shape[1] == 1)
-    return found.reshape((-1, 1) if is_column else (1, -1))
+    result = operations[name](first.ravel(order="F"), second.ravel(order="F"))
+    is_column = first.shape[1] == 1 and first.shape[0] > 1 and (name == "setdiff" or second.shape[1] == 1)
+    return result.reshape((-1, 1) if is_column else (1, -1))
 
 
-@function("union", 2)
-def _union(given: NumericArguments) -> Value:
-    return _set_operation(given, "union")
-
-
-@function("intersect", 2)
-def _intersect(given: NumericArguments) -> Value:
-    return _set_operation(given, "intersect")
-
-
-@function("setdiff", 2)
-def _setdiff(given: NumericArguments) -> Value:
-    return _set_operation(given, "setdiff")
+for _name in ("union", "intersect", "setdiff"):
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(partial(_set_operation, name=_name), 2, 2)
 
 
 @function("issorted", 1)
-def _issorted(given: NumericArguments) -> Value:
-    values = given.numbers(0).ravel(order="F")
+def _issorted(call: NumericArguments) -> Value:
+    values = call.numbers(0).ravel(order="F")
     return logical(bool((np.diff(values) >= 0).all()))
 
 
 @function("isequal", 2, MANY)
-def _isequal(given: NumericArguments) -> Value:
-    return logical(all(is_equal(given[0], other) for other in given.values[1:]))
+def _isequal(call: NumericArguments) -> Value:
+    return logical(all(is_equal(call[0], other) for other in call.values[1:]))
 
 
-def is_equal(one: Value, other: Value) -> bool:
-    """Whether two values have the same size and elements; NaN equals nothing."""
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        if one.dtype.kind == "O" or other.dtype.kind == "O":
-            return _as_texts(one) == _as_texts(other) is not None
-        return one.shape == other.shape and bool((numbers(one) == numbers(other)).all())
-    if class_name(one) != class_name(other) or isinstance(one, MatlabFunctionHandle | OpaqueValue):
+def is_equal(left: Value, right: Value) -> bool:
+    """Return True if two values have equal size and elements; NaN equals nothing."""
+    if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
+        if left.dtype.kind == "O" or right.dtype.kind == "O":
+            return _as_texts(left) == _as_texts(right) is not None
+        return left.shape == right.shape and bool((numbers(left) == numbers(right)).all())
+    if class_name(left) != class_name(right) or isinstance(left, MatlabFunctionHandle | OpaqueValue):
         return False
-    if isinstance(one, MatlabCell) and isinstance(other, MatlabCell):
-        pairs = zip(one.values.ravel(), other.values.ravel(), strict=False)
-        return one.values.shape == other.values.shape and all(is_equal(a, b) for a, b in pairs)
-    if isinstance(one, MatlabStruct) and isinstance(other, MatlabStruct):
-        if one.elements.shape != other.elements.shape or set(one.names) != set(other.names):
+    if isinstance(left, MatlabCell) and isinstance(right, MatlabCell):
+        pairs = zip(left.values.ravel(), right.values.ravel(), strict=False)
+        return left.values.shape == right.values.shape and all(is_equal(a, b) for a, b in pairs)
+    if isinstance(left, MatlabStruct) and isinstance(right, MatlabStruct):
+        if left.elements.shape != right.elements.shape or set(left.names) != set(right.names):
             return False
-        both = zip(one.elements.ravel(), other.elements.ravel(), strict=True)
-        return all(is_equal(a[name], b[name]) for a, b in both for name in one.names)
+        both = zip(left.elements.ravel(), right.elements.ravel(), strict=True)
+        return all(is_equal(a[name], b[name]) for a, b in both for name in left.names)
     return False
 
 
 def _as_texts(array: Array) -> list[str] | None:
     if array.dtype.kind == "U":
         return ["".join(array.ravel(order="F").tolist())]
-    return [str(one) for one in array.ravel(order="F")] if array.dtype.kind == "O" else None
+    return [str(string) for string in array.ravel(order="F")] if array.dtype.kind == "O" else None
 
 
 @function("histc", 2)
-def _histc(given: NumericArguments) -> Value:
-    values, edges = given.numbers(0).ravel(), given.numbers(1)
+def _histc(call: NumericArguments) -> Value:
+    values, edges = call.numbers(0).ravel(), call.numbers(1)
     flat = edges.ravel(order="F")
     if flat.size > 1 and (np.diff(flat) < 0).any():
-        raise MatlabValueError("the edges have to increase")
+        raise MatlabValueError("the edges must increase")
     counts = np.histogram(values, flat)[0].astype(np.float64) if flat.size > 1 else np.zeros(0)
     last = float((values == flat[-1]).sum()) if flat.size else 0.0
     if counts.size:
@@ -237,9 +225,9 @@ def _histc(given: NumericArguments) -> Value:
 
 
 def matches_case(subject: Value, case: Value) -> bool:
-    """Whether a `case` is the one of a `switch`: the same number or text, or one of the cells."""
+    """Return True if a `case` matches the subject of `switch`: equal number or text, or one of the cells."""
     if isinstance(case, MatlabCell):
-        return any(matches_case(subject, one) for one in case.values.ravel(order="F"))
+        return any(matches_case(subject, cell) for cell in case.values.ravel(order="F"))
     if not isinstance(subject, np.ndarray) or not isinstance(case, np.ndarray):
         return False
     if subject.dtype.kind in "UO" or case.dtype.kind in "UO":
@@ -247,49 +235,49 @@ def matches_case(subject: Value, case: Value) -> bool:
     return bool(case.size) and bool(subject.size) and bool((numbers(subject) == numbers(case)).all())
 
 
-def _reduced(
+def _reduction(
     operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None
 ) -> NumericFunction:
-    """A function of an array and a dimension; `keeps` the class of integers.
+    """Return a function of an array and a dimension.
 
-    `of_nothing` is what it gives for no elements, `without_nan` computes it with NaN left out.
+    `of_nothing` is its value for an empty array, `without_nan` computes it without NaN; `keeps` the integer class.
     """
 
-    def run(given: NumericArguments) -> Value:
-        given, words = _options(given)
-        values = given.numbers(0)
-        chosen = without_nan if "omitnan" in words else operation
-        if chosen is None:
-            raise MatlabValueError("omitnan is not supported here")
-        if values.shape == (0, 0) and of_nothing is not None and len(given) == 1:
+    def run(call: NumericArguments) -> Value:
+        call, words = _options(call)
+        values = call.numbers(0)
+        reduce = without_nan if "omitnan" in words else operation
+        if reduce is None:
+            raise MatlabValueError("omitnan is not supported")
+        if values.shape == (0, 0) and of_nothing is not None and len(call) == 1:
             return logical(of_nothing) if isinstance(of_nothing, bool) else scalar(of_nothing)
         values = values.reshape(-1, 1, order="F") if "all" in words else values
-        axis = given.dimension(1, values)
+        axis = call.dimension(1, values)
         values = _with_axis(values, axis)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the mean of nothing is not a number
-            found = trimmed(chosen(values, axis))
-        if found.dtype == np.bool_:
-            return found
-        return cast_to_class(found, result_class(given.array(0)) if keeps else "double")
+            result = trim_dimensions(reduce(values, axis))
+        if result.dtype == np.bool_:
+            return result
+        return cast_to_class(result, result_class(call.array(0)) if keeps else "double")
 
     return NumericFunction(run, 1, 4)
 
 
-def _options(given: NumericArguments) -> tuple[NumericArguments, set[str]]:
-    """The arguments without the words among them, and these."""
-    words = {given.text(at).casefold() for at in range(1, len(given)) if given.is_text(at)}
+def _options(call: NumericArguments) -> tuple[NumericArguments, set[str]]:
+    """Separate the arguments from the option words among them."""
+    words = {call.text(at).casefold() for at in range(1, len(call)) if call.is_text(at)}
     unknown = words - _WORDS
     if unknown:
         raise MatlabValueError(f"{min(unknown)} is not supported")
-    kept = [value for at, value in enumerate(given.values) if not at or not given.is_text(at)]
-    if "all" in words and any(elements_of(value).size for value in kept[1:]):
-        raise MatlabValueError("all stands beside a dimension")
-    return replace(given, values=kept), words
+    values = [value for at, value in enumerate(call.values) if not at or not call.is_text(at)]
+    if "all" in words and any(elements_of(value).size for value in values[1:]):
+        raise MatlabValueError("all cannot be combined with a dimension")
+    return replace(call, values=values), words
 
 
 def _with_axis(values: Float, axis: int) -> Float:
-    """An array that has a dimension, which may be one long."""
+    """Return an array with the dimension `axis`, of length 1 if it was missing."""
     return values.reshape(values.shape + (1,) * (axis + 1 - values.ndim)) if axis >= values.ndim else values
 
 
@@ -298,21 +286,23 @@ def _trapezium(values: Float, axis: int) -> Float:
 
 
 for _name, (_operation, _of_nothing, _keeps) in _SIMPLE.items():
-    NUMERIC_FUNCTIONS[_name] = _reduced(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
+    NUMERIC_FUNCTIONS[_name] = _reduction(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
 
 
 def _deviation(root: bool) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        values = given.numbers(0)
-        weight = given.number(1, 0.0) if len(given) > 1 and given.data(1).size else 0.0
+    def run(call: NumericArguments) -> Value:
+        values = call.numbers(0)
+        weight = call.number(1, 0.0) if len(call) > 1 and call.data(1).size else 0.0
         if weight not in (0.0, 1.0):
-            raise MatlabValueError(f"the weight {weight:g} is neither 0 nor 1")
-        values = values.reshape(1, 0) if values.shape == (0, 0) and len(given) < 3 else values
-        axis = given.dimension(2, values)
+            raise MatlabValueError(f"the weight must be 0 or 1, got {weight:g}")
+        values = values.reshape(1, 0) if values.shape == (0, 0) and len(call) < 3 else values
+        axis = call.dimension(2, values)
         values = _with_axis(values, axis)
         if not values.shape[axis]:
-            return trimmed(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
-        found = trimmed(np.var(values, axis=axis, ddof=int(weight == 0 and values.shape[axis] > 1), keepdims=True))
+            return trim_dimensions(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
+        found = trim_dimensions(
+            np.var(values, axis=axis, ddof=int(weight == 0 and values.shape[axis] > 1), keepdims=True)
+        )
         return np.asarray(np.sqrt(found) if root else found)
 
     return NumericFunction(run, 1, 3)
@@ -322,40 +312,40 @@ NUMERIC_FUNCTIONS["std"], NUMERIC_FUNCTIONS["var"] = _deviation(True), _deviatio
 
 
 def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> NumericFunction:
-    def run(given: NumericArguments) -> "Value | tuple[Value, ...]":
-        if len(given) == 2 or (len(given) == 3 and given.data(1).size):
-            return _of_two(given, np.fmin if name == "min" else np.fmax)
-        values = given.numbers(0)
-        given, words = _options(given)
+    def run(call: NumericArguments) -> "Value | tuple[Value, ...]":
+        if len(call) == 2 or (len(call) == 3 and call.data(1).size):
+            return _of_two(call, np.fmin if name == "min" else np.fmax)
+        values = call.numbers(0)
+        call, words = _options(call)
         if words & {"includenan", "includemissing"}:
-            raise MatlabValueError("NaN is always passed over here")
+            raise MatlabValueError("includenan is not supported")
         values = values.reshape(-1, 1, order="F") if "all" in words else values
-        axis = given.dimension(2, values)
+        axis = call.dimension(2, values)
         if not values.size:
             return (_extreme_of_nothing(values, axis),) * 2
         if axis >= values.ndim:
-            return given.array(0), np.ones(values.shape)
-        found = along(values, axis)
+            return call.array(0), np.ones(values.shape)
+        extremes = along(values, axis)
         fill = np.inf if name == "min" else -np.inf
         at = arg(np.where(np.isnan(values), fill, values), axis)
         places = np.expand_dims(at, axis).astype(np.float64) + 1
-        return cast_to_class(trimmed(found), result_class(given.array(0))), trimmed(places)
+        return cast_to_class(trim_dimensions(extremes), result_class(call.array(0))), trim_dimensions(places)
 
     return NumericFunction(run, 1, 3)
 
 
 def _extreme_of_nothing(values: Float, axis: int) -> Float:
-    """The extreme of an empty array: one long where the others are none, else as empty as it was."""
+    """Return the extreme of an empty array: of length 1 along `axis` unless that is empty."""
     if axis >= values.ndim or not values.shape[axis]:
         return values
     return np.take(values, [0], axis=axis)
 
 
-def _of_two(given: NumericArguments, operation: Callable[[Float, Float], Float]) -> Value:
-    one, other = given.array(0), given.array(1)
-    shape = binary("+", np.zeros(one.shape), np.zeros(other.shape), given.budget).shape
-    parts = (numbers(array).reshape(array.shape + (1,) * (len(shape) - array.ndim)) for array in (one, other))
-    return cast_to_class(np.asarray(operation(*parts)), result_class(one, other))
+def _of_two(call: NumericArguments, operation: Callable[[Float, Float], Float]) -> Value:
+    left, right = call.array(0), call.array(1)
+    shape = apply_binary("+", np.zeros(left.shape), np.zeros(right.shape), call.budget).shape
+    parts = (numbers(array).reshape(array.shape + (1,) * (len(shape) - array.ndim)) for array in (left, right))
+    return cast_to_class(np.asarray(operation(*parts)), result_class(left, right))
 
 
 NUMERIC_FUNCTIONS["min"] = _extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin)
@@ -363,35 +353,30 @@ NUMERIC_FUNCTIONS["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a
 
 
 @function("diff", 1, 3)
-def _diff(given: NumericArguments) -> Value:
-    values = given.numbers(0)
-    times = given.whole(1, 1) if len(given) > 1 and given.data(1).size else 1
+def _diff(call: NumericArguments) -> Value:
+    values = call.numbers(0)
+    times = call.integer(1, 1) if len(call) > 1 and call.data(1).size else 1
     if not 1 <= times <= 1000:
-        raise MatlabValueError("diff is taken 1 to 1000 times")
+        raise MatlabValueError("the order of diff must be between 1 and 1000")
     for _ in range(times):
-        axis = given.dimension(2, values)
-        if values.size == 1 and len(given) < 3:
+        axis = call.dimension(2, values)
+        if values.size == 1 and len(call) < 3:
             return EMPTY
-        values = trimmed(np.diff(_with_axis(values, axis), axis=axis))
-    return cast_to_class(values, result_class(given.array(0)))
-
-
-@function("nnz", 1)
-def _nnz(given: NumericArguments) -> Value:
-    return scalar(float(np.count_nonzero(given.numbers(0))))
+        values = trim_dimensions(np.diff(_with_axis(values, axis), axis=axis))
+    return cast_to_class(values, result_class(call.array(0)))
 
 
 @function("dot", 2)
-def _dot(given: NumericArguments) -> Value:
-    one, other = given.numbers(0), given.numbers(1)
-    if one.size != other.size:
-        raise MatlabValueError("both have to have the same size")
-    if _is_vector(one) and _is_vector(other):
-        return scalar(float(one.ravel(order="F") @ other.ravel(order="F")))
-    if one.shape != other.shape:
-        raise MatlabValueError("both have to have the same size")
-    products = (one * other).reshape(1, 0) if one.shape == (0, 0) else one * other
-    return np.asarray(products.sum(axis=given.dimension(9, products), keepdims=True))
+def _dot(call: NumericArguments) -> Value:
+    left, right = call.numbers(0), call.numbers(1)
+    if left.size != right.size:
+        raise MatlabValueError("the arguments must have the same size")
+    if _is_vector(left) and _is_vector(right):
+        return scalar(float(left.ravel(order="F") @ right.ravel(order="F")))
+    if left.shape != right.shape:
+        raise MatlabValueError("the arguments must have the same size")
+    products = (left * right).reshape(1, 0) if left.shape == (0, 0) else left * right
+    return np.asarray(products.sum(axis=call.dimension(9, products), keepdims=True))
 
 
 def _is_vector(values: Array) -> bool:
@@ -399,74 +384,65 @@ def _is_vector(values: Array) -> bool:
 
 
 @function("cross", 2)
-def _cross(given: NumericArguments) -> Value:
-    one, other = given.numbers(0), given.numbers(1)
-    if one.size != 3 or other.size != 3:
-        raise MatlabValueError("cross is for vectors of three numbers")
-    return np.cross(one.ravel(), other.ravel()).reshape(one.shape)
+def _cross(call: NumericArguments) -> Value:
+    left, right = call.numbers(0), call.numbers(1)
+    if left.size != 3 or right.size != 3:
+        raise MatlabValueError("cross requires vectors of three numbers")
+    return np.cross(left.ravel(), right.ravel()).reshape(left.shape)
 
 
 @function("norm", 1, 2)
-def _norm(given: NumericArguments) -> Value:
-    values = given.numbers(0)
+def _norm(call: NumericArguments) -> Value:
+    values = call.numbers(0)
     if not values.size:
         return scalar(0.0)
     is_vector = _is_vector(values)
     kinds = {"inf": np.inf, "fro": 2 if is_vector else "fro"}
-    order = kinds[given.text(1).casefold()] if given.is_text(1) else given.number(1, 2.0)
+    order = kinds[call.text(1).casefold()] if call.is_text(1) else call.number(1, 2.0)
     return scalar(float(np.linalg.norm(values.ravel() if is_vector else values, order)))  # type: ignore[arg-type]
 
 
 @function("trapz", 1, 2)
-def _trapz(given: NumericArguments) -> Value:
-    if len(given) == 1:
-        values = given.numbers(0)
+def _trapz(call: NumericArguments) -> Value:
+    if len(call) == 1:
+        values = call.numbers(0)
         values = values.reshape(1, 0) if values.shape == (0, 0) else values
-        return trimmed(_trapezium(values, given.dimension(9, values)))
-    return scalar(float(np.trapezoid(given.numbers(1).ravel(order="F"), given.numbers(0).ravel(order="F"))))
+        return trim_dimensions(_trapezium(values, call.dimension(9, values)))
+    return scalar(float(np.trapezoid(call.numbers(1).ravel(order="F"), call.numbers(0).ravel(order="F"))))
 
 
 @function("cumtrapz", 1, 2)
-def _cumtrapz(given: NumericArguments) -> Value:
-    y = given.numbers(len(given) - 1)
+def _cumtrapz(call: NumericArguments) -> Value:
+    y = call.numbers(len(call) - 1)
     flat = y.ravel(order="F")
-    x = given.numbers(0).ravel(order="F") if len(given) == 2 else np.arange(float(flat.size))
+    x = call.numbers(0).ravel(order="F") if len(call) == 2 else np.arange(float(flat.size))
     if 1 not in y.shape or x.size != flat.size:
-        raise MatlabValueError("cumtrapz is for vectors of one length")
+        raise MatlabValueError("cumtrapz requires vectors of equal length")
     return np.concatenate(([0.0], np.cumsum(np.diff(x) * (flat[1:] + flat[:-1]) / 2)))[: flat.size].reshape(y.shape)
 
 
-@function("det", 1)
-def _det(given: NumericArguments) -> Value:
-    return scalar(float(np.linalg.det(given.numbers(0))))
+def _to_scalar(reduce: Callable[..., Any]) -> Callable[[NumericArguments], Value]:
+    return lambda call: scalar(float(reduce(call.numbers(0))))
 
 
-@function("trace", 1)
-def _trace(given: NumericArguments) -> Value:
-    return scalar(float(np.trace(given.numbers(0))))
-
-
-@function("rank", 1)
-def _rank(given: NumericArguments) -> Value:
-    return scalar(float(np.linalg.matrix_rank(given.numbers(0))))
+_TO_SCALAR: dict[str, Callable[..., Any]] = {
+    "nnz": np.count_nonzero,
+    "det": np.linalg.det,
+    "trace": np.trace,
+    "rank": np.linalg.matrix_rank,
+}
+for _name, _reduce in _TO_SCALAR.items():
+    NUMERIC_FUNCTIONS[_name] = NumericFunction(_to_scalar(_reduce), 1, 1)
 
 
 @function("inv", 1)
-def _inv(given: NumericArguments) -> Value:
-    return np.linalg.inv(_matrix(given))
+def _inv(call: NumericArguments) -> Value:
+    return np.linalg.inv(numbers(call.matrix(0)))
 
 
 @function("pinv", 1)
-def _pinv(given: NumericArguments) -> Value:
-    values = _matrix(given)
+def _pinv(call: NumericArguments) -> Value:
+    values = numbers(call.matrix(0))
     if not np.isfinite(values).all():
-        raise MatlabValueError("pinv is for finite numbers")
+        raise MatlabValueError("pinv requires finite numbers")
     return np.linalg.pinv(values)
-
-
-def _matrix(given: NumericArguments) -> Float:
-    """The argument as a matrix."""
-    values = given.numbers(0)
-    if values.ndim > 2:
-        raise MatlabValueError(f"a matrix is needed, not an array of {values.ndim} dimensions")
-    return values

@@ -1,4 +1,4 @@
-"""Functions of structs and cell arrays, and those that call a function for each element."""
+"""Functions of structs and cell arrays, and functions that apply a function to each element."""
 
 import math
 from collections.abc import Sequence
@@ -28,25 +28,25 @@ from kennfeld.matlab.values import (
 __all__: list[str] = []
 
 
-def _struct_at(given: NumericArguments, at: int) -> MatlabStruct:
-    value = given[at]
+def _struct_at(call: NumericArguments, at: int) -> MatlabStruct:
+    value = call[at]
     if not isinstance(value, MatlabStruct):
-        raise MatlabValueError(f"a struct is needed, not a {class_name(value)}")
+        raise MatlabValueError(f"must be a struct, got a {class_name(value)}")
     return value
 
 
 @function("struct", 0, MANY)
-def _struct(given: NumericArguments) -> Value:
-    if len(given) % 2:
-        raise MatlabValueError("struct needs a value for each name")
-    names = [given.text(at) for at in range(0, len(given), 2)]
-    values = given.values[1::2]
+def _struct(call: NumericArguments) -> Value:
+    if len(call) % 2:
+        raise MatlabValueError("struct requires a value for each field name")
+    names = [call.text(at) for at in range(0, len(call), 2)]
+    values = call.values[1::2]
     wrong = next((name for name in names if not name.isidentifier()), None)
     if wrong is not None:
-        raise MatlabValueError(f"{wrong!r} is no name of a field")
+        raise MatlabValueError(f"invalid field name {wrong!r}")
     sizes = {value.values.shape for value in values if isinstance(value, MatlabCell) and value.values.size != 1}
     if len(sizes) > 1:
-        raise MatlabValueError("cell arrays of different sizes make no array of structs")
+        raise MatlabValueError("cell arrays of different sizes cannot form an array of structs")
     shape = next(iter(sizes), (1, 1))
     columns = [_column(value, math.prod(shape)) for value in values]
     rows = [dict(zip(names, each, strict=True)) for each in zip(*columns, strict=True)] if columns else [{}]
@@ -60,154 +60,154 @@ def _column(value: Value, count: int) -> list[Value]:
 
 
 @function("fieldnames", 1)
-def _fieldnames(given: NumericArguments) -> Value:
-    names = _struct_at(given, 0).names
+def _fieldnames(call: NumericArguments) -> Value:
+    names = _struct_at(call, 0).names
     return MatlabCell(object_array([characters(name) for name in names], (len(names), 1)))
 
 
 @function("numfields", 1)
-def _numfields(given: NumericArguments) -> Value:
-    return scalar(len(_struct_at(given, 0).names))
+def _numfields(call: NumericArguments) -> Value:
+    return scalar(len(_struct_at(call, 0).names))
 
 
 @function("isfield isprop", 2)
-def _isfield(given: NumericArguments) -> Value:
-    if not isinstance(given[0], MatlabStruct):
+def _isfield(call: NumericArguments) -> Value:
+    if not isinstance(call[0], MatlabStruct):
         return logical(False)
-    names = given[0].names
-    if isinstance(given[1], MatlabCell):
-        cells = given[1].values
-        return np.array([text(one) in names for one in cells.ravel()], dtype=bool).reshape(cells.shape)
-    return logical(given.is_text(1) and given.text(1) in names)
+    names = call[0].names
+    if isinstance(call[1], MatlabCell):
+        cells = call[1].values
+        return np.array([text(cell) in names for cell in cells.ravel()], dtype=bool).reshape(cells.shape)
+    return logical(call.is_text(1) and call.text(1) in names)
 
 
 @function("getfield", 2)
-def _getfield(given: NumericArguments) -> Value:
-    struct, name = _struct_at(given, 0), given.text(1)
+def _getfield(call: NumericArguments) -> Value:
+    struct, name = _struct_at(call, 0), call.text(1)
     if name not in struct.names:
-        raise MatlabValueError(f"there is no field {name}. {nearest(name, struct.names)}".strip())
+        raise MatlabValueError(f"unknown field {name}. {nearest(name, struct.names)}".strip())
     return struct.fields[name]
 
 
 @function("setfield", 3)
-def _setfield(given: NumericArguments) -> Value:
-    struct = _struct_at(given, 0)
-    return MatlabStruct.of({**struct.fields, given.text(1): given[2]}, struct.kind)
+def _setfield(call: NumericArguments) -> Value:
+    struct = _struct_at(call, 0)
+    return MatlabStruct.of({**struct.fields, call.text(1): call[2]}, struct.kind)
 
 
 @function("rmfield", 2)
-def _rmfield(given: NumericArguments) -> Value:
-    struct = _struct_at(given, 0)
-    gone = {text(one) for one in given[1].values.ravel()} if isinstance(given[1], MatlabCell) else {given.text(1)}
-    missing = next((name for name in gone if name not in struct.names), None)
+def _rmfield(call: NumericArguments) -> Value:
+    struct = _struct_at(call, 0)
+    removed = set(map(text, call[1].values.ravel())) if isinstance(call[1], MatlabCell) else {call.text(1)}
+    missing = next((name for name in removed if name not in struct.names), None)
     if missing is not None:
-        raise MatlabValueError(f"there is no field {missing}")
-    names = tuple(name for name in struct.names if name not in gone)
-    kept = [{name: one[name] for name in names} for one in struct.elements.ravel(order="F")]
-    return MatlabStruct(object_array(kept, struct.elements.shape), names, struct.kind)
+        raise MatlabValueError(f"unknown field {missing}")
+    names = tuple(name for name in struct.names if name not in removed)
+    elements = [{name: element[name] for name in names} for element in struct.elements.ravel(order="F")]
+    return MatlabStruct(object_array(elements, struct.elements.shape), names, struct.kind)
 
 
 @function("orderfields", 1)
-def _orderfields(given: NumericArguments) -> Value:
-    struct = _struct_at(given, 0)
+def _orderfields(call: NumericArguments) -> Value:
+    struct = _struct_at(call, 0)
     return MatlabStruct(struct.elements, tuple(sorted(struct.names)), struct.kind)
 
 
 @function("struct2cell", 1)
-def _struct2cell(given: NumericArguments) -> Value:
-    struct = _struct_at(given, 0)
+def _struct2cell(call: NumericArguments) -> Value:
+    struct = _struct_at(call, 0)
     return MatlabCell(object_array([struct.fields[name] for name in struct.names], (len(struct.names), 1)))
 
 
 @function("cell2struct", 2, 3)
-def _cell2struct(given: NumericArguments) -> Value:
-    cell, names = given[0], given[1]
+def _cell2struct(call: NumericArguments) -> Value:
+    cell, names = call[0], call[1]
     if not isinstance(cell, MatlabCell) or not isinstance(names, MatlabCell) or cell.values.size != names.values.size:
-        raise MatlabValueError("cell2struct needs a cell array and a name for each of its cells")
-    keys = [text(one) for one in names.values.ravel(order="F")]
+        raise MatlabValueError("cell2struct requires a cell array and one field name per cell")
+    keys = [text(name) for name in names.values.ravel(order="F")]
     return MatlabStruct.of(dict(zip(keys, cell.values.ravel(order="F"), strict=True)))
 
 
 @function("num2cell", 1)
-def _num2cell(given: NumericArguments) -> Value:
-    data = given.data(0)
-    given.budget.make(10 * data.size)
-    parts = [with_class_of(given[0], one.reshape(1, 1)) for one in data.ravel(order="F")]
+def _num2cell(call: NumericArguments) -> Value:
+    data = call.data(0)
+    call.budget.allocate(10 * data.size)
+    parts = [with_class_of(call[0], element.reshape(1, 1)) for element in data.ravel(order="F")]
     return MatlabCell(object_array(parts, data.shape))
 
 
 @function("cell2mat", 1)
-def _cell2mat(given: NumericArguments) -> Value:
-    cell = given[0]
+def _cell2mat(call: NumericArguments) -> Value:
+    cell = call[0]
     if not isinstance(cell, MatlabCell) or cell.values.ndim > 2:
-        raise MatlabValueError("cell2mat needs a cell array of two dimensions")
-    return concatenate_rows([list(line) for line in cell.values], given.budget) if cell.values.size else EMPTY
+        raise MatlabValueError("cell2mat requires a two-dimensional cell array")
+    return concatenate_rows([list(line) for line in cell.values], call.budget) if cell.values.size else EMPTY
 
 
 @function("deal", 1, MANY)
-def _deal(given: NumericArguments) -> tuple[Value, ...]:
-    count = max(given.outputs, 1)
-    if len(given) not in (1, count):
-        raise MatlabValueError(f"{len(given)} values cannot be dealt to {count}")
-    return tuple(given.values) if len(given) == count else (given[0],) * count
+def _deal(call: NumericArguments) -> tuple[Value, ...]:
+    count = max(call.outputs, 1)
+    if len(call) not in (1, count):
+        raise MatlabValueError(f"{len(call)} values cannot be assigned to {count} outputs")
+    return tuple(call.values) if len(call) == count else (call[0],) * count
 
 
-def _options(given: NumericArguments) -> tuple[list[Value], bool]:
-    """The arrays to go through, and whether their results are plain numbers."""
-    values = list(given.values[1:])
+def _options(call: NumericArguments) -> tuple[list[Value], bool]:
+    """Return the arrays to apply to, and the value of UniformOutput."""
+    values = list(call.values[1:])
     for at in range(len(values) - 1):
-        if given.is_text(at + 1) and given.text(at + 1).casefold() == "uniformoutput":
-            return values[:at], bool(given.number(at + 2))
+        if call.is_text(at + 1) and call.text(at + 1).casefold() == "uniformoutput":
+            return values[:at], bool(call.number(at + 2))
     return values, True
 
 
-def _mapped(
-    given: NumericArguments, columns: Sequence[Sequence[Value]], shape: tuple[int, ...], uniform: bool
+def _map_elements(
+    call: NumericArguments, columns: Sequence[Sequence[Value]], shape: tuple[int, ...], uniform: bool
 ) -> "tuple[Value, ...]":
-    count = max(given.outputs, 1)
-    found = [given.apply(given[0], list(each), count) for each in zip(*columns, strict=True)]
-    results = [[one[k] for one in found] for k in range(count)]
+    count = max(call.outputs, 1)
+    results = [call.apply(call[0], list(each), count) for each in zip(*columns, strict=True)]
+    results = [[outputs[k] for outputs in results] for k in range(count)]
     if not uniform:
-        return tuple(MatlabCell(object_array(one, shape)) for one in results)
-    return tuple(_uniform(one, shape) for one in results)
+        return tuple(MatlabCell(object_array(outputs, shape)) for outputs in results)
+    return tuple(_to_uniform(outputs, shape) for outputs in results)
 
 
-def _uniform(values: Sequence[Value], shape: tuple[int, ...]) -> Array:
+def _to_uniform(values: Sequence[Value], shape: tuple[int, ...]) -> Array:
     arrays = [value for value in values if isinstance(value, np.ndarray) and value.size == 1]
     if len(arrays) != len(values):
-        raise MatlabValueError("the function does not give one number each time; set UniformOutput to false")
-    made = [array.flat[0] for array in arrays]
-    return np.array(made, dtype=arrays[0].dtype if arrays else np.float64).reshape(shape, order="F")
+        raise MatlabValueError("the function must return one number per element; otherwise set UniformOutput to false")
+    numbers = [array.flat[0] for array in arrays]
+    return np.array(numbers, dtype=arrays[0].dtype if arrays else np.float64).reshape(shape, order="F")
 
 
 @function("cellfun", 2, MANY)
-def _cellfun(given: NumericArguments) -> tuple[Value, ...]:
-    values, uniform = _options(given)
+def _cellfun(call: NumericArguments) -> tuple[Value, ...]:
+    values, uniform = _options(call)
     cells = [value.values for value in values if isinstance(value, MatlabCell)]
     if len(cells) != len(values) or not cells or len({cell.shape for cell in cells}) > 1:
-        raise MatlabValueError("cellfun needs cell arrays of one size")
-    return _mapped(given, [list(cell.ravel(order="F")) for cell in cells], cells[0].shape, uniform)
+        raise MatlabValueError("cellfun requires cell arrays of equal size")
+    return _map_elements(call, [list(cell.ravel(order="F")) for cell in cells], cells[0].shape, uniform)
 
 
 @function("arrayfun", 2, MANY)
-def _arrayfun(given: NumericArguments) -> tuple[Value, ...]:
-    values, uniform = _options(given)
+def _arrayfun(call: NumericArguments) -> tuple[Value, ...]:
+    values, uniform = _options(call)
     shapes = {elements_of(value).shape for value in values}
     if len(shapes) != 1:
-        raise MatlabValueError("arrayfun needs arrays of one size")
-    columns = [[with_class_of(value, one.reshape(1, 1)) for one in _singles(value)] for value in values]
-    return _mapped(given, columns, shapes.pop(), uniform)
+        raise MatlabValueError("arrayfun requires arrays of equal size")
+    columns = [[with_class_of(value, element.reshape(1, 1)) for element in _split_elements(value)] for value in values]
+    return _map_elements(call, columns, shapes.pop(), uniform)
 
 
-def _singles(value: Value) -> list[Array]:
+def _split_elements(value: Value) -> list[Array]:
     data = elements_of(value).ravel(order="F")
     return [data[at : at + 1] for at in range(data.size)]
 
 
 @function("structfun", 2, MANY)
-def _structfun(given: NumericArguments) -> Value:
-    values, uniform = _options(given)
+def _structfun(call: NumericArguments) -> Value:
+    values, uniform = _options(call)
     if len(values) != 1 or not isinstance(values[0], MatlabStruct):
-        raise MatlabValueError("structfun needs a struct")
-    found = {name: given.apply(given[0], [inner], 1)[0] for name, inner in values[0].fields.items()}
-    return _uniform(list(found.values()), (len(found), 1)) if uniform else MatlabStruct.of(found)
+        raise MatlabValueError("structfun requires a struct")
+    results = {name: call.apply(call[0], [inner], 1)[0] for name, inner in values[0].fields.items()}
+    return _to_uniform(list(results.values()), (len(results), 1)) if uniform else MatlabStruct.of(results)

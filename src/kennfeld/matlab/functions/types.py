@@ -1,4 +1,4 @@
-"""Functions of classes: conversions, questions about them, their limits."""
+"""Functions of classes: conversions, predicates and limits."""
 
 import math
 from collections.abc import Callable
@@ -33,15 +33,15 @@ __all__: list[str] = []
 
 
 def _to(name: str) -> Callable[[NumericArguments], Value]:
-    def run(given: NumericArguments) -> Value:
-        if given.is_text(0) and given.array(0).dtype.kind == "O" and name == "double":
-            return scalar(_parsed(given.text(0)))
-        return cast_to_class(given.numbers(0), name)
+    def run(call: NumericArguments) -> Value:
+        if call.is_text(0) and call.array(0).dtype.kind == "O" and name == "double":
+            return scalar(_parse_number(call.text(0)))
+        return cast_to_class(call.numbers(0), name)
 
     return run
 
 
-def _parsed(word: str) -> float:
+def _parse_number(word: str) -> float:
     try:
         return float(word.replace(",", ""))
     except ValueError:
@@ -53,42 +53,42 @@ for _name in (*INTEGERS, "double", "single"):
 
 
 @function("logical boolean", 1)
-def _logical(given: NumericArguments) -> Value:
-    return _truths(given.numbers(0))
+def _logical(call: NumericArguments) -> Value:
+    return _to_logical(call.numbers(0))
 
 
-def _truths(values: Float) -> Array:
+def _to_logical(values: Float) -> Array:
     if np.isnan(values).any():
         raise MatlabValueError("NaN is neither true nor false")
     return np.asarray(values != 0)
 
 
 @function("cast", 2)
-def _cast(given: NumericArguments) -> Value:
-    name = given.text(1)
+def _cast(call: NumericArguments) -> Value:
+    name = call.text(1)
     if name == "logical":
-        return _truths(given.numbers(0))
+        return _to_logical(call.numbers(0))
     if name not in (*INTEGERS, "double", "single"):
-        raise MatlabValueError(f"{name} is no class of numbers")
-    return cast_to_class(given.numbers(0), name)
+        raise MatlabValueError(f"unknown numeric class {name}")
+    return cast_to_class(call.numbers(0), name)
 
 
 @function("class", 1)
-def _class(given: NumericArguments) -> Value:
-    return characters(class_name(given[0]))
+def _class(call: NumericArguments) -> Value:
+    return characters(class_name(call[0]))
 
 
 _GROUPS = {"numeric": (*INTEGERS, "double", "single"), "float": ("double", "single"), "integer": INTEGERS}
 
 
 @function("isa", 2)
-def _isa(given: NumericArguments) -> Value:
-    name, wanted = class_name(given[0]), given.text(1)
+def _isa(call: NumericArguments) -> Value:
+    name, wanted = class_name(call[0]), call.text(1)
     return logical(name == wanted or name in _GROUPS.get(wanted, ()))
 
 
-def _is(*names: str) -> NumericFunction:
-    return NumericFunction(lambda given: logical(class_name(given[0]) in names), 1, 1)
+def _class_test(*names: str) -> NumericFunction:
+    return NumericFunction(lambda call: logical(class_name(call[0]) in names), 1, 1)
 
 
 for _name, _classes in {
@@ -101,45 +101,45 @@ for _name, _classes in {
     "iscell": ("cell",),
     "isreal": (*_GROUPS["numeric"], "logical", "char"),
 }.items():
-    NUMERIC_FUNCTIONS[_name] = _is(*_classes)
+    NUMERIC_FUNCTIONS[_name] = _class_test(*_classes)
 
 
 @function("isstruct", 1)
-def _isstruct(given: NumericArguments) -> Value:
-    return logical(isinstance(given[0], MatlabStruct) and not given[0].kind)
+def _isstruct(call: NumericArguments) -> Value:
+    return logical(isinstance(call[0], MatlabStruct) and not call[0].kind)
 
 
 @function("isobject", 1)
-def _isobject(given: NumericArguments) -> Value:
-    return logical(isinstance(given[0], MatlabStruct) and bool(given[0].kind))
+def _isobject(call: NumericArguments) -> Value:
+    return logical(isinstance(call[0], MatlabStruct) and bool(call[0].kind))
 
 
 @function("iscellstr", 1)
-def _iscellstr(given: NumericArguments) -> Value:
-    cell = given[0]
-    return logical(isinstance(cell, MatlabCell) and all(class_name(one) == "char" for one in cell.values.ravel()))
+def _iscellstr(call: NumericArguments) -> Value:
+    cell = call[0]
+    return logical(isinstance(cell, MatlabCell) and all(class_name(x) == "char" for x in cell.values.ravel()))
 
 
 @function("eps", 0, 1)
-def _eps(given: NumericArguments) -> Value:
-    if given.is_text(0):
-        return scalar(float(np.finfo(np.float32 if given.text(0) == "single" else np.float64).eps))
-    return np.asarray(np.spacing(np.abs(given.numbers(0)))) if len(given) else scalar(float(np.finfo(np.float64).eps))
+def _eps(call: NumericArguments) -> Value:
+    if call.is_text(0):
+        return scalar(float(np.finfo(np.float32 if call.text(0) == "single" else np.float64).eps))
+    return np.asarray(np.spacing(np.abs(call.numbers(0)))) if len(call) else scalar(float(np.finfo(np.float64).eps))
 
 
 def _limit_of(name: str) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        kind = np.float32 if len(given) and given.text(0) == "single" else np.float64
+    def run(call: NumericArguments) -> Value:
+        kind = np.float32 if len(call) and call.text(0) == "single" else np.float64
         return np.array([[getattr(np.finfo(kind), name)]], dtype=kind)
 
     return NumericFunction(run, 0, 1)
 
 
 def _whole_limit(name: str) -> NumericFunction:
-    def run(given: NumericArguments) -> Value:
-        of = "int32" if not len(given) else given.text(0) if given.is_text(0) else class_name(given[0])
+    def run(call: NumericArguments) -> Value:
+        of = "int32" if not len(call) else call.text(0) if call.is_text(0) else class_name(call[0])
         if of not in INTEGERS:
-            raise MatlabValueError(f"{of} is no class of integers")
+            raise MatlabValueError(f"unknown integer class {of}")
         return np.array([[getattr(np.iinfo(of), name)]], dtype=of)
 
     return NumericFunction(run, 0, 1)
@@ -150,42 +150,42 @@ NUMERIC_FUNCTIONS["intmax"], NUMERIC_FUNCTIONS["intmin"] = _whole_limit("max"), 
 
 
 @function("flintmax", 0)
-def _flintmax(given: NumericArguments) -> Value:
+def _flintmax(call: NumericArguments) -> Value:
     return scalar(2.0**53)
 
 
 @function("exist", 1, 2)
-def _exist(given: NumericArguments) -> Value:
-    wanted = given.text(1) if len(given) > 1 else "var"
-    return scalar(float(wanted == "var" and given.exists(given.text(0))))
+def _exist(call: NumericArguments) -> Value:
+    wanted = call.text(1) if len(call) > 1 else "var"
+    return scalar(float(wanted == "var" and call.exists(call.text(0))))
 
 
 @function("isvarname", 1)
-def _isvarname(given: NumericArguments) -> Value:
-    word = given.text(0) if given.is_text(0) else ""
+def _isvarname(call: NumericArguments) -> Value:
+    word = call.text(0) if call.is_text(0) else ""
     return logical(word.isidentifier() and word.isascii() and not word.startswith("_"))
 
 
 @function("feval", 1, MANY)
-def _feval(given: NumericArguments) -> tuple[Value, ...]:
-    return tuple(given.apply(given[0], given.values[1:], max(given.outputs, 1)))
+def _feval(call: NumericArguments) -> tuple[Value, ...]:
+    return tuple(call.apply(call[0], call.values[1:], max(call.outputs, 1)))
 
 
 @function("func2str", 1)
-def _func2str(given: NumericArguments) -> Value:
+def _func2str(call: NumericArguments) -> Value:
     from kennfeld.matlab.printer import format_expression
 
-    handle = given[0]
+    handle = call[0]
     if not isinstance(handle, MatlabFunctionHandle):
-        raise MatlabValueError(f"a {class_name(handle)} is no function")
+        raise MatlabValueError(f"a {class_name(handle)} is not a function")
     return characters(
         handle.name if handle.body is None else f"@({','.join(handle.parameters)}){format_expression(handle.body)}"
     )
 
 
 @function("str2func", 1)
-def _str2func(given: NumericArguments) -> Value:
-    word = given.text(0)
+def _str2func(call: NumericArguments) -> Value:
+    word = call.text(0)
     if word.startswith("@"):
         from kennfeld.matlab.parser import parse_expression
         from kennfeld.matlab.syntax import AnonymousFunction
@@ -197,35 +197,36 @@ def _str2func(given: NumericArguments) -> Value:
 
 
 @function("is_function_handle", 1)
-def _is_function_handle(given: NumericArguments) -> Value:
-    return logical(isinstance(given[0], MatlabFunctionHandle))
+def _is_function_handle(call: NumericArguments) -> Value:
+    return logical(isinstance(call[0], MatlabFunctionHandle))
 
 
 @function("str2double", 1)
-def _str2double(given: NumericArguments) -> Value:
-    if isinstance(given[0], MatlabCell):
-        words = [text(one) if class_name(one) in ("char", "string") else "" for one in given[0].values.ravel(order="F")]
-        return np.array([_parsed(word) for word in words]).reshape(given[0].values.shape, order="F")
-    return scalar(_parsed(given.text(0)) if given.is_text(0) else math.nan)
+def _str2double(call: NumericArguments) -> Value:
+    if isinstance(call[0], MatlabCell):
+        elements = call[0].values.ravel(order="F")
+        words = [text(element) if class_name(element) in ("char", "string") else "" for element in elements]
+        return np.array([_parse_number(word) for word in words]).reshape(call[0].values.shape, order="F")
+    return scalar(_parse_number(call.text(0)) if call.is_text(0) else math.nan)
 
 
 @function("dec2bin", 1, 2)
-def _dec2bin(given: NumericArguments) -> Value:
-    return characters(f"{given.whole(0):b}".zfill(min(given.whole(1, 0), 64)))
+def _dec2bin(call: NumericArguments) -> Value:
+    return characters(f"{call.integer(0):b}".zfill(min(call.integer(1, 0), 64)))
 
 
 @function("dec2hex", 1, 2)
-def _dec2hex(given: NumericArguments) -> Value:
-    return characters(f"{given.whole(0):X}".zfill(min(given.whole(1, 0), 64)))
+def _dec2hex(call: NumericArguments) -> Value:
+    return characters(f"{call.integer(0):X}".zfill(min(call.integer(1, 0), 64)))
 
 
 def _in_base(base: int) -> Callable[[NumericArguments], Value]:
-    def run(given: NumericArguments) -> Value:
-        word = given.text(0).replace(" ", "")[:64]
+    def run(call: NumericArguments) -> Value:
+        word = call.text(0).replace(" ", "")[:64]
         try:
             return scalar(float(int(word, base)))
         except ValueError:
-            raise MatlabValueError(f"{word} is no number to the base {base}") from None
+            raise MatlabValueError(f"{word} is not a number to the base {base}") from None
 
     return run
 

@@ -1,4 +1,4 @@
-"""Formula text (`.kf`): read it, extend a model by it, print any graph as it."""
+"""Formula text (`.kf`): compile it to a graph, extend a model with it, and print any graph as formula text."""
 
 from kennfeld.models.formula.frontend import expression, extend, formula, read, surrogates_beside, text_of
 from kennfeld.models.formula.printer import to_text

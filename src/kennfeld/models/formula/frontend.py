@@ -1,7 +1,4 @@
-"""The ways from text to a model or a graph.
-
-The data-driven models that lie beside a formula text and that it calls.
-"""
+"""Entry points of the formula compiler: text, file or single expression to a model or graph."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -17,7 +14,7 @@ from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
 from kennfeld.models.formula.name_resolution import NameScope, NameTable, walk
 from kennfeld.models.formula.parser import Keys, parse, parse_expression
-from kennfeld.models.formula.printer import merged
+from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.formula.syntax import (
     Call,
     Declaration,
@@ -41,11 +38,17 @@ def formula(
     parameters: Collection[str] | None = None,
     surrogates: "Collection[Surrogate]" = (),
 ) -> Model:
-    """The model that a formula text describes.
+    """Compile formula text to a model.
 
-    `parameters` are the names of the known parameters. Without them, what is called like a function is a table,
-    and a bare name is an input unless the text declares it as `scalar`. `surrogates` are called by their names.
-    Raises `InputError` with every finding of the text.
+    Args:
+        text: statements of formula text.
+        name: name of the model, and of the text in error messages.
+        parameters: names of the known parameters. If None, a name that is called is a table, and a bare name is an
+            input unless the text declares it as `scalar`.
+        surrogates: data-driven models, called by their names.
+
+    Raises:
+        InputError: the text is wrong; carries all findings.
 
     >>> model = formula("y[Nm] = Gain(n) * 2 + prev(y, 0)")
     >>> model.graph.inputs, dict(model.graph.parameters), len(model.graph.states)
@@ -57,26 +60,30 @@ def formula(
 def read(
     path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()
 ) -> Model:
-    """The model in a `.kf` file (UTF-8); raises `InputError` like `formula`, and where the file is no text."""
+    """Compile a `.kf` file (UTF-8) to a model; see `formula`.
+
+    Raises:
+        InputError: the file is not UTF-8 text, or the text is wrong.
+    """
     path = Path(path)
     if path.suffix.casefold() != ".kf":
-        raise InputError.of(str(path), "this is no formula text", "Formula text is in files that end in .kf.")
+        raise InputError.of(str(path), "not a formula text file", "Formula text files have the extension .kf.")
     return _model(Source.of_text(path.name, text_of(path)), path.stem, str(path), parameters, surrogates)
 
 
 def text_of(path: Path) -> str:
-    """The characters of a file of formula text; raises `InputError` where it is no text in UTF-8."""
+    """Return the contents of a file of formula text; raises `InputError` if it is not UTF-8 text."""
     try:
         content = path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
     if b"\0" in content:
-        raise InputError.of(str(path), "this is no text but a binary file", "Formula text is UTF-8 text.")
+        raise InputError.of(str(path), "the file is binary, not text", "Formula text must be UTF-8.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        message = f"byte {content[error.start]:#04x} is no UTF-8"
+        message = f"byte {content[error.start]:#04x} is not valid UTF-8"
         raise InputError.of(f"{path.name} line {line}", message, "Save the file as UTF-8.") from None
 
 
@@ -92,7 +99,7 @@ def _model(
     if not names.definitions and not source.findings:
         source.report_all("the text defines no node", "Write name[unit] = expression.")
     source.raise_findings()
-    graph = merged(builder.finish(visible, {}, tuple(names.outputs)))
+    graph = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
     return Model(
         graph=replace(graph, units=_units(names, graph)),
         name=name,
@@ -113,10 +120,10 @@ def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, BuiltinFunction
 
 
 def _step(statements: Collection[Statement], source: Source) -> float | None:
-    found = [statement for statement in statements if isinstance(statement, StepDeclaration)]
-    for second in found[1:]:
-        source.report(second.at, f"step stands already in {source.place(found[0].at.line)}", "Remove one.")
-    return found[0].seconds if found else None
+    steps = [statement for statement in statements if isinstance(statement, StepDeclaration)]
+    for second in steps[1:]:
+        source.report(second.at, f"duplicate step, first in {source.place(steps[0].at.line)}", "Remove one.")
+    return steps[0].seconds if steps else None
 
 
 def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
@@ -131,19 +138,28 @@ def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
 
 def _declared(names: NameTable) -> dict[str, int]:
     axes = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
-    return {name: names.axes.get(name, axes[found.kind]) for name, found in names.declared.items()}
+    return {name: names.axes.get(name, axes[result.kind]) for name, result in names.declared.items()}
 
 
 def _places(names: NameTable, source: Source) -> dict[str, str]:
-    declared = {name: found.at for name, found in (*names.inputs.items(), *names.declared.items())}
-    defined = {name: found.at for name, found in names.definitions.items()}
+    declared = {name: result.at for name, result in (*names.inputs.items(), *names.declared.items())}
+    defined = {name: result.at for name, result in names.definitions.items()}
     return {name: source.place(at.line) for name, at in {**declared, **names.uses, **defined}.items()}
 
 
 def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
-    """The model with further nodes, each an expression over its nodes, parameters and inputs, and over each other.
+    """Return the model with additional nodes, each an expression over its nodes, parameters, inputs and the other new
+    nodes.
 
-    A name that the model does not know is a further input. `place` says in findings where the expressions stand.
+    Names unknown to the model become inputs.
+
+    Args:
+        model: the model to extend.
+        nodes: expressions by the name of the new node.
+        place: location of the expressions for error messages.
+
+    Raises:
+        InputError: an expression is wrong.
 
     >>> model = extend(formula("n = Speed(u)"), {"deviation": "abs(n_set - n)"}, "kennfeld.toml limit 1")
     >>> model.graph.inputs, model.graph.outputs
@@ -154,30 +170,36 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
     around = NameScope(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
     builder = GraphBuilder.of(graph)
     assert isinstance(builder, GraphBuilder)
-    made = _expressions(nodes, place, around, builder, graph.names)
-    grown = builder.finish({**graph.names, **made}, graph.units, (*graph.outputs, *nodes))
+    result = _expressions(nodes, place, around, builder, graph.names)
+    grown = builder.finish({**graph.names, **result}, graph.units, (*graph.outputs, *nodes))
     places = {**model.places, **dict.fromkeys(nodes, place)}
-    return replace(model, graph=merged(grown), places=MappingProxyType(places))
+    return replace(model, graph=merge_equal_states(grown), places=MappingProxyType(places))
 
 
 def expression(text: str, place: str, channels: Collection[str] | None = None) -> Graph:
-    """The graph of one expression over channel names, called "value"; it has no parameters.
+    """Compile one expression over channel names to a graph with the node "value" and no parameters.
 
-    With `channels`, a name that is none of them is an error.
+    Args:
+        text: the expression.
+        place: location of the expression for error messages.
+        channels: known channel names; any other name is then an error.
+
+    Raises:
+        InputError: the expression is wrong.
 
     >>> expression("air_kg_h / n_rpm * 1000", "kennfeld.toml [calculated] rel_air").inputs
     ('air_kg_h', 'n_rpm')
     """
     builder = GraphBuilder()
     # no channel has the empty name, so the expression may read one called "value"
-    made = _expressions({"": text}, place, NameScope(parameters=(), channels=channels), builder, {})
-    return merged(builder.finish({"value": made[""]}))
+    result = _expressions({"": text}, place, NameScope(parameters=(), channels=channels), builder, {})
+    return merge_equal_states(builder.finish({"value": result[""]}))
 
 
 def _expressions(
     texts: Mapping[str, str], place: str, around: NameScope, builder: GraphBuilder, known: Mapping[str, int]
 ) -> dict[str, int]:
-    """The nodes of expressions by name; raises what is wrong with any of them."""
+    """Return the nodes of expressions by name; raises `InputError` with the findings of all."""
     lines: list[str] = []
     places: list[str] = []
     spans: dict[str, range] = {}
@@ -206,39 +228,48 @@ def _quoted(name: str) -> str:
 
 
 def surrogates_beside(path: str | Path) -> "tuple[Surrogate, ...]":
-    """The surrogates in files NAME.json beside a text, where the text calls NAME and does not declare it as a table.
+    """Read the surrogates NAME.json in the folder of a text, for each NAME that the text calls and does not define.
 
-    A project says itself where its surrogates are; this is for a text alone. Each has the name of its file. Raises
-    `InputError` where such a file is damaged; a text that cannot be read calls none.
+    Used for a text without a project, which would name its surrogates itself. Each surrogate gets the name of its file.
+    A text that cannot be read has none.
+
+    Raises:
+        InputError: a surrogate file is damaged.
     """
     path = Path(path)
-    found = [file for name in _names_called(path) if (file := _file(path, name)) is not None]
-    if not found:
+    surrogate_files = [file for name in _names_called(path) if (file := _file(path, name)) is not None]
+    if not surrogate_files:
         return ()
     from dataclasses import replace
 
     from kennfeld.surrogate import read_surrogate
 
-    return tuple(replace(read_surrogate(file), name=file.stem) for file in found)
+    return tuple(replace(read_surrogate(file), name=file.stem) for file in surrogate_files)
 
 
 def _names_called(path: Path) -> Collection[str]:
-    """What the text calls and defines nowhere."""
+    """Return the names that the text calls but does not define."""
     try:
         source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
     except OSError:
         return ()
     statements = parse(source)
-    own = {one.at.name for one in statements if isinstance(one, Declaration | FunctionDefinition | Definition)}
+    own = {
+        statement.at.name
+        for statement in statements
+        if isinstance(statement, Declaration | FunctionDefinition | Definition)
+    }
     written = [
-        one.value for one in statements if isinstance(one, Definition | FunctionDefinition) and one.value is not None
+        statement.value
+        for statement in statements
+        if isinstance(statement, Definition | FunctionDefinition) and statement.value is not None
     ]
     called = dict.fromkeys(part.name for value in written for part in walk(value) if isinstance(part, Call))
     return [name for name in called if name not in own and name not in FUNCTIONS]
 
 
 def _file(path: Path, name: str) -> Path | None:
-    """The file of a surrogate of that name, None where there is none; a calibration file is none."""
+    """Return the surrogate file of that name; None if there is none, or if it is a calibration file."""
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
     if file == path or not file.is_file():
         return None

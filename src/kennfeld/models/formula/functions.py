@@ -1,10 +1,10 @@
-"""The built-in functions of formula text, as data: a signature, and the graph that a call becomes.
+"""Built-in functions of formula text: signatures, and the rules that write their graphs.
 
-A function with memory writes its graph through `GraphBuilder.remember`: what is read now, and what the next step will
-find. Arguments that are only needed for the next step come as a callable, asked when all nodes exist; this is
-how feedback is written.
+A function with memory creates states by `GraphBuilder.remember`: the value read now, and a function that returns the
+node of the next value. Arguments that only the next value needs are passed as callables, evaluated when all nodes
+exist; this permits feedback.
 
-Data-driven models as functions of formula text: `n = engine(throttle, load)`.
+Surrogates are functions of formula text as well: `n = engine(throttle, load)`.
 """
 
 import math
@@ -42,7 +42,7 @@ _UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh floor
 
 
 class InvalidArgumentError(Exception):
-    """A rule cannot use the argument of this name."""
+    """The value of a named argument cannot be used."""
 
     def __init__(self, argument: str, message: str) -> None:
         super().__init__(message)
@@ -50,7 +50,7 @@ class InvalidArgumentError(Exception):
 
 
 class Argument(NamedTuple):
-    """An argument; `default` is a number or the name of another argument, "" where it must be given."""
+    """An argument; `default` is a number or the name of another argument, "" if it is required."""
 
     name: str
     default: str
@@ -68,16 +68,16 @@ class BuiltinFunction(NamedTuple):
 
     @property
     def fewest(self) -> int:
-        """How many arguments a call needs."""
+        """Minimum number of arguments."""
         return sum(not argument.default for argument in self.arguments)
 
     @property
     def most(self) -> float:
-        """How many arguments a call may have."""
+        """Maximum number of arguments."""
         return math.inf if "..." in self.signature else len(self.arguments)
 
     def argument(self, index: int) -> Argument:
-        """The argument at a position of a call."""
+        """Return the argument at a position of a call."""
         return self.arguments[min(index, len(self.arguments) - 1)]
 
 
@@ -119,8 +119,8 @@ def _prev(builder: GraphBuilder, x: Deferred, init: int) -> int:
 def _delay(builder: GraphBuilder, x: Deferred, n: int, init: int) -> int:
     steps = builder.value(n)
     if steps is None or not steps >= 1 or not steps.is_integer():
-        given = "an expression that changes" if steps is None else f"{steps:g}"
-        raise InvalidArgumentError("n", f"the steps of a delay must be a constant whole number from 1 on, not {given}")
+        value = "an expression that is not constant" if steps is None else f"{steps:g}"
+        raise InvalidArgumentError("n", f"the number of steps of a delay must be a constant integer >= 1, got {value}")
     return builder.remember(init, lambda read: x(), int(steps))
 
 
@@ -149,7 +149,7 @@ def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
 
 
 def _pt1_share(builder: GraphBuilder, T: int) -> int:
-    """dt/(T + dt): which part of the way to its input a PT1 goes in one step; NaN for T < 0."""
+    """Return dt/(T + dt), the gain of one implicit Euler step of a PT1; NaN for T < 0."""
     dt, invalid = builder.input("dt"), builder.const(math.nan)
     share = builder.call("div", dt, builder.call("add", T, dt))
     constant = builder.value(T)
@@ -203,10 +203,10 @@ FUNCTIONS["timeDelay"] = FUNCTIONS["prev"]
 
 
 def functions_of(surrogates: Iterable[Surrogate]) -> Mapping[str, BuiltinFunction]:
-    """The functions that call these surrogates, by name.
+    """Return the functions that call these surrogates, by name.
 
-    A dynamic one has the arguments of its inputs and `init`, its output before the first sample. An input at which it
-    looks only back in time may depend on its output of now: that is how a loop is closed.
+    A dynamic surrogate takes its inputs and `init`, its output before the first sample. An input that is used only with
+    a lag may depend on the current output, which permits closed loops.
     """
     return {s.name: _dynamic(s) if isinstance(s, DynamicSurrogate) else _static(s) for s in surrogates}
 
@@ -233,16 +233,16 @@ def _surrogate_function(
     return BuiltinFunction(name, f"{name}({', '.join(shown)})", tuple(arguments), rule, memory)
 
 
-def _recursion(surrogate: DynamicSurrogate, builder: GraphBuilder, *given: Any) -> int:
-    *inputs, init = given
-    made: list[int] = []
-    point = [builder.remember(init, lambda read: made[0], lag) for lag in surrogate.output_lags]
+def _recursion(surrogate: DynamicSurrogate, builder: GraphBuilder, *arguments: Any) -> int:
+    *inputs, init = arguments
+    result: list[int] = []
+    point = [builder.remember(init, lambda read: result[0], lag) for lag in surrogate.output_lags]
     for x, lags, start in zip(inputs, surrogate.lags, surrogate.start_inputs, strict=True):
         point += [_at_lag(builder, x, lag, start) for lag in lags]
     y = builder.lookup(surrogate.name, *point)
     lower, upper = (builder.const(limit) for limit in surrogate.limits)
-    made.append(builder.call("min", builder.call("max", y, lower), upper) if _limited(surrogate) else y)
-    return made[0]
+    result.append(builder.call("min", builder.call("max", y, lower), upper) if _limited(surrogate) else y)
+    return result[0]
 
 
 def _limited(surrogate: DynamicSurrogate) -> bool:

@@ -1,6 +1,6 @@
-"""Formula text to tokens, and tokens to statements: one a line, longer while a bracket is open.
+"""Lexer of formula text: characters to tokens, tokens to statements, and findings with the line they refer to.
 
-A text with its place: turns tokens into findings that show the line.
+A statement is one line; an open bracket continues it on the next line.
 """
 
 import re
@@ -36,13 +36,13 @@ FOREIGN = {
     "·": "Write *.",
     "÷": "Write /.",
     "%": "Write mod(a, b) for a remainder, and names with other characters as %any name%.",
-    "[": "A unit closes with ]; names that hold brackets are written as %any[3].name%.",
-    "]": "Names that hold brackets are written as %any[3].name%.",
-    ";": "A line ends without a sign; # begins a comment.",
+    "[": "Close the unit with ]; write names with brackets as %any[3].name%.",
+    "]": "Write names with brackets as %any[3].name%.",
+    ";": "Lines end without a terminator; # starts a comment.",
     "{": "Write ( and ).",
     "}": "Write ( and ).",
     "?": "Write if(condition, a, b).",
-    "\\": "A line goes on while a bracket is open.",
+    "\\": "An open bracket continues the line.",
     '"': "Write names with other characters as %any name%.",
     "'": "Write names with other characters as %any name%.",
 }
@@ -68,7 +68,7 @@ _WIDEST = 120
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name needs no quotes.
+    """Return True if a name needs no quotes.
 
     >>> is_plain("n.eng_1"), is_plain("rad[3].x"), is_plain("pi")
     (True, False, False)
@@ -77,8 +77,8 @@ def is_plain(name: str) -> bool:
 
 
 def tokens(line: str, number: int) -> list[Token]:
-    """The tokens of one physical line, without blanks and comments."""
-    found: list[Token] = []
+    """Yield the tokens of one physical line, without blanks and comments."""
+    line_tokens: list[Token] = []
     for match in _TOKEN.finditer(line):
         kind = match.lastgroup
         if kind is None or kind == "comment":
@@ -88,25 +88,25 @@ def tokens(line: str, number: int) -> list[Token]:
             kind = "op"
         elif kind == "foreign":
             kind = "bad"
-        found.append(Token(kind, text, number, column))
-    return found
+        line_tokens.append(Token(kind, text, number, column))
+    return line_tokens
 
 
 def statements(lines: Iterable[str]) -> Iterator[list[Token]]:
-    """The tokens of each statement, closed by an `end`.
+    """Yield the tokens of each statement, followed by an `end` token.
 
-    An open bracket joins the next line, unless that line can only be a statement of its own:
-    a forgotten bracket shall not hide the findings of the lines below.
+    An open bracket continues the statement on the next line, unless that line can only start a statement: a missing
+    bracket must not hide the findings of the lines below.
     """
     current: list[Token] = []
     depth = 0
     for number, line in enumerate(lines, start=1):
-        found = tokens(line, number)
-        if current and _begins_statement(found):
+        result = tokens(line, number)
+        if current and _begins_statement(result):
             yield [*current, _end(current)]
             current, depth = [], 0
-        current += found
-        depth = max(0, depth + _depth(found))
+        current += result
+        depth = max(0, depth + _depth(result))
         if current and not depth:
             yield [*current, _end(current)]
             current = []
@@ -114,32 +114,32 @@ def statements(lines: Iterable[str]) -> Iterator[list[Token]]:
         yield [*current, _end(current)]
 
 
-def _depth(found: Iterable[Token]) -> int:
-    return sum((token.text == "(") - (token.text == ")") for token in found)
+def _depth(line_tokens: Iterable[Token]) -> int:
+    return sum((token.text == "(") - (token.text == ")") for token in line_tokens)
 
 
-def _end(found: Sequence[Token]) -> Token:
-    last = found[-1]
+def _end(line_tokens: Sequence[Token]) -> Token:
+    last = line_tokens[-1]
     return Token("end", "", last.line, last.column + len(last.text))
 
 
-def _begins_statement(found: Sequence[Token]) -> bool:
-    if found and found[0].kind == "number":
-        found = found[1:]
-    if len(found) < 2 or found[0].kind not in ("name", "quoted"):
+def _begins_statement(line_tokens: Sequence[Token]) -> bool:
+    if line_tokens and line_tokens[0].kind == "number":
+        line_tokens = line_tokens[1:]
+    if len(line_tokens) < 2 or line_tokens[0].kind not in ("name", "quoted"):
         return False
-    if found[0].text in DECLARATIONS and found[1].kind in ("name", "quoted", "number"):
+    if line_tokens[0].text in DECLARATIONS and line_tokens[1].kind in ("name", "quoted", "number"):
         return True
-    return found[1 + (found[1].kind == "unit" and len(found) > 2)].text == "="
+    return line_tokens[1 + (line_tokens[1].kind == "unit" and len(line_tokens) > 2)].text == "="
 
 
 def split(text: str) -> list[str]:
-    """The lines of a text, whichever system wrote it."""
+    """Split a text into lines, with any line endings."""
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 class Source:
-    """The lines of a text, the place of each, and the findings about them.
+    """The lines of a text with their locations, and the findings about them.
 
     >>> source = Source.of_text("torque.kf", "a = b +")
     >>> source.report(Token("end", "", 1, 8), "an operand is missing")
@@ -158,37 +158,37 @@ class Source:
 
     @classmethod
     def of_text(cls, label: str, text: str) -> "Source":
-        """A text whose lines are counted: "torque.kf line 4"."""
+        """Return the source of a text whose locations are line numbers: "torque.kf line 4"."""
         lines = split(text)
         return cls(label, lines, [f"{label} line {number}" for number in range(1, len(lines) + 1)])
 
     def place(self, line: int) -> str:
-        """The place of a line."""
+        """Return the location of a line."""
         return self.places[line - 1]
 
     def report(self, at: Token, message: str, remedy: str = "") -> None:
-        """Keep a finding about a token; one in column 0 stands for the whole line."""
+        """Add a finding about a token; a token in column 0 stands for the whole line."""
         place = self.place(at.line) + (f", column {at.column}" if at.column else "")
         excerpt = self._excerpt(at) if at.column else ""
         self._found.append((at.line, at.column, Finding(place, message, remedy, excerpt)))
 
     def report_all(self, message: str, remedy: str = "") -> None:
-        """Keep a finding about the text as a whole."""
+        """Add a finding about the text as a whole."""
         self._found.append((0, 0, Finding(self.label, message, remedy)))
 
     @property
     def findings(self) -> list[Finding]:
-        """What was found, from the top of the text to its end, each once."""
-        ordered = sorted(self._found, key=lambda found: found[:2])
+        """The findings without duplicates, from the top of the text to its end."""
+        ordered = sorted(self._found, key=lambda result: result[:2])
         return list(dict.fromkeys(finding for _, _, finding in ordered))
 
     def raise_findings(self) -> None:
-        """Raise `InputError` if anything was found."""
+        """Raise `InputError` if there are findings."""
         if self._found:
             raise InputError(self.findings)
 
     def text(self, first: Token, last: Token) -> str:
-        """The text from one token to the end of another in the same line; empty where they are in two."""
+        """Return the text from one token to the end of another; "" if they are on different lines."""
         if first.line != last.line:
             return ""
         return self.lines[first.line - 1][first.column - 1 : last.column - 1 + len(last.text)]

@@ -1,9 +1,7 @@
-"""In which order nodes can be built, and the loops that forbid any.
+"""Lowering of the syntax tree to a graph: order of definitions, algebraic loops, and nodes of expressions.
 
-Syntax to graph.
-
-Expressions are built by generators that ask for their parts (`node = yield part, scope`), so that neither long
-definitions nor deeply nested calls of functions meet Python's recursion limit.
+Expressions are lowered by generators that yield their parts (`node = yield part, scope`), so that neither long
+definitions nor deeply nested function calls reach Python's recursion limit.
 """
 
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
@@ -17,9 +15,9 @@ from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
 from kennfeld.models.formula.name_resolution import NameTable, children
 from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
 
-__all__ = ["build", "ordered"]
+__all__ = ["build", "topological_order"]
 
-_MOST_EXPANSIONS = 100_000
+_MAX_EXPANSIONS = 100_000
 
 
 class _NameUse(NamedTuple):
@@ -28,26 +26,27 @@ class _NameUse(NamedTuple):
 
 
 def build_order(names: NameTable) -> list[str]:
-    """The nodes, each after those it needs in the same sample; loops are reported and marked as broken."""
+    """Return the nodes in the order of their dependencies within a sample; report loops and mark them as broken."""
     needs = _function_needs(names)
     uses = {
         name: list(_uses(definition.value, names, needs))
         for name, definition in names.definitions.items()
         if definition.value is not None
     }
-    order, loops = ordered({name: [use.name for use in used] for name, used in uses.items()})
+    order, loops = topological_order({name: [use.name for use in used] for name, used in uses.items()})
     for loop in loops:
         starts = {(name, use.name) for name in loop for use in uses[name] if use.at_start}
         _report_loop(names, loop, names.definitions, bool(starts & set(pairwise(loop))))
     return order
 
 
-def ordered(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], list[list[str]]]:
-    """The names, each after those it uses, and the loops, one for each group of names that has one.
+def topological_order(uses: Mapping[str, Iterable[str]]) -> tuple[list[str], list[list[str]]]:
+    """Return the names in the order of their dependencies, and one loop for each group of names that depend on each
+    other.
 
-    >>> ordered({"a": ["b"], "b": ["c"], "c": []})
+    >>> topological_order({"a": ["b"], "b": ["c"], "c": []})
     (['c', 'b', 'a'], [])
-    >>> ordered({"a": ["b"], "b": ["a"]})[1]
+    >>> topological_order({"a": ["b"], "b": ["a"]})[1]
     [['a', 'b', 'a']]
     """
     done: dict[str, bool] = {}
@@ -86,15 +85,15 @@ def _report_loop(
     if isinstance(statements[turned[0]], FunctionDefinition):
         names.source.report(at, f"a function calls itself: {shown}", "Write feedback with prev(x, init).")
     elif initial:
-        remedy = "Give an initial value that does not need it."
-        names.source.report(at, f"an initial value needs itself: {shown}", remedy)
+        remedy = "Use an initial value that does not depend on it."
+        names.source.report(at, f"an initial value depends on itself: {shown}", remedy)
     else:
-        remedy = "Break it with prev(x, init) where the value of the step before is meant."
+        remedy = "Break it with prev(x, init) to use the value of the previous step."
         names.source.report(at, f"algebraic loop: {shown}", remedy)
 
 
 class _Needs(NamedTuple):
-    """What a function of the text needs at once: which of its arguments (None where not), and which other names."""
+    """The same-sample dependencies of a function of the text: its arguments (None if unused) and other names."""
 
     arguments: tuple[_NameUse | None, ...]
     names: tuple[_NameUse, ...]
@@ -102,16 +101,16 @@ class _Needs(NamedTuple):
 
 def _function_needs(names: NameTable) -> Mapping[str, _Needs]:
     bodies = {name: function.value for name, function in names.functions.items() if function.value is not None}
-    order, loops = ordered({name: list(_calls(body, names.functions)) for name, body in bodies.items()})
+    order, loops = topological_order({name: list(_calls(body, names.functions)) for name, body in bodies.items()})
     for loop in loops:
         _report_loop(names, loop, names.functions)
     needs: dict[str, _Needs] = {}
     for name in order:
-        given = [argument.name for argument in names.functions[name].arguments]
-        used = dict.fromkeys(_uses(bodies[name], names, needs, given))
+        arguments = [argument.name for argument in names.functions[name].arguments]
+        used = dict.fromkeys(_uses(bodies[name], names, needs, arguments))
         now = {use.name: use for use in sorted(used, key=lambda use: not use.at_start)}
-        others = tuple(use for use in used if use.name not in given)
-        needs[name] = _Needs(tuple(now.get(argument) for argument in given), others)
+        others = tuple(use for use in used if use.name not in arguments)
+        needs[name] = _Needs(tuple(now.get(argument) for argument in arguments), others)
     return needs
 
 
@@ -127,7 +126,7 @@ def _calls(expr: Expr, functions: Collection[str]) -> Iterator[str]:
 def _uses(
     expr: Expr, names: NameTable, needs: Mapping[str, _Needs], arguments: Collection[str] = ()
 ) -> Iterator[_NameUse]:
-    """The nodes and arguments that an expression needs in the same sample; what a memory holds next is not needed."""
+    """Return the nodes and arguments that an expression needs in the same sample, not those for the next state only."""
     stack = [(expr, False)]
     while stack:
         at, start = stack.pop()
@@ -135,19 +134,19 @@ def _uses(
             if at.name in arguments or names.kind(at.name, at.at.quoted) == "node":
                 yield _NameUse(at.name, start)
         elif isinstance(at, Call) and (function := names.built_in(at)) is not None:
-            given = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
-            stack.extend((arg, start or spec.name == "init") for spec, arg in given if not spec.later)
+            bound = [(function.argument(i), arg) for i, arg in enumerate(at.args)]
+            stack.extend((arg, start or spec.name == "init") for spec, arg in bound if not spec.later)
         elif isinstance(at, Call) and not at.at.quoted and at.name in names.functions:
             needed = needs.get(at.name, _Needs((), ()))
             yield from (_NameUse(use.name, start or use.at_start) for use in needed.names)
-            given_now = zip(at.args, needed.arguments, strict=False)
-            stack.extend((arg, start or use.at_start) for arg, use in given_now if use)
+            same_sample = zip(at.args, needed.arguments, strict=False)
+            stack.extend((arg, start or use.at_start) for arg, use in same_sample if use)
         else:
             stack.extend((part, start) for part in children(at))
 
 
 class _Scope(NamedTuple):
-    """Where an expression stands: what the arguments of the surrounding function are bound to."""
+    """The arguments of the enclosing function, bound to expressions."""
 
     key: int
     bound: "Mapping[str, tuple[Expr, _Scope]]"
@@ -159,9 +158,9 @@ _Steps = Generator[tuple[Expr, _Scope], int, int]
 
 
 def build(names: NameTable, builder: GraphBuilder, nodes: Mapping[str, int]) -> dict[str, int]:
-    """The nodes of all definitions, auxiliary ones included; `nodes` are those that exist already.
+    """Add the nodes of all definitions, auxiliary ones included, to a graph; `nodes` are the existing ones.
 
-    What is wrong goes to the source; then the nodes are of no use.
+    Findings are reported to the source; the nodes must not be used if there are any.
     """
     order = build_order(names)
     compiler = GraphLowering(names, builder, dict(nodes))
@@ -184,7 +183,7 @@ class GraphLowering:
         self._scopes: dict[tuple[Any, ...], _Scope] = {}
 
     def value(self, expr: Expr, scope: _Scope) -> int:
-        """The node of an expression."""
+        """Return the node of an expression."""
         stack = [self._steps(expr, scope)]
         result: Any = None
         while stack:
@@ -214,7 +213,7 @@ class GraphLowering:
                 return self._once(expr, expr, scope, self._call)
 
     def _once(self, at: Expr, expr: Expr, scope: _Scope, steps: Callable[[Any, _Scope], _Steps]) -> _Steps:
-        """Equal syntax in one scope is one node; this is what makes equal memory calls one state."""
+        """Lower equal syntax in one scope to one node, so that equal memory calls share one state."""
         key = (expr.key, scope.key)
         if key not in self._built:
             self._built[key] = yield from steps(expr, scope)
@@ -229,7 +228,7 @@ class GraphLowering:
             case "constant":
                 return self.builder.const(CONSTANTS[name])
             case "node":
-                # a node whose definition is wrong has no number; any input that is no constant stands for it
+                # placeholder for a node whose definition is wrong: any input that is not a constant
                 return self.nodes[name] if name in self.nodes else self.builder.input(name)
             case "parameter":
                 return self.builder.lookup(name)
@@ -262,9 +261,9 @@ class GraphLowering:
         if expr.name in self.names.broken or function.value is None:
             return self.builder.input(expr.name)
         key = (expr.name, *((arg.key, scope.key) for arg in expr.args))
-        if len(self._scopes) >= _MOST_EXPANSIONS:
-            message = f"the functions of this text unfold to more than {_MOST_EXPANSIONS} calls"
-            self.names.source.report(function.at, message, "Give values that are used twice names of their own.")
+        if len(self._scopes) >= _MAX_EXPANSIONS:
+            message = f"the functions of this text expand to more than {_MAX_EXPANSIONS} calls"
+            self.names.source.report(function.at, message, "Assign values that are used twice to named nodes.")
             self.names.broken.add(expr.name)
             return self.builder.input(expr.name)
         if key not in self._scopes:
@@ -275,12 +274,12 @@ class GraphLowering:
     def _built_in(self, function: BuiltIn, expr: Call, scope: _Scope) -> _Steps:
         args: list[Any] = []
         key: list[Any] = [function.name]
-        for index, given in enumerate(expr.args):
+        for index, argument_value in enumerate(expr.args):
             if function.argument(index).later:
-                args.append(partial(self.value, given, scope))
-                key.append((given.key, scope.key))
+                args.append(partial(self.value, argument_value, scope))
+                key.append((argument_value.key, scope.key))
             else:
-                args.append((yield given, scope))
+                args.append((yield argument_value, scope))
                 key.append(args[-1])
         args += [self._default(argument, args, function) for argument in function.arguments[len(args) :]]
         if not function.memory:
@@ -307,6 +306,6 @@ class GraphLowering:
 
 
 def _ready(node: int) -> _Steps:
-    """The steps of what needs no parts."""
+    """Return a node without yielding parts."""
     yield from ()
     return node

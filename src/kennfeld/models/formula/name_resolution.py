@@ -1,4 +1,4 @@
-"""What each name of a text is, and every complaint about it."""
+"""Name resolution of formula text: nodes, parameters, inputs, functions and constants, and all errors about names."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -32,11 +32,11 @@ _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
 
 
 class NameScope(NamedTuple):
-    """What a text may refer to besides what it defines itself.
+    """The names to which a text may refer in addition to its own definitions.
 
-    `parameters` None means that they are not known: what is called like a function is a table. `axes` are their
-    numbers of axes, where known; `inputs` are taken. `channels` None means that any other name is an input.
-    `owner` says in complaints whose parameters they are; `functions` are called like the built-in ones.
+    `parameters` None means that they are unknown: a name that is called is a table. `axes` are their numbers of axes,
+    if known; `inputs` are existing inputs. `channels` None means that any other name is an input. `owner` names the
+    model of the parameters in messages; `functions` are called like built-in ones.
     """
 
     nodes: Mapping[str, int] = MappingProxyType({})
@@ -49,7 +49,7 @@ class NameScope(NamedTuple):
 
 
 def children(expr: Expr) -> Sequence[Expr]:
-    """The direct parts of an expression, from left to right."""
+    """Return the direct parts of an expression, from left to right."""
     match expr:
         case Call():
             return expr.args
@@ -61,7 +61,7 @@ def children(expr: Expr) -> Sequence[Expr]:
 
 
 def walk(expr: Expr) -> Iterator[Expr]:
-    """An expression and all its parts, in the order of the text."""
+    """Yield an expression and all its parts, in the order of the text."""
     stack = [expr]
     while stack:
         yield (at := stack.pop())
@@ -69,10 +69,10 @@ def walk(expr: Expr) -> Iterator[Expr]:
 
 
 class NameTable:
-    """The names of a text, resolved; the constructor reports every complaint to the source.
+    """The resolved names of a text; the constructor reports all errors to the source.
 
-    `definitions` and `functions` hold the statements, `uses` where a parameter or an input is used first, `axes` how
-    many coordinates each parameter has, `broken` the keys of statements that cannot be built.
+    `definitions` and `functions` hold the statements, `uses` the first use of each parameter or input, `axes` the
+    number of coordinates of each parameter, `broken` the keys of statements that cannot be lowered.
     """
 
     def __init__(self, statements: Sequence[Statement], around: NameScope, source: Source) -> None:
@@ -99,7 +99,7 @@ class NameTable:
         self._check_outputs()
 
     def kind(self, name: str, quoted: bool) -> Kind:
-        """What a bare name is."""
+        """Return the kind of a bare name."""
         if not quoted and name in CLOCK:
             return "clock"
         if not quoted and name in CONSTANTS:
@@ -111,7 +111,7 @@ class NameTable:
         return "input"
 
     def built_in(self, call: Call) -> BuiltIn | None:
-        """The function that is called, where it is not one of the text."""
+        """Return the built-in function of a call, or None if the text defines it."""
         if call.at.quoted:
             return None
         return FUNCTIONS.get(call.name) or self.around.functions.get(call.name)
@@ -133,7 +133,7 @@ class NameTable:
         first = known.setdefault(statement.at.name, statement)
         if first is not statement:
             where = self.source.place(first.at.line)
-            self.source.report(statement.at, f"{kind} {statement.at.name} stands already in {where}", "Remove one.")
+            self.source.report(statement.at, f"duplicate {kind} {statement.at.name}, first in {where}", "Remove one.")
 
     def _check_names(self) -> None:
         for name, definition in self.definitions.items():
@@ -157,17 +157,17 @@ class NameTable:
                     self._two_things(name, statement.at, kind, others[0])
 
     def _two_things(self, name: str, at: Token, one: str, other: str) -> None:
-        self._report(name, at, f"{name} is {one} and also {other}", "Rename one of them.")
+        self._report(name, at, f"{name} is both {one} and {other}", "Rename one of them.")
 
     def _check_functions(self) -> None:
         for name, function in self.functions.items():
             if function.at.quoted or name in FUNCTIONS:
-                message = "a name in quotes" if function.at.quoted else f"{name}, which is built in,"
+                message = "a quoted name" if function.at.quoted else f"the built-in name {name}"
                 self._report(name, function.at, f"{message} cannot be defined as a function", "Use another name.")
-            given = [argument.name for argument in function.arguments]
+            names = [argument.name for argument in function.arguments]
             for index, argument in enumerate(function.arguments):
-                if argument.name in given[:index]:
-                    self._report(name, argument, f"argument {argument.name} stands twice", "Rename one of them.")
+                if argument.name in names[:index]:
+                    self._report(name, argument, f"duplicate argument {argument.name}", "Rename one of them.")
 
     def _report(self, name: str, at: Token, message: str, remedy: str = "") -> None:
         self.broken.add(name)
@@ -191,7 +191,7 @@ class NameTable:
                 elif isinstance(part, Call):
                     self._check_call(name, part, arguments)
         for name in self._called.keys() & self._bare.keys() - self.broken:
-            message = f"{name} is a table in {self._where(self._called[name])} and has no coordinates here"
+            message = f"{name} is used as a table in {self._where(self._called[name])}, but without coordinates here"
             self._report(name, self._bare[name], message, f"Write {name}(...) with its coordinates.")
 
     def _where(self, token: Token) -> str:
@@ -201,7 +201,7 @@ class NameTable:
         name = use.name
         if not use.at.quoted and name in RESERVED:
             if name == "if":
-                self._report(owner, use.at, "if needs brackets", "Write if(condition, a, b).")
+                self._report(owner, use.at, "if requires parentheses", "Write if(condition, a, b).")
             return
         match self.kind(name, use.at.quoted):
             case "parameter":
@@ -217,11 +217,11 @@ class NameTable:
         self._bare.setdefault(name, at)
         if self.around.channels is not None:
             if name not in self.around.channels:
-                self._report(owner, at, f"{name} is no channel", nearest(name, self.around.channels))
+                self._report(owner, at, f"unknown channel {name}", nearest(name, self.around.channels))
         elif self.inputs and name not in self.inputs:
             candidates = {**self.inputs, **self.definitions, **self.declared}
             remedy = nearest(name, [*candidates, *(self.around.parameters or ())]) or f"Declare it: input {at.text}."
-            self._report(owner, at, f"{name} is no node, no parameter and no declared input", remedy)
+            self._report(owner, at, f"unknown name {name}: not a node, a parameter or a declared input", remedy)
 
     def _check_call(self, owner: str, call: Call, arguments: Collection[str]) -> None:
         name, count = call.name, len(call.args)
@@ -232,7 +232,7 @@ class NameTable:
         elif not call.at.quoted and name in self.functions:
             self._check_defined(owner, call)
         elif not call.at.quoted and name in RESERVED:
-            self._report(owner, call.at, f"{name} is no function", "Write * to multiply.")
+            self._report(owner, call.at, f"{name} is not a function", "Write * to multiply.")
         elif name in self.definitions or name in self.around.nodes:
             self._report(owner, call.at, f"{name} is a node, not a table", "Write * to multiply.")
         elif name in self.inputs:
@@ -249,23 +249,25 @@ class NameTable:
         wanted = f"{few}" if few == many else f"at least {few}" if many > 99 else f"{few} to {many}"
         arguments = "argument" if wanted == "1" else "arguments"
         signature = function.signature.replace(function.name, call.name, 1)
-        self._report(owner, call.at, f"{call.name} needs {wanted} {arguments}, not {count}", f"Write {signature}.")
+        self._report(owner, call.at, f"{call.name} takes {wanted} {arguments}, got {count}", f"Write {signature}.")
 
     def _check_defined(self, owner: str, call: Call) -> None:
-        given = self.functions[call.name].arguments
-        if len(given) != len(call.args):
-            signature = f"{call.name}({', '.join(argument.name for argument in given)})"
-            message = f"{call.name} needs {len(given)} argument{'s' * (len(given) != 1)}, not {len(call.args)}"
+        arguments = self.functions[call.name].arguments
+        if len(arguments) != len(call.args):
+            signature = f"{call.name}({', '.join(argument.name for argument in arguments)})"
+            message = f"{call.name} takes {len(arguments)} argument{'s' * (len(arguments) != 1)}, got {len(call.args)}"
             self._report(owner, call.at, message, f"Write {signature}.")
 
     def _is_table(self, owner: str, call: Call) -> bool:
         name, known = call.name, self.around.parameters
         if not call.args:
-            self._report(owner, call.at, f"{name} has no coordinates", f"Write {call.at.text}(x), or {call.at.text}.")
+            self._report(
+                owner, call.at, f"{name} is called without coordinates", f"Write {call.at.text}(x), or {call.at.text}."
+            )
             return False
         if known is None or name in known or name in self.declared:
             return True
-        message = f"{name} is no parameter of {self.around.owner}" if known else f"{name} is no function"
+        message = f"{self.around.owner} has no parameter {name}" if known else f"unknown function {name}"
         remedy = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
         self._report(owner, call.at, message, remedy)
         return False
@@ -274,16 +276,16 @@ class NameTable:
         before = self.uses.setdefault(name, at)
         kind = self.declared[name].kind if name in self.declared else ""
         if count > 4 and kind != "rbf" and name not in self.around.axes:
-            remedy = f"Declare it, if it is an expansion in radial basis functions: rbf {at.text}."
+            remedy = f"If it is an expansion in radial basis functions, declare it: rbf {at.text}."
             self._report(owner, at, f"{name} has {count} coordinates; tables have at most 4", remedy)
         elif kind in _AXES and count not in _AXES[kind]:
-            message = f"{name} is declared as a {kind} and has {_coordinates(count)} here"
+            message = f"{name} is declared as a {kind} but has {_coordinates(count)} here"
             self._report(owner, at, message, f"Write {_example(name, _AXES[kind][0])}.")
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
             where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
             table = _TABLES.get(first, "an expansion")
-            message = f"{name} is {table} with {_coordinates(first)}{where} and has {count or 'none'} here"
+            message = f"{name} is {table} with {_coordinates(first)}{where} but has {count or 'none'} here"
             self._report(owner, at, message, f"Write {_example(name, first)}.")
 
     def _check_outputs(self) -> None:
@@ -291,10 +293,10 @@ class NameTable:
             definition = self.definitions.get(name)
             if definition is None:
                 remedy = nearest(name, [n for n, d in self.definitions.items() if not d.auxiliary])
-                self.source.report(output.at, f"output {name} is no node", remedy)
+                self.source.report(output.at, f"output {name} is not a defined node", remedy)
             elif definition.auxiliary:
                 remedy = "Give the node a name without the underscore."
-                self.source.report(output.at, f"output {name} is auxiliary", remedy)
+                self.source.report(output.at, f"output {name} is an auxiliary node", remedy)
 
 
 def _example(name: str, axes: int) -> str:

@@ -1,8 +1,8 @@
-"""Tokens to syntax: a Pratt parser for expressions, one method a kind of statement.
+"""Pratt parser of formula text: tokens to the syntax tree, one method per kind of statement.
 
-Precedence, from loose to tight:
+Precedence, from lowest to highest:
 
-    or  <  and  <  not  <  == != < <= > >=  <  + -  <  * /  <  unary -  <  ^ (binds to the right)
+    or  <  and  <  not  <  == != < <= > >=  <  + -  <  * /  <  unary -  <  ^ (right-associative)
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 
-__all__ = ["DEEPEST", "LEVELS", "Keys", "parse", "parse_expression"]
+__all__ = ["LEVELS", "MAX_DEPTH", "Keys", "parse", "parse_expression"]
 
 LEVELS: Final = {
     "or": 1,
@@ -39,7 +39,7 @@ _NOT, _COMPARISON, _POWER = LEVELS["not"], LEVELS["<"], LEVELS["^"]
 _LOOSEST = 1
 
 # keeps the parser far from Python's own limit of 1000 calls
-DEEPEST = 100
+MAX_DEPTH = 100
 
 Keys = dict[tuple[Any, ...], int]
 
@@ -50,22 +50,22 @@ class SyntaxFault(Exception):  # noqa: N818
 
 
 def parse(source: Source) -> list[Statement]:
-    """The statements of a text; what is wrong goes to `source.report`, one finding a statement."""
+    """Parse the statements of a text; errors go to `source.report`, one finding per statement."""
     keys: Keys = {}
-    found = (_StatementParser(line, keys, source).statement() for line in statements(source.lines))
-    return [statement for statement in found if statement is not None]
+    result = (_StatementParser(line, keys, source).statement() for line in statements(source.lines))
+    return [statement for statement in result if statement is not None]
 
 
 def parse_expression(source: Source, lines: range, keys: Keys) -> Expr | None:
-    """The one expression that these lines (counted from 1) hold, or None where it is wrong."""
-    found = [token for number in lines for token in tokens(source.lines[number - 1], number)]
-    last = found[-1] if found else Token("end", "", lines[0], 1)
+    """Parse the expression in these lines (counted from 1); return None if it is wrong."""
+    expression_tokens = [token for number in lines for token in tokens(source.lines[number - 1], number)]
+    last = expression_tokens[-1] if expression_tokens else Token("end", "", lines[0], 1)
     end = Token("end", "", last.line, last.column + len(last.text))
-    return _StatementParser([*found, end], keys, source).whole()
+    return _StatementParser([*expression_tokens, end], keys, source).whole()
 
 
 class _StatementParser:
-    """Parses the tokens of one statement."""
+    """Parser of the tokens of one statement."""
 
     def __init__(self, found: Sequence[Token], keys: Keys, source: Source) -> None:
         self.tokens = found
@@ -86,14 +86,14 @@ class _StatementParser:
         return self._step(first) if first.text == "step" else self._declaration(first)
 
     def whole(self) -> Expr | None:
-        """The expression up to the end, or None where it is wrong."""
+        """Parse the expression up to the end; return None if it is wrong."""
         try:
-            made = self._expression(_LOOSEST)
+            result = self._expression(_LOOSEST)
             self._finish()
         except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return None
-        return made
+        return result
 
     def _skip_line_number(self) -> None:
         first, *others = self.tokens[:2]
@@ -102,7 +102,7 @@ class _StatementParser:
 
     def _definition(self) -> Definition | None:
         try:
-            name = self._name("a line begins with the name of a node")
+            name = self._name("a statement must start with a name")
             unit = self._unit()
         except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
@@ -118,12 +118,10 @@ class _StatementParser:
         name = None
         unit = ""
         try:
-            name = self._name(f"{kind.text} needs a name")
+            name = self._name(f"{kind.text} requires a name")
             unit = self._unit()
             if self._peek.text == ",":
-                raise SyntaxFault(
-                    self._peek, "a line declares one name", f"Write a line with {kind.text} for each name."
-                )
+                raise SyntaxFault(self._peek, "only one name per declaration", f"Write one {kind.text} line per name.")
             self._finish()
         except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
@@ -132,7 +130,7 @@ class _StatementParser:
     def _step(self, word: Token) -> StepDeclaration | None:
         number = self._next()
         if number.kind != "number" or self._peek.kind != "end" or not 0 < float(number.text) < float("inf"):
-            self.source.report(number, "step needs a positive number of seconds", "Write step 0.01, for example.")
+            self.source.report(number, "step must be a positive number of seconds", "Write step 0.01, for example.")
             return None
         return StepDeclaration(word, float(number.text))
 
@@ -140,12 +138,12 @@ class _StatementParser:
         name = None
         arguments: list[Token] = []
         try:
-            name = self._name("def needs the name of the function")
+            name = self._name("def requires the name of the function")
             self._expect("(", "Write def f(a, b) = expression.")
             if self._peek.text != ")":
-                arguments.append(self._name("an argument needs a name"))
+                arguments.append(self._name("the name of an argument is missing"))
                 while self._take(","):
-                    arguments.append(self._name("an argument needs a name"))
+                    arguments.append(self._name("the name of an argument is missing"))
             self._expect(")", "Write def f(a, b) = expression.")
             self._expect("=", "Write def f(a, b) = expression.")
         except SyntaxFault as wrong:
@@ -173,7 +171,7 @@ class _StatementParser:
         if token.kind == "bad" and token.text != ".":
             raise self._bad(token)
         remedy = "Write name[unit] = expression; names with other characters as %any[3].name%."
-        raise SyntaxFault(token, f"= is missing behind {name.name}", remedy)
+        raise SyntaxFault(token, f"missing = after {name.name}", remedy)
 
     def _finish(self) -> None:
         token = self._peek
@@ -182,17 +180,17 @@ class _StatementParser:
         if token.kind == "bad":
             raise self._bad(token)
         if token.text == ")":
-            raise SyntaxFault(token, "this bracket closes none", "Remove it, or open one before it.")
+            raise SyntaxFault(token, "unmatched closing parenthesis", "Remove it, or open one before it.")
         if token.kind == "unit":
             raise self._misplaced_unit(token)
         if token.text == "=":
-            raise SyntaxFault(token, "= stands inside an expression", "Write == to compare.")
+            raise SyntaxFault(token, "= inside an expression", "Write == to compare.")
         if token.text == ",":
-            raise SyntaxFault(token, "a comma stands outside brackets", "Write a decimal point, not a comma.")
-        raise SyntaxFault(token, f"an operator is missing before {token.text}")
+            raise SyntaxFault(token, "comma outside parentheses", "Use a point as decimal separator.")
+        raise SyntaxFault(token, f"missing operator before {token.text}")
 
     def _expression(self, level: int) -> Expr:
-        """An expression whose operators bind at least as tightly as `level`."""
+        """Parse an expression whose operators bind at least as tightly as `level`."""
         left = self._operand(level)
         while self._level >= level:
             left = self._infix(left, self._level)
@@ -221,7 +219,7 @@ class _StatementParser:
         return exponent
 
     def _chained(self, left: Expr, start: int) -> SyntaxFault:
-        """`start` is the index of the first comparison, the second one was read last."""
+        """Return the error of a chained comparison; `start` is the index of the first, the second was read last."""
         first, second, third = self.tokens[start], self.tokens[self.position - 1], self._peek
         middle = self.source.text(self.tokens[start + 1], self.tokens[self.position - 2])
         follows = self.tokens[min(self.position + 1, len(self.tokens) - 1)]
@@ -246,7 +244,7 @@ class _StatementParser:
     def _number(self, token: Token) -> Number:
         value = float(token.text)
         if value == float("inf"):
-            raise SyntaxFault(token, f"{token.text} is too large for a number", "Write inf for infinity.")
+            raise SyntaxFault(token, f"{token.text} exceeds the range of numbers", "Write inf for infinity.")
         return Number(value, token, self._key("number", value))
 
     def _bare(self, token: Token) -> Name:
@@ -274,7 +272,9 @@ class _StatementParser:
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
-            raise SyntaxFault(token, "not binds looser than what stands before it", "Put brackets around it: (not a).")
+            raise SyntaxFault(
+                token, "`not` has lower precedence than the operator before it", "Put it in parentheses: (not a)."
+            )
         self._deeper()
         operand = self._expression(_NOT if token.text == "not" else _POWER)
         self.depth -= 1
@@ -286,16 +286,20 @@ class _StatementParser:
         token = self._peek
         if token.text != ")":
             if token.kind == "end":
-                raise SyntaxFault(opening, "this bracket is not closed")
+                raise SyntaxFault(opening, "unclosed parenthesis")
             self._finish()
         self.position += 1
         self.depth -= 1
 
     def _deeper(self) -> None:
         self.depth += 1
-        if self.depth > DEEPEST:
+        if self.depth > MAX_DEPTH:
             at = self.tokens[self.position - 1]
-            raise SyntaxFault(at, f"the expression is nested deeper than {DEEPEST}", "Give its inner parts names.")
+            raise SyntaxFault(
+                at,
+                f"the expression is nested more than {MAX_DEPTH} levels deep",
+                "Assign its inner parts to named nodes.",
+            )
 
     @property
     def _peek(self) -> Token:
@@ -314,7 +318,7 @@ class _StatementParser:
 
     def _expect(self, text: str, remedy: str) -> None:
         if not self._take(text):
-            raise SyntaxFault(self._peek, f"{text} is missing", remedy)
+            raise SyntaxFault(self._peek, f"missing {text}", remedy)
 
     def _key(self, *parts: Any) -> int:
         return self.keys.setdefault(parts, len(self.keys))
@@ -325,17 +329,15 @@ class _StatementParser:
         if token.kind == "unit":
             return self._misplaced_unit(token)
         if token.kind == "end":
-            return SyntaxFault(token, "the expression ends too early")
-        return SyntaxFault(token, f"a number or a name is missing before {token.text}")
+            return SyntaxFault(token, "incomplete expression")
+        return SyntaxFault(token, f"missing operand before {token.text}")
 
     def _bad(self, token: Token) -> SyntaxFault:
-        if token.text in FOREIGN:
-            return SyntaxFault(token, f"{token.text} has no meaning here", FOREIGN[token.text])
-        if len(token.text) > 1:
+        if len(token.text) > 1 and token.text not in FOREIGN:
             remedy = f"Write * between a number and a name, or %{token.text}% for a name."
             return SyntaxFault(token, f"{token.text} is neither a number nor a name", remedy)
-        return SyntaxFault(token, f"{token.text!r} has no meaning here")
+        return SyntaxFault(token, f"unexpected {token.text!r}", FOREIGN.get(token.text, ""))
 
     def _misplaced_unit(self, unit: Token, name: Token | None = None) -> SyntaxFault:
-        remedy = f"Write %{name.text if name else 'name'}{unit.text}% for a name that holds brackets."
-        return SyntaxFault(unit, "a unit stands only behind the name that a line defines", remedy)
+        remedy = f"Write %{name.text if name else 'name'}{unit.text}% for a name that contains brackets."
+        return SyntaxFault(unit, "a unit is only allowed after the name being defined", remedy)

@@ -1,6 +1,6 @@
-"""Graph to formula text that reads back to the same graph.
+"""Printing of graphs as formula text that compiles to the same graph.
 
-Graphs in the form that formula text can say: no two memories that always hold the same.
+Formula text cannot express two states with equal contents, so these are merged first.
 """
 
 from collections import Counter
@@ -14,25 +14,54 @@ from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain
 from kennfeld.models.formula.parser import LEVELS
 
-__all__ = ["merged", "to_text"]
+__all__ = ["merge_equal_states", "to_text"]
 
 _INFIX: Final = {op: text for text, op in OPERATORS.items()}
 _CALLS: Final = {"select": "if"}
 _TABLES: Final = ("scalar", "curve", "map", "cube", "cube")
 _NEGATION, _COMPARISON, _POWER, _ATOM = LEVELS["*"] + 1, LEVELS["<"], LEVELS["^"], LEVELS["^"] + 1
 # deeper expressions get names for their inner parts; the parser allows 100
-_DEEPEST = 40
+_MAX_DEPTH = 40
 
 
-def merged(graph: Graph) -> Graph:
-    """The same graph with memories of equal initial and next nodes made one.
+def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None) -> str:
+    r"""Print a graph as complete formula text: `formula(to_text(graph)).graph == graph`.
+
+    Inner nodes that are used more than once are called `_1`, `_2`, ... States of equal contents are merged.
+
+    Args:
+        graph: graph with lookups, not lowered.
+        step: step in s to declare.
+        headings: comment above a node, by its name; written if it differs from that of the node before.
+
+    Raises:
+        ArgumentError: text cannot express the graph: a name with two meanings, a name or unit with a line break, a unit
+            with `]`, or the operation `guard`, which only derivatives contain.
+
+    >>> from kennfeld.models.formula import formula
+    >>> print(to_text(formula("y[Nm] = M(n, 2 * q) - K * prev(n, 0)\nscalar K").graph), end="")
+    input n
+    input q
+    map M
+    scalar K
+    output y
+    y[Nm] = M(n, 2 * q) - K * prev(n, 0)
+    """
+    _check(graph)
+    graph = merge_equal_states(graph)
+    declared = [] if step is None else [f"step {step!r}"]
+    return "\n".join([*declared, *_declarations(graph), *_Printer(graph).lines(headings or {}), ""])
+
+
+def merge_equal_states(graph: Graph) -> Graph:
+    """Return the graph with states of equal initial and next nodes merged.
 
     >>> b = GraphBuilder()
     >>> u, zero = b.input("u"), b.const(0.0)
     >>> twins = [b.state(), b.state()]
     >>> for twin in twins:
     ...     b.close(twin, zero, u)
-    >>> len(merged(b.finish({"y": b.call("add", *twins)})).states)
+    >>> len(merge_equal_states(b.finish({"y": b.call("add", *twins)})).states)
     1
     """
     while len(set(graph.states)) < len(graph.states):  # merging may make further memories equal
@@ -43,7 +72,7 @@ def merged(graph: Graph) -> Graph:
 
 
 def _with_states(graph: Graph, kept: Sequence[int]) -> Graph:
-    """The graph that reads memory `kept[i]` where it read memory i."""
+    """Return the graph with reads of state i replaced by reads of state `kept[i]`."""
     builder = GraphBuilder()
     reads = {which: builder.state(graph.states[which].latency) for which in dict.fromkeys(kept)}
     number: list[int] = []
@@ -56,45 +85,22 @@ def _with_states(graph: Graph, kept: Sequence[int]) -> Graph:
     return builder.finish(names, graph.units, graph.outputs)
 
 
-def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None) -> str:
-    r"""Formula text of a graph, complete by itself: `formula(to_text(graph)).graph == graph`.
-
-    `headings` gives nodes by name the comment above them, written where it changes from one node to the next. Inner
-    nodes that are used more than once are called `_1`, `_2`, ... Memories of equal content are printed as one.
-    Raises `ArgumentError` for what text cannot say: a name that is two things, a name or unit with a line break or
-    a unit with `]`, and the operation `guard`, which occurs only in derivatives.
-
-    >>> from kennfeld.models.formula import formula
-    >>> print(to_text(formula("y[Nm] = M(n, 2 * q) - K * prev(n, 0)\nscalar K").graph), end="")
-    input n
-    input q
-    map M
-    scalar K
-    output y
-    y[Nm] = M(n, 2 * q) - K * prev(n, 0)
-    """
-    _check(graph)
-    graph = merged(graph)
-    declared = [] if step is None else [f"step {step!r}"]
-    return "\n".join([*declared, *_declarations(graph), *_Printer(graph).lines(headings or {}), ""])
-
-
 def _check(graph: Graph) -> None:
     if any(node.op == "guard" for node in graph.nodes):
-        raise ArgumentError("a derivative graph (operation guard) has no formula text")
+        raise ArgumentError("a derivative graph (operation guard) cannot be written as formula text")
     kinds = {"node": graph.names, "input": graph.inputs, "parameter": graph.parameters}
     for name, times in Counter(name for names in kinds.values() for name in names).items():
         if times > 1:
             both = " and ".join(f"a {kind}" for kind, names in kinds.items() if name in names)
             raise ArgumentError(
-                f"{name!r} is {both}; formula text needs different names".replace("a input", "an input")
+                f"{name!r} is {both}; formula text requires different names".replace("a input", "an input")
             )
         if not name or "\n" in name or "\r" in name:
-            raise ArgumentError(f"the name {name!r} is empty or has a line break; formula text has no such names")
+            raise ArgumentError(f"the name {name!r} is empty or contains a line break")
     _check_tables(graph)
     for name, unit in graph.units.items():
         if any(sign in unit for sign in "]\n\r"):
-            raise ArgumentError(f"the unit {unit!r} of {name} has a bracket or a line break")
+            raise ArgumentError(f"the unit {unit!r} of {name} contains a bracket or a line break")
 
 
 def _check_tables(graph: Graph) -> None:
@@ -121,7 +127,7 @@ def _unit(graph: Graph, name: str) -> str:
 
 
 def _name(name: str) -> str:
-    """A name as text: quoted where it would be read as something else."""
+    """Return a name as text, in quotes if it would have another meaning without."""
     plain = is_plain(name) and name not in FUNCTIONS and name not in DECLARATIONS and not name.startswith("_")
     return name if plain else f"%{name.replace('%', '%%')}%"
 
@@ -131,19 +137,19 @@ def _number(value: float) -> str:
 
 
 class _Text(NamedTuple):
-    """A piece of an expression; `level` is the precedence of its loosest operator, `depth` its nesting."""
+    """Text of an expression; `level` is the precedence of its outermost operator, `depth` its nesting."""
 
     text: str
     level: int = _ATOM
     depth: int = 0
 
     def within(self, level: int) -> "_Text":
-        """In brackets, unless it binds at least as tightly as `level`."""
+        """Add brackets unless the expression binds at least as tightly as `level`."""
         return self if self.level >= level else _Text(f"({self.text})", _ATOM, self.depth + 1)
 
 
 class _Printer:
-    """Writes each node once: in place, or on a line of its own where it has a name."""
+    """Printer that writes each node once: inline, or on a line of its own if it has a name."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -161,7 +167,7 @@ class _Printer:
         self._done: dict[int, _Text] = {}
 
     def lines(self, headings: Mapping[str, str]) -> list[str]:
-        """The lines of all nodes; auxiliary ones stand before their first use where a loop permits."""
+        """Return the lines of all nodes; auxiliary nodes precede their first use unless they are part of a loop."""
         above = ""
         for name, at in self.graph.names.items():
             if (heading := " ".join(headings.get(name, "").split())) != above:
@@ -187,7 +193,7 @@ class _Printer:
         return state.next, state.init
 
     def _write(self, root: int) -> None:
-        """Write the expression of a node, and before it the lines of auxiliary nodes that it uses."""
+        """Write the expression of a node, preceded by the lines of its auxiliary nodes."""
         stack = [(root, False)]
         while stack:
             at, entered = stack.pop()
@@ -202,13 +208,13 @@ class _Printer:
 
     def _finish(self, at: int, root: int) -> None:
         text = self._done[at] = self._expression(at)
-        if at != root and text.depth > _DEEPEST and at not in self._auxiliary:
+        if at != root and text.depth > _MAX_DEPTH and at not in self._auxiliary:
             self._auxiliary[at] = next(self._free_names)
         if at in self._auxiliary:
             self.output.append(f"{self._auxiliary[at]} = {text.text}")
 
     def _read(self, at: int) -> _Text:
-        """A node as another expression mentions it."""
+        """Return a node as it appears in another expression."""
         if at in self._named:
             return _Text(_name(self._named[at]))
         return _Text(self._auxiliary[at]) if at in self._auxiliary else self._done[at]

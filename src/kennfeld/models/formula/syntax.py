@@ -1,7 +1,7 @@
-"""The syntax tree of formula text: immutable, every part with the token where it stands.
+"""Syntax tree of formula text: immutable, with the token of each part.
 
-`key` is the same number for equal expressions of one text, wherever they stand; memory calls that are written
-alike become one state through it.
+Equal expressions of one text have the same number `key`, wherever they are; through it, equal memory calls share one
+state.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -38,12 +38,12 @@ class Token(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name that the token spells; a quoted name writes a percent sign twice."""
+        """The name that the token spells; quoted names write a percent sign twice."""
         return self.text[1:-1].replace("%%", "%") if self.kind == "quoted" else self.text
 
     @property
     def quoted(self) -> bool:
-        """A quoted name is never a reserved word, a built-in function or auxiliary."""
+        """True for a quoted name, which is never a reserved word, a built-in function or auxiliary."""
         return self.kind == "quoted"
 
 
@@ -64,7 +64,7 @@ class Name(NamedTuple):
 
 
 class Call(NamedTuple):
-    """A built-in function, a function of the text, or a table at its coordinates."""
+    """A call of a built-in function or a function of the text, or a table at its coordinates."""
 
     name: str
     args: "tuple[Expr, ...]"
@@ -94,7 +94,7 @@ Expr: TypeAlias = Number | Name | Call | Prefix | Chain
 
 
 class Definition(NamedTuple):
-    """`name[unit] = value`; no value where the line is wrong, so that its name stays known."""
+    """`name[unit] = value`; the value is None if the line is wrong, so that its name stays known."""
 
     at: Token
     unit: str
@@ -102,12 +102,12 @@ class Definition(NamedTuple):
 
     @property
     def auxiliary(self) -> bool:
-        """Whether the node stays out of the graph's names."""
+        """True if the node is not a name of the graph."""
         return self.at.text.startswith("_")
 
 
 class Declaration(NamedTuple):
-    """`input`, `output`, `scalar`, `curve`, `map` or `cube`, and a name."""
+    """`input`, `output`, `scalar`, `curve`, `map`, `cube` or `rbf`, and a name."""
 
     kind: str
     at: Token
@@ -115,7 +115,7 @@ class Declaration(NamedTuple):
 
 
 class FunctionDefinition(NamedTuple):
-    """`def at(arguments) = value`."""
+    """`def name(arguments) = value`."""
 
     at: Token
     arguments: tuple[Token, ...]

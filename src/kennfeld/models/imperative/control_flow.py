@@ -1,8 +1,7 @@
-"""The variables after a decision: each takes the side whose condition holds.
+"""Decisions and loops of imperative code: merging of variables, and unrolling.
 
-Loops of MATLAB code, unrolled: over ranges and columns, and as long as a condition holds.
-
-Where the end of a loop depends on signals, each pass is one side of a decision within the pass before it.
+After a decision each variable is selected by its condition. Loops are unrolled. If the end of a loop depends on
+signals, each pass is one side of a decision within the previous pass.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +13,7 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.evaluation_context import MOST_PASSES
+from kennfeld.models.imperative.evaluation_context import MAX_PASSES
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.graph_operators import constant_distance, range_length
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise
@@ -40,21 +39,21 @@ if TYPE_CHECKING:
 __all__ = ["LoopUnroller", "PathState", "merge_states"]
 
 Key = TypeVar("Key")
-_SPLIT = "Give it the same form on both sides of the decision."
+_SAME_TYPE_REMEDY = "Give it the same type and size on both sides of the decision."
 
 # the condition under which a pass is made, and what the variable of the loop is in it, which a while has not
 Turn: TypeAlias = tuple[int, Nodes | None]
 Begin: TypeAlias = Callable[[int], Turn | None]  # a pass by its number; None after the last one
 
-_PASSES = "Bound its passes by a number in the code: for k = 1:N with break, or while k < N && ..."
+_LIMIT_PASSES_REMEDY = "Limit the number of passes in the code: for k = 1:N with break, or while k < N && ..."
 
 
 @dataclass(frozen=True)
 class PathState:
-    """Everything that code has done along one path: variables, persistent ones by their functions, and jumps.
+    """The state of code along one path: variables, persistent variables by function, jumps and known conditions.
 
-    `jumps` are the conditions under which a break, continue or return was met; `facts` are the conditions that are
-    known on this path.
+    `jumps` are the conditions under which a break, continue or return was executed; `facts` are the conditions known on
+    this path.
     """
 
     names: dict[str, SymbolicValue] = field(default_factory=dict)
@@ -63,13 +62,13 @@ class PathState:
     facts: Mapping[int, bool] = field(default_factory=dict)
 
     def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "PathState":
-        """The same, ready to be changed, on the side of a decision."""
+        """Return a copy for one side of a decision, which may be changed."""
         facts = assume(builder, self.facts, condition, holds)
         return PathState(dict(self.names), dict(self.kept), dict(self.jumps), facts)
 
 
 def merge_states(builder: GraphBuilder, condition: int, yes: PathState, no: PathState, before: PathState) -> PathState:
-    """What code has done after a decision."""
+    """Return the state after a decision."""
     work = _StateMerge(builder, condition, yes.facts, no.facts)
     jumps = {kind: work.jump(yes.jumps.get(kind), no.jumps.get(kind)) for kind in {**yes.jumps, **no.jumps}}
     return replace(before, names=work.mapping(yes.names, no.names), kept=work.mapping(yes.kept, no.kept), jumps=jumps)
@@ -104,17 +103,17 @@ class _StateMerge:
         if isinstance(held, DeferredValue):
             return force(held)
         if isinstance(held, ConditionalValue):
-            found = known_truth(self.builder, facts, held.defined)
-            return held if found is None else held.value if found else None
+            truth = known_truth(self.builder, facts, held.defined)
+            return held if truth is None else held.value if truth else None
         return held
 
     def _partial(self, name: str, yes: SymbolicValue | None, no: SymbolicValue | None) -> SymbolicValue:
-        """A variable that only one side knows for certain."""
-        values = [one.value if isinstance(one, ConditionalValue) else one for one in (yes, no)]
+        """Merge a variable that is certainly defined on at most one side."""
+        values = [item.value if isinstance(item, ConditionalValue) else item for item in (yes, no)]
         if values[0] is None or values[1] is None:
             value = values[0] if values[0] is not None else values[1]
             if value is None:
-                return InvalidValue(f"{name} has no value")
+                return InvalidValue(f"{name} is not assigned")
         else:
             value = self.held(name, *values)
         return (
@@ -143,21 +142,21 @@ class _StateMerge:
                 yes.names or no.names
             ):
                 return yes
-        return InvalidValue(f"{name} is of one kind where a condition holds and of another where it does not", _SPLIT)
+        return InvalidValue(f"{name} has different types on the two sides of a condition", _SAME_TYPE_REMEDY)
 
     def _arrays(self, name: str, yes: Nodes, no: Nodes) -> SymbolicValue:
         if yes.shape != no.shape:
-            sizes = " or ".join("x".join(map(str, one.shape)) for one in (yes, no))
-            return InvalidValue(f"the size of {name} is {sizes}, as a condition decides", _SPLIT)
-        made = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", self.choice, yes, no)
+            sizes = " or ".join("x".join(map(str, item.shape)) for item in (yes, no))
+            return InvalidValue(f"the size of {name} depends on a condition ({sizes})", _SAME_TYPE_REMEDY)
+        result = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", self.choice, yes, no)
         if isinstance(yes, LogicalNodes) and isinstance(no, LogicalNodes):
-            return as_logical(made)
-        return integers(made, word_of(yes) if word_of(yes) == word_of(no) else None)
+            return as_logical(result)
+        return integers(result, word_of(yes) if word_of(yes) == word_of(no) else None)
 
 
 @dataclass(frozen=True)
 class _Loop:
-    """A loop while it is unrolled; `outside` are the passes that a decision led into, with what was before each."""
+    """A loop being unrolled; `outside` are the conditions of its passes, each with the state before."""
 
     begin: Begin
     body: Sequence[m.Statement]
@@ -166,13 +165,13 @@ class _Loop:
 
 
 class LoopUnroller:
-    """The loops of a body."""
+    """Unrolling of loops."""
 
     def __init__(self, body: "StatementInterpreter") -> None:
         self.body, self.context, self.builder = body, body.context, body.builder
 
     def _repeat(self, loop: _Loop) -> None:
-        """Passes of a loop, one within the other."""
+        """Unroll the passes of a loop, each within the previous one."""
         outside = loop.outside
         try:
             for number in count():
@@ -189,7 +188,7 @@ class LoopUnroller:
         self.body.state.jumps.pop("break", None)
 
     def _pass(self, loop: _Loop, number: int) -> bool:
-        """One pass; false where it was the last one."""
+        """Run one pass; return False after the last one."""
         self.context.step()
         turn = loop.begin(number)
         if turn is None or not self._enter(turn[0], loop.outside):
@@ -206,26 +205,26 @@ class LoopUnroller:
         return True
 
     def _enter(self, condition: int, outside: list[tuple[int, PathState]]) -> bool:
-        """Go on where a condition holds; false where it never does."""
+        """Continue on the side where a condition holds; return False if it never does."""
         fixed = known_truth(self.builder, self.body.state.facts, condition)
         if fixed is None:
-            if len(outside) > MOST_PASSES:
+            if len(outside) > MAX_PASSES:
                 raise ProgramError(
-                    f"a loop whose end depends on signals does not end within {MOST_PASSES} passes", _PASSES
+                    f"a loop whose end depends on signals does not end within {MAX_PASSES} passes", _LIMIT_PASSES_REMEDY
                 )
             outside.append((condition, self.body.state))
             self.body.state = self.body.state.under(self.builder, condition, True)
         return fixed is not False
 
     def as_long_as(self, condition: m.Expression, body: Sequence[m.Statement]) -> None:
-        """Run statements as long as a condition holds."""
+        """Run statements while a condition holds."""
 
         def begin(number: int) -> Turn:
-            found = self.body.truth(self.body.value(condition))
-            fixed = self.context.numbers(np.array([found], dtype=np.int64), "the condition of a loop")
-            if fixed is None and number > MOST_PASSES:
-                raise ProgramError(f"while does not end within {MOST_PASSES} passes by what the code says", _PASSES)
-            return found if fixed is None else self.builder.const(float(fixed.item() != 0)), None
+            result = self.body.truth(self.body.value(condition))
+            fixed = self.context.numbers(np.array([result], dtype=np.int64), "the condition of a loop")
+            if fixed is None and number > MAX_PASSES:
+                raise ProgramError(f"a while loop has no fixed end within {MAX_PASSES} passes", _LIMIT_PASSES_REMEDY)
+            return result if fixed is None else self.builder.const(float(fixed.item() != 0)), None
 
         self._repeat(_Loop(begin, body))
 
@@ -235,7 +234,7 @@ class LoopUnroller:
         self._repeat(_Loop(begin, body, target))
 
     def _along_columns(self, values: m.Expression) -> Begin:
-        whole = self.body.nodes(values, "what a loop runs over")
+        whole = self.body.nodes(values, "the range of a loop")
         columns: Sequence[Nodes] = list(whole.reshape(whole.shape[0], -1, order="F").T) if whole.size else []
 
         def begin(number: int) -> Turn | None:
@@ -244,7 +243,7 @@ class LoopUnroller:
         return begin
 
     def _along_range(self, values: m.Range) -> Begin:
-        """The passes over a range; where its length depends on signals, as many as its limits allow."""
+        """Return the passes over a range; if its length depends on signals, the maximum by their bounds."""
         first, last = self._end(values.first), self._end(values.last)
         step = self._step(values)
         span = constant_distance(self.body.calls, first, last)
@@ -264,24 +263,25 @@ class LoopUnroller:
     def _end(self, tree: m.Expression) -> int:
         nodes = self.body.nodes(tree, "the end of a range")
         if nodes.size != 1:
-            raise ProgramError("a loop over a range from or to an array")
+            raise ProgramError("the ends of a loop range must be scalars")
         self.context.numbers(nodes, "the end of a loop")
         return int(nodes.item())
 
     def _step(self, values: m.Range) -> float:
         if values.step is None:
             return 1.0
-        found = self.context.numbers(self.body.nodes(values.step), "the step of a loop")
-        if found is None or found.size != 1:
-            raise ProgramError("a loop over a range whose step depends on signals", _PASSES)
-        return float(found.item())
+        numbers = self.context.numbers(self.body.nodes(values.step), "the step of a loop")
+        if numbers is None or numbers.size != 1:
+            raise ProgramError("the step of a loop range depends on signals", _LIMIT_PASSES_REMEDY)
+        return float(numbers.item())
 
     def _longest(self, first: int, last: int, step: float) -> float:
-        """How far it can be from the first to the last number of a range, by their limits."""
+        """Return the maximum distance from the first to the last number of a range, by their bounds."""
         up = step > 0
-        found = bound_of(self.builder, last, up) - bound_of(self.builder, first, not up)
-        if not np.isfinite(found):
+        result = bound_of(self.builder, last, up) - bound_of(self.builder, first, not up)
+        if not np.isfinite(result):
             raise ProgramError(
-                "a loop to an end that depends on signals, without a limit", f"Write min(..., N). {_PASSES}"
+                "the end of a loop range depends on signals and has no bound",
+                f"Write min(..., N). {_LIMIT_PASSES_REMEDY}",
             )
-        return found
+        return result

@@ -1,7 +1,4 @@
-"""Functions that only numbers can tell: where all arguments are fixed, the evaluator of MATLAB gives their result.
-
-What all code of a block shares: the graph, the functions it may call, the parameters it may name, and a budget.
-"""
+"""Context shared by all code of a block: graph, callable functions, parameters, and limits on unrolled code."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,16 +18,16 @@ from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 if TYPE_CHECKING:
     from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["MOST_PASSES", "EvaluationContext", "evaluate_constant_call"]
+__all__ = ["MAX_PASSES", "EvaluationContext", "evaluate_constant_call"]
 
-MOST_STATEMENTS: Final = 20_000
-MOST_NODES: Final = 400_000
-MOST_PASSES: Final = 1_000
+MAX_STATEMENTS: Final = 20_000
+MAX_NODES: Final = 400_000
+MAX_PASSES: Final = 1_000
 
 Hook = Callable[["StatementInterpreter", str, tuple[m.Expression, ...], int], "tuple[SymbolicValue, ...] | None"]
 Tables = Callable[[str, list[tuple[Numbers, str]], list[Nodes], str], "Nodes | None"]
 
-_SHORTER = "Shorten its loops or arrays, draw it as blocks, or bind its outputs."
+_SHORTER = "Reduce its loops or arrays, replace it by blocks, or bind its outputs."
 
 
 def _nothing(body: "StatementInterpreter", name: str, arguments: tuple[m.Expression, ...], count: int) -> None:
@@ -39,14 +36,17 @@ def _nothing(body: "StatementInterpreter", name: str, arguments: tuple[m.Express
 
 @dataclass(eq=False)
 class EvaluationContext:
-    """What all code of a block shares.
+    """Context shared by all code of a block.
 
-    `workspace(name)` is the value of a parameter, None where there is none. `number(parameter, place)` is the number
-    that an element of a parameter has, for what must be fixed; `frozen` is told what was. `functions` are those that
-    the code defines, `find` gives those of the file that is called by a name. `unknown` is asked for a function that is
-    none of them, with the trees of its arguments and the number of results; it returns them, or None. `tables` makes a
-    lookup of the parameter of a name over breakpoints, each with the name of theirs, at coordinates. `remark` is told
-    what somebody should know of the code.
+    Attributes:
+        workspace: returns the value of a parameter by name, or None.
+        number: returns the number of an element of a parameter where a constant is required; `frozen` is called with
+            it.
+        functions: functions that the code defines; `find` returns those of a separate file by name.
+        unknown: called for any other function with the trees of its arguments and the number of results; returns the
+            results, or None.
+        tables: builds a lookup of a parameter by name, over named breakpoints, at coordinates.
+        remark: called with remarks on the code for the user.
     """
 
     builder: GraphBuilder
@@ -66,42 +66,42 @@ class EvaluationContext:
     _beside: dict[int, Mapping[str, m.FunctionDefinition]] = field(default_factory=dict)
 
     def step(self) -> None:
-        """One more statement; raises `CodeError` where there are too many, or too many nodes."""
+        """Count one statement; raises `ProgramError` if there are too many statements or nodes."""
         if self.begun < 0:
             self.begun = len(self.builder.nodes)
         self.statements += 1
-        if self.statements > MOST_STATEMENTS:
-            raise ProgramError(f"it unfolds to more than {MOST_STATEMENTS} statements", _SHORTER)
-        if len(self.builder.nodes) - self.begun > MOST_NODES:
-            raise ProgramError(f"it unfolds to more than {MOST_NODES} operations", _SHORTER)
+        if self.statements > MAX_STATEMENTS:
+            raise ProgramError(f"it unrolls to more than {MAX_STATEMENTS} statements", _SHORTER)
+        if len(self.builder.nodes) - self.begun > MAX_NODES:
+            raise ProgramError(f"it unrolls to more than {MAX_NODES} operations", _SHORTER)
 
     def room(self, count: float) -> None:
-        """Refuse arrays that no model has room for."""
-        if not count <= MOST_NODES:
-            raise ProgramError(f"it asks for an array of {count:g} elements", _SHORTER)
+        """Raise `ProgramError` if an array is too large."""
+        if not count <= MAX_NODES:
+            raise ProgramError(f"it creates an array of {count:g} elements", _SHORTER)
 
     def function(self, name: str, beside: Mapping[str, m.FunctionDefinition]) -> m.FunctionDefinition | None:
-        """A function that stands beside the one that calls it, or one of a file of its own."""
+        """Return a function of the same text as the caller, or of a separate file."""
         if name in beside:
             return beside[name]
         if name not in self._sought:
-            found = self.find(name)
-            self._sought[name] = found.get(name)
-            self._beside |= dict.fromkeys(map(id, found.values()), found)
+            result = self.find(name)
+            self._sought[name] = result.get(name)
+            self._beside |= dict.fromkeys(map(id, result.values()), result)
         return self._sought[name]
 
     def beside(self, function: m.FunctionDefinition) -> Mapping[str, m.FunctionDefinition]:
-        """The functions of the same text."""
+        """Return the functions of the same text."""
         return self._beside.get(id(function), self.functions)
 
     def constant(self, node: int) -> float | None:
-        """The number of a node that depends on no signal, its parameters at their values; else None."""
+        """Return the number of a node that depends on no signal, with parameters at their values; else None."""
         if node not in self._numbers:
             self._numbers[node] = self._evaluated(node)
         return self._numbers[node]
 
     def _evaluated(self, root: int) -> float | None:
-        """By a stack: sums over many passes are chains that are longer than calls may be nested."""
+        """Evaluate with an explicit stack: sums over many passes are deeper than the recursion limit."""
         stack, numbers = [root], self._numbers
         while stack:
             node = stack[-1]
@@ -128,19 +128,19 @@ class EvaluationContext:
         return float(OPERATIONS[op].evaluate(*parts))
 
     def numbers(self, nodes: Nodes, message: str) -> Numbers | None:
-        """The numbers of nodes that depend on no signal; None where one does. The parameters in them are then fixed."""
-        found = [self.constant(int(node)) for node in nodes.ravel()]
-        if any(one is None for one in found):
+        """Return the numbers of nodes, None if one depends on a signal. Freezes the parameters in them."""
+        numbers = [self.constant(int(node)) for node in nodes.ravel()]
+        if any(number is None for number in numbers):
             return None
         if any(self.builder.value(int(node)) is None for node in nodes.ravel()):
             self.frozen(message)
-        return np.array(found, dtype=np.float64).reshape(nodes.shape)
+        return np.array(numbers, dtype=np.float64).reshape(nodes.shape)
 
 
 def evaluate_constant_call(
     context: EvaluationContext, name: str, arguments: Sequence[SymbolicValue]
 ) -> SymbolicValue | None:
-    """What a function gives for numbers and texts; None where an argument is none or the function is not known."""
+    """Evaluate a function numerically; None if an argument is not constant or the function is unknown."""
     given: dict[str, Any] = {}
     for at, held in enumerate(arguments):
         value = held if isinstance(held, str) else context.numbers(held, name) if isinstance(held, np.ndarray) else None
@@ -148,9 +148,9 @@ def evaluate_constant_call(
             return None
         given[f"argument{at}"] = value
     try:
-        found = evaluate(m.Call(m.Name(name), tuple(m.Name(one) for one in given)), given)
+        result = evaluate(m.Call(m.Name(name), tuple(m.Name(item) for item in given)), given)
     except MatlabError:
         return None
-    if not isinstance(found, np.ndarray) or found.dtype.kind not in "fiub":
+    if not isinstance(result, np.ndarray) or result.dtype.kind not in "fiub":
         return None
-    return constants(context.builder, found)
+    return constants(context.builder, result)

@@ -1,15 +1,12 @@
-"""What is raised where an expression has no value, or none that a graph can say.
-
-What is raised where code goes further than a graph can follow.
-"""
+"""Errors of expressions and code that have no value or cannot be expressed by a graph."""
 
 __all__ = ["DEFAULT_REMEDY", "AbortedPathError", "EvaluationError", "NotLowerableError", "ProgramError"]
 
-DEFAULT_REMEDY = "Draw it as blocks, or bind its outputs."
+DEFAULT_REMEDY = "Replace it by blocks, or bind its outputs."
 
 
 class EvaluationError(Exception):
-    """An expression has no value here; the text says why. `undefined` is the variable that nothing gives a value."""
+    """The expression has no value; `undefined` is the variable that is not defined, if that is why."""
 
     def __init__(self, why: str, undefined: str = "") -> None:
         super().__init__(why)
@@ -17,7 +14,7 @@ class EvaluationError(Exception):
 
 
 class NotLowerableError(Exception):
-    """An expression that only numbers can tell; `function` is the one in it, if that is why."""
+    """The expression can be evaluated numerically only; `function` is the one responsible, if any."""
 
     def __init__(self, why: str, function: str = "") -> None:
         super().__init__(why)
@@ -25,7 +22,7 @@ class NotLowerableError(Exception):
 
 
 class ProgramError(Exception):
-    """Code that cannot become a graph; `line` is where it stands in its text, 0 where that is not known yet."""
+    """The code cannot be lowered to a graph; `line` is its line in the text, 0 if not known yet."""
 
     def __init__(self, message: str, remedy: str = DEFAULT_REMEDY, line: int = 0) -> None:
         super().__init__(message)
@@ -36,4 +33,4 @@ class ProgramError(Exception):
 
 
 class AbortedPathError(Exception):
-    """A path on which the code calls `error`: no step of a model takes it."""
+    """A path on which the code calls `error`; no step of a model takes it."""

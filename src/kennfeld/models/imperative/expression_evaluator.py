@@ -1,12 +1,10 @@
-"""Assignments to the elements that a mask chooses where the mask depends on signals: `x(x > 1) = 2*x(x > 1)`.
+"""Evaluation of expressions in code: operators, arrays, structs, calls, and masked assignments.
 
-Where each element of the right side depends on the same element of its arrays alone, all elements may be computed, and
-each one takes its new value or keeps its old one.
+A name is resolved as a variable, else a function of the code or of a file, else a library function, else a parameter of
+the model, else by the host of the code.
 
-Values of expressions in code: operators, arrays, structs, and which function a call means.
-
-A name means a variable, else a function of the code or beside it, else one of the library, else a parameter of the
-model, else what the host of the code knows.
+In `x(x > 1) = 2*x(x > 1)` the mask depends on signals. If each element of the right side depends only on the same
+element of its arrays, all elements are computed, and each takes its new value or keeps its old one.
 """
 
 from collections.abc import Sequence
@@ -15,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import field_path
-from kennfeld.models.imperative.element_access import fixed_element, index_value
+from kennfeld.matlab.traversal import children, field_path
+from kennfeld.models.imperative.element_access import MASK_REMEDY, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_context import evaluate_constant_call
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.graph_operators import BINARY, range_between
@@ -26,7 +24,7 @@ from kennfeld.models.imperative.library.reduction_functions import (
     checked_matrix_product,
     matrix_divide,
     matrix_power,
-    transposed,
+    transpose,
 )
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
@@ -58,93 +56,20 @@ __all__ = ["ExpressionEvaluator", "assign_masked", "is_masked_assignment"]
 
 _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "*", "/", "^"})
 
-_MEND = "Write it as a loop over all elements with if."
-
 _TRUE_OR_FALSE = frozenset({"==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "&&", "||"})
 _ELEMENTWISE = {"*": ".*", "/": "./", "^": ".^"}
 
 
-def is_masked_assignment(calls: "ExpressionEvaluator", target: m.Expression, tree: m.Expression) -> bool:
-    """Whether elements are assigned that a mask chooses by signals, from what may be so chosen too."""
-    if not isinstance(target, m.Call) or len(target.arguments) != 1 or not isinstance(target.of, m.Name):
-        return False
-    if target.of.name not in calls.body.names or not _selects(tree):
-        return False
-    found = calls.value(target.arguments[0]) if _says_truth(calls, target.arguments[0]) else None
-    return isinstance(found, LogicalNodes) and calls.context.numbers(found, "a mask") is None
-
-
-def _says_truth(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
-    """Whether an index is a mask by its form: a comparison, or a variable that is logical."""
-    if isinstance(tree, m.Name):
-        return isinstance(calls.body.names.get(tree.name), LogicalNodes)
-    return isinstance(tree, m.Binary | m.Unary) and not _ranged(tree)
-
-
-def _ranged(tree: m.Expression) -> bool:
-    return isinstance(tree, m.End | m.Range | m.Colon) or any(map(_ranged, m.children(tree)))
-
-
-def _selects(tree: m.Expression) -> bool:
-    return isinstance(tree, m.Call) or any(map(_selects, m.children(tree)))
-
-
-def assign_masked(calls: "ExpressionEvaluator", target: m.Call, tree: m.Expression) -> SymbolicValue:
-    """The variable after the assignment."""
-    assert isinstance(target.of, m.Name)
-    old = as_array(calls.body.read(target.of.name))
-    mask = as_array(calls.value(target.arguments[0]))
-    if mask.shape != old.shape:
-        raise ProgramError("a mask that depends on signals has another size than what it chooses from")
-    if not _alone(calls, tree):
-        raise ProgramError("elements that a mask chooses by signals are not used one by one", _MEND)
-    calls.mask = mask
-    try:
-        new = as_array(calls.value(tree))
-    finally:
-        calls.mask = None
-    if new.size != 1 and new.shape != old.shape:
-        raise ProgramError("a mask that depends on signals chooses where several elements are assigned", _MEND)
-    made = elementwise(calls.builder, "select", np.asarray(mask), np.broadcast_to(np.asarray(new), old.shape), old)
-    return as_logical(made) if isinstance(old, LogicalNodes) and isinstance(new, LogicalNodes) else made
-
-
-def _alone(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
-    """Whether each element of an expression depends on the same element of its arrays alone."""
-    match tree:
-        case m.Number() | m.Name():
-            return True
-        case m.Unary(_, operand):
-            return _alone(calls, operand)
-        case m.Binary(operator, left, right):
-            return operator in _OPERATORS and _alone(calls, left) and _alone(calls, right)
-        case m.Call(m.Name(name), arguments) if name in calls.body.names:
-            return not isinstance(calls.body.names[name], FunctionHandleValue)
-        case m.Call(m.Name(name), arguments):
-            alone = name in ELEMENTWISE_NAMES or (name in ("min", "max") and len(arguments) == 2)
-            return alone and all(_alone(calls, one) for one in arguments)
-    return False
-
-
-def elementwise_operation(builder: object, op: str, left: Nodes, right: Nodes) -> Nodes:
-    """An operation of the graph element by element; raises `CodeError` where the sizes do not fit."""
-    try:
-        return elementwise(builder, op, left, right)  # type: ignore[arg-type]
-    except ValueError:
-        sizes = " and ".join("x".join(map(str, one.shape)) for one in (left, right))
-        raise ProgramError(f"arrays of {sizes} do not fit each other") from None
-
-
 class ExpressionEvaluator:
-    """The values of expressions over the variables of a body."""
+    """Evaluator of expressions over the variables of a statement interpreter."""
 
     def __init__(self, body: "StatementInterpreter") -> None:
         self.body, self.context, self.builder = body, body.context, body.builder
-        self.mask: Nodes | None = None  # elements that it chooses stand for all elements, where that is the same
+        self.mask: Nodes | None = None  # the elements it selects may be computed as all elements
         self.ends: list[tuple[Nodes, int, int]] = []  # the arrays that `end` may belong to, with place and count
 
     def value(self, tree: m.Expression) -> SymbolicValue:
-        """The value of an expression."""
+        """Evaluate an expression."""
         match tree:
             case m.Number(number, suffix):
                 if suffix in ("i", "j"):
@@ -161,7 +86,7 @@ class ExpressionEvaluator:
             case m.Binary(operator, left, right):
                 return self._binary(operator, left, right)
             case m.Transpose(operand):
-                return transposed(self.nodes(operand))
+                return transpose(self.nodes(operand))
             case m.Matrix(rows):
                 return self._matrix(rows)
             case m.Range():
@@ -181,15 +106,15 @@ class ExpressionEvaluator:
         raise ProgramError(f"{type(tree).__name__} is not supported here")
 
     def nodes(self, tree: m.Expression) -> Nodes:
-        """The value of an expression as an array of nodes."""
+        """Evaluate an expression to an array of nodes."""
         return as_array(force(self.value(tree)), _short(tree))
 
-    def number(self, tree: m.Expression, message: str = "a size or place") -> float:
-        """One number that depends on no signal."""
-        found = self.context.numbers(self.nodes(tree), message)
-        if found is None or found.size != 1:
-            raise ProgramError(f"{message} is not one fixed number")
-        return float(found.item())
+    def number(self, tree: m.Expression, message: str = "a size or index") -> float:
+        """Evaluate an expression to a number that depends on no signal."""
+        numbers = self.context.numbers(self.nodes(tree), message)
+        if numbers is None or numbers.size != 1:
+            raise ProgramError(f"{message} is not a constant scalar")
+        return float(numbers.item())
 
     # names
 
@@ -198,7 +123,7 @@ class ExpressionEvaluator:
             return self.body.read(name)
         results = self.several(name, (), 1)
         if not results:
-            raise ProgramError(f"{name} gives no value")
+            raise ProgramError(f"{name} returns no value")
         return results[0]
 
     def _field(self, tree: m.Field | m.DynamicField) -> SymbolicValue:
@@ -206,12 +131,12 @@ class ExpressionEvaluator:
             return field_of(self.value(tree.of), tree.name, _short(tree.of))
         name = self.value(tree.name)
         if not isinstance(name, str):
-            raise ProgramError("the name of a field is no text")
+            raise ProgramError("the name of a field is not a text")
         return field_of(self.value(tree.of), name, _short(tree.of))
 
     def _end(self) -> Nodes:
         if not self.ends:
-            raise ProgramError("end stands outside of an index")
+            raise ProgramError("end outside of an index")
         array, at, count = self.ends[-1]
         if count == 1:
             return constants(self.builder, array.size)
@@ -223,8 +148,8 @@ class ExpressionEvaluator:
     def _unary(self, operator: str, operand: Nodes) -> Nodes:
         if operator == "+":
             return operand
-        made = elementwise(self.builder, "neg" if operator == "-" else "not", operand)
-        return integers(made, word_of(operand)) if operator == "-" else as_logical(made)
+        result = elementwise(self.builder, "neg" if operator == "-" else "not", operand)
+        return integers(result, word_of(operand)) if operator == "-" else as_logical(result)
 
     def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> SymbolicValue:
         if operator in ("&&", "||"):
@@ -234,13 +159,13 @@ class ExpressionEvaluator:
     def _operand(self, tree: m.Expression) -> Nodes:
         held = force(self.value(tree))
         if isinstance(held, String):
-            raise ProgramError("a string in double quotes stands in arithmetic", "Compare it by strcmp.")
+            raise ProgramError("a double-quoted string is used in arithmetic", "Compare it with strcmp.")
         if isinstance(held, str):
-            return constants(self.builder, [[float(ord(one)) for one in held]]) if held else EMPTY
+            return constants(self.builder, [[float(ord(value)) for value in held]]) if held else EMPTY
         return as_array(held, _short(tree))
 
     def operation(self, operator: str, left: Nodes, right: Nodes) -> Nodes:
-        """What an operator makes of two arrays."""
+        """Apply an operator to two arrays."""
         single = left.size == 1 or right.size == 1
         if operator == "*" and not single:
             self.context.room(float(left.size) * right.shape[-1])
@@ -256,76 +181,76 @@ class ExpressionEvaluator:
             raise ProgramError(f"the operator {operator} is not supported")
         if left.size > 1 and right.size > 1 and left.shape != right.shape:
             self.context.room(float(left.size) * right.size)
-        made = elementwise_operation(self.builder, BINARY[operator], left, right)
-        return as_logical(made) if operator in _TRUE_OR_FALSE else integers(made, word_of(left, right))
+        result = elementwise_operation(self.builder, BINARY[operator], left, right)
+        return as_logical(result) if operator in _TRUE_OR_FALSE else integers(result, word_of(left, right))
 
     def _short_circuit(self, operator: str, left: m.Expression, right: m.Expression) -> Nodes:
-        """The right side is only looked at where the left one does not decide."""
-        body, found = self.body, list[int]()
+        """Evaluate `&&` or `||`; the right side only if the left one does not decide."""
+        body, second = self.body, list[int]()
         first = body.truth(self.value(left))
 
         def more() -> None:
-            found.append(body.truth(self.value(right)))
+            second.append(body.truth(self.value(right)))
 
         if operator == "&&":
             body.decide(first, more)
-            made = logical_and(self.builder, first, found[0]) if found else self.builder.const(0.0)
+            result = logical_and(self.builder, first, second[0]) if second else self.builder.const(0.0)
         else:
             body.decide(first, lambda: None, more)
-            made = logical_or(self.builder, first, found[0]) if found else self.builder.const(1.0)
-        return as_logical(np.array([[truth_of(self.builder, made)]], dtype=np.int64))
+            result = logical_or(self.builder, first, second[0]) if second else self.builder.const(1.0)
+        return as_logical(np.array([[truth_of(self.builder, result)]], dtype=np.int64))
 
     # arrays
 
     def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> SymbolicValue:
-        made = [[force(self.value(one)) for one in row] for row in rows]
-        flat = [one for row in made for one in row]
-        if len(flat) > 1 and any(isinstance(one, String) for one in flat):
-            raise ProgramError("arrays of strings are not supported", "Write texts in single quotes.")
-        if flat and all(isinstance(one, str) for one in flat) and len(made) == 1:
-            return flat[0] if len(flat) == 1 else "".join(str(one) for one in flat)
+        result = [[force(self.value(element)) for element in row] for row in rows]
+        flat = [element for row in result for element in row]
+        if len(flat) > 1 and any(isinstance(element, String) for element in flat):
+            raise ProgramError("arrays of strings are not supported", "Use single quotes.")
+        if flat and all(isinstance(element, str) for element in flat) and len(result) == 1:
+            return flat[0] if len(flat) == 1 else "".join(str(element) for element in flat)
         if len(flat) == 1 and isinstance(flat[0], (SymbolicStruct, SymbolicCell)):
             return flat[0]
-        arrays = [[part for one in row if (part := as_array(one, "an element")).size] for row in made]
+        arrays = [[part for element in row if (part := as_array(element, "an element")).size] for row in result]
         try:
-            lines = [np.concatenate([np.asarray(one) for one in row], axis=1) for row in arrays if row]
+            lines = [np.concatenate([np.asarray(element) for element in row], axis=1) for row in arrays if row]
             whole = np.concatenate(lines, axis=0) if lines else EMPTY
         except ValueError:
             raise ProgramError("the rows of a matrix have different lengths") from None
-        logical = bool(flat) and all(isinstance(one, LogicalNodes) for row in arrays for one in row)
+        logical = bool(flat) and all(isinstance(element, LogicalNodes) for row in arrays for element in row)
         if logical and whole.size:
             return as_logical(whole)
-        return integers(whole, word_of(*(one for row in arrays for one in row)))
+        return integers(whole, word_of(*(element for row in arrays for element in row)))
 
     def _cells(self, rows: tuple[tuple[m.Expression, ...], ...]) -> SymbolicCell:
-        made = [[self.value(one) for one in row] for row in rows if row]
-        width = len(made[0]) if made else 0
-        if any(len(row) != width for row in made):
+        result = [[self.value(element) for element in row] for row in rows if row]
+        width = len(result[0]) if result else 0
+        if any(len(row) != width for row in result):
             raise ProgramError("the rows of a cell array have different lengths")
-        columns = (made[row][column] for column in range(width) for row in range(len(made)))
-        return SymbolicCell(tuple(columns), (len(made), width))
+        columns = (result[row][column] for column in range(width) for row in range(len(result)))
+        return SymbolicCell(tuple(columns), (len(result), width))
 
     def _cell(self, held: SymbolicValue, arguments: Sequence[m.Expression]) -> SymbolicValue:
         if not isinstance(held, SymbolicCell):
-            raise ProgramError(f"curly brackets index {describe(held)}, not a cell array")
+            raise ProgramError(f"braces index {describe(held)}, not a cell array")
         shape = np.arange(len(held.cells), dtype=np.int64).reshape(held.shape, order="F")
         places = self.arguments(shape, arguments)
-        at = [self.context.numbers(as_array(one), "the place of a cell") for one in places]
-        if any(one is None or one.size != 1 for one in at):
-            raise ProgramError("the place of a cell is not one fixed number")
-        return force(held.cells[fixed_element(shape, [int(one.item()) - 1 for one in at if one is not None])])
+        at = [self.context.numbers(as_array(item), "the index of a cell") for item in places]
+        if any(item is None or item.size != 1 for item in at):
+            raise ProgramError("the index of a cell is not a constant scalar")
+        return force(held.cells[fixed_element(shape, [int(item.item()) - 1 for item in at if item is not None])])
 
     def arguments(self, array: Nodes, trees: Sequence[m.Expression]) -> list[SymbolicValue]:
-        """The arguments of an index into an array, in which `end` has a meaning; ":" stands for all."""
-        made: list[SymbolicValue] = []
+        """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""
+        result: list[SymbolicValue] = []
         for at, tree in enumerate(trees):
             if isinstance(tree, m.Colon):
-                made.append(":")
+                result.append(":")
                 continue
             self.ends.append((array, at, len(trees)))
-            made.append(self.value(tree))
+            result.append(self.value(tree))
             self.ends.pop()
-        return made
+        return result
 
     # calls
 
@@ -333,18 +258,18 @@ class ExpressionEvaluator:
         if isinstance(tree.of, m.Name) and tree.of.name not in self.body.names:
             results = self.several(tree.of.name, tree.arguments, 1)
             if not results:
-                raise ProgramError(f"{tree.of.name} gives no value")
+                raise ProgramError(f"{tree.of.name} returns no value")
             return results[0]
         dotted = _dotted(tree.of)
         if dotted.startswith("coder.") and "coder" not in self.body.names:
             return self._coder(dotted, tree.arguments)
         of = self.value(tree.of)
         if isinstance(of, FunctionHandleValue):
-            return self.applied(of, [self.value(one) for one in tree.arguments], 1)[0]
+            return self.applied(of, [self.value(argument) for argument in tree.arguments], 1)[0]
         return index_value(self, of, tree.arguments, _short(tree.of))
 
     def _coder(self, name: str, arguments: Sequence[m.Expression]) -> SymbolicValue:
-        """What coder functions that give a value stand for: the code is run by the model, not generated."""
+        """Evaluate coder functions as in simulation, not in generated code."""
         if name in ("coder.const", "coder.nullcopy", "coder.ignoreConst") and len(arguments) == 1:
             return self.value(arguments[0])
         if name == "coder.target" and len(arguments) == 1:
@@ -352,7 +277,7 @@ class ExpressionEvaluator:
         raise ProgramError(f"{name} is not supported")
 
     def several(self, name: str, arguments: Sequence[m.Expression], wanted: int) -> tuple[SymbolicValue, ...]:
-        """The results of a function by its name, as many as are wanted, or fewer."""
+        """Call a function by name; it may return fewer results than wanted."""
         held = self.body.names.get(name)
         if isinstance(held, FunctionHandleValue):
             return self.applied(held, self.given(arguments), wanted)
@@ -367,20 +292,20 @@ class ExpressionEvaluator:
             return (self.value(arguments[0]),)
         if parameter is not None:
             return (index_value(self, force(parameter), arguments, name) if arguments else parameter,)
-        found = self.context.unknown(self.body, name, tuple(arguments), wanted)
-        return found if found is not None else self.named(name, self.given(arguments), wanted)
+        result = self.context.unknown(self.body, name, tuple(arguments), wanted)
+        return result if result is not None else self.named(name, self.given(arguments), wanted)
 
     def _takes_tables(self, name: str) -> bool:
         return name in TAKES_TABLES or self._function(name) is not None
 
     def _unmade(self, arguments: Sequence[m.Expression]) -> list[SymbolicValue]:
-        """The arguments of a function, parameters that are arrays as they are: they may become tables there."""
+        """Return the arguments of a function, with array parameters deferred: they may become tables."""
         if any(isinstance(tree, m.CellIndex | m.Colon) for tree in arguments):
             return self.given(arguments)
         return [self.parameter(tree) or self.value(tree) for tree in arguments]
 
     def parameter(self, tree: m.Expression) -> DeferredValue | None:
-        """A parameter that is an array and that nothing has been taken of yet; None for anything else."""
+        """Return an array parameter that is not used yet; None for anything else."""
         held: SymbolicValue | None = None
         if isinstance(tree, m.Name):
             held = self.body.names.get(tree.name)
@@ -393,32 +318,32 @@ class ExpressionEvaluator:
         return self.context.function(name, self.body.frame.functions)
 
     def named(self, name: str, arguments: Sequence[SymbolicValue], wanted: int) -> tuple[SymbolicValue, ...]:
-        """The results of a function of the code, beside it, or of the library; of others where all is fixed."""
+        """Call a function of the code, of a file or of the library; if all is constant, any other numerically."""
         function = self._function(name)
         if function is not None:
             return self.body.call(function, arguments, wanted)
         if name in SYMBOLIC_FUNCTIONS:
             return SYMBOLIC_FUNCTIONS[name].results(self, arguments, wanted)
-        found = evaluate_constant_call(self.context, name, arguments) if wanted == 1 else None
-        if found is None:
+        result = evaluate_constant_call(self.context, name, arguments) if wanted == 1 else None
+        if result is None:
             raise ProgramError(_unknown(name))
-        return (found,)
+        return (result,)
 
     def given(self, trees: Sequence[m.Expression]) -> list[SymbolicValue]:
-        """The arguments of a function; `c{:}` stands for all cells."""
-        made: list[SymbolicValue] = []
+        """Evaluate the arguments of a function; `c{:}` stands for all cells."""
+        result: list[SymbolicValue] = []
         for tree in trees:
             if isinstance(tree, m.CellIndex) and tree.arguments == (m.Colon(),):
                 held = self.value(tree.of)
-                made += held.cells if isinstance(held, SymbolicCell) else ()
+                result += held.cells if isinstance(held, SymbolicCell) else ()
             elif isinstance(tree, m.Colon):
-                made.append(":")
+                result.append(":")
             else:
-                made.append(self.value(tree))
-        return made
+                result.append(self.value(tree))
+        return result
 
     def _own(self, name: str, arguments: Sequence[m.Expression]) -> tuple[SymbolicValue, ...] | None:
-        """What depends on how a function was called or on whether a variable has a value."""
+        """Evaluate functions that depend on the call, such as nargin, or on whether a variable is defined."""
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
             return (constants(self.builder, frame.given if name == "nargin" else frame.wanted),)
@@ -429,7 +354,7 @@ class ExpressionEvaluator:
         return None
 
     def _exists(self, name: str) -> SymbolicValue:
-        """Whether there is a variable of a name, which may depend on a decision."""
+        """Return the condition that a variable exists, which may depend on a decision."""
         held = self.body.names.get(name)
         if isinstance(held, ConditionalValue) and name not in self.body.frame.persistent:
             return np.array([[held.defined]], dtype=np.int64)
@@ -448,12 +373,83 @@ class ExpressionEvaluator:
     def applied(
         self, handle: FunctionHandleValue, arguments: Sequence[SymbolicValue], wanted: int
     ) -> tuple[SymbolicValue, ...]:
-        """The results of a function that a variable holds."""
+        """Call the function that a variable holds."""
         function = handle.function
         if isinstance(function, m.FunctionHandle):
             return self.named(function.name, arguments, wanted)
         names = {**handle.names, **dict(zip(function.parameters, arguments, strict=False))}
         return (self.body.within(names, lambda: self.value(function.body)),)
+
+
+def is_masked_assignment(calls: "ExpressionEvaluator", target: m.Expression, tree: m.Expression) -> bool:
+    """Return True if the target is indexed by a signal-dependent mask and the value may be so too."""
+    if not isinstance(target, m.Call) or len(target.arguments) != 1 or not isinstance(target.of, m.Name):
+        return False
+    if target.of.name not in calls.body.names or not _selects(tree):
+        return False
+    result = calls.value(target.arguments[0]) if _is_mask_expression(calls, target.arguments[0]) else None
+    return isinstance(result, LogicalNodes) and calls.context.numbers(result, "a mask") is None
+
+
+def _is_mask_expression(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
+    """Return True if an index is syntactically a mask: a comparison, or a logical variable."""
+    if isinstance(tree, m.Name):
+        return isinstance(calls.body.names.get(tree.name), LogicalNodes)
+    return isinstance(tree, m.Binary | m.Unary) and not _ranged(tree)
+
+
+def _ranged(tree: m.Expression) -> bool:
+    return isinstance(tree, m.End | m.Range | m.Colon) or any(map(_ranged, children(tree)))
+
+
+def _selects(tree: m.Expression) -> bool:
+    return isinstance(tree, m.Call) or any(map(_selects, children(tree)))
+
+
+def assign_masked(calls: "ExpressionEvaluator", target: m.Call, tree: m.Expression) -> SymbolicValue:
+    """Return the variable after the assignment."""
+    assert isinstance(target.of, m.Name)
+    old = as_array(calls.body.read(target.of.name))
+    mask = as_array(calls.value(target.arguments[0]))
+    if mask.shape != old.shape:
+        raise ProgramError("a mask that depends on signals differs in size from the indexed array")
+    if not _is_elementwise(calls, tree):
+        raise ProgramError("elements selected by a signal-dependent mask are not used element by element", MASK_REMEDY)
+    calls.mask = mask
+    try:
+        new = as_array(calls.value(tree))
+    finally:
+        calls.mask = None
+    if new.size != 1 and new.shape != old.shape:
+        raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
+    result = elementwise(calls.builder, "select", np.asarray(mask), np.broadcast_to(np.asarray(new), old.shape), old)
+    return as_logical(result) if isinstance(old, LogicalNodes) and isinstance(new, LogicalNodes) else result
+
+
+def _is_elementwise(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
+    """Return True if each element of an expression depends only on the same element of its arrays."""
+    match tree:
+        case m.Number() | m.Name():
+            return True
+        case m.Unary(_, operand):
+            return _is_elementwise(calls, operand)
+        case m.Binary(operator, left, right):
+            return operator in _OPERATORS and _is_elementwise(calls, left) and _is_elementwise(calls, right)
+        case m.Call(m.Name(name), arguments) if name in calls.body.names:
+            return not isinstance(calls.body.names[name], FunctionHandleValue)
+        case m.Call(m.Name(name), arguments):
+            alone = name in ELEMENTWISE_NAMES or (name in ("min", "max") and len(arguments) == 2)
+            return alone and all(_is_elementwise(calls, argument) for argument in arguments)
+    return False
+
+
+def elementwise_operation(builder: object, op: str, left: Nodes, right: Nodes) -> Nodes:
+    """Apply an operation element by element; raises `ProgramError` if the sizes do not match."""
+    try:
+        return elementwise(builder, op, left, right)  # type: ignore[arg-type]
+    except ValueError:
+        sizes = " and ".join("x".join(map(str, item.shape)) for item in (left, right))
+        raise ProgramError(f"arrays of sizes {sizes} are not compatible") from None
 
 
 def _dotted(tree: m.Expression) -> str:
@@ -466,5 +462,5 @@ def _short(tree: m.Expression) -> str:
 
 def _unknown(name: str) -> str:
     if name in ("i", "j"):
-        return f"{name} is no variable here, and complex numbers are not supported"
-    return f"the function or variable {name} is not known"
+        return f"{name} is not a variable here, and complex numbers are not supported"
+    return f"unknown function or variable {name}"

@@ -1,7 +1,4 @@
-"""The operators and functions of MATLAB expressions that the graph can say, by their names.
-
-Ranges: evenly spaced numbers, whose count is fixed.
-"""
+"""Operators and functions of MATLAB expressions on node arrays, by name, and ranges of fixed length."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -26,7 +23,7 @@ __all__ = [
     "PLAIN",
     "TWO",
     "Rule",
-    "applied",
+    "apply_function",
     "constant_distance",
     "range_between",
     "range_length",
@@ -48,8 +45,8 @@ _CASTS: Final = (
 )  # fmt: skip
 
 
-def applied(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None:
-    """A function of node arrays; None for one that is not known."""
+def apply_function(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None:
+    """Apply a function to node arrays; None for an unknown function."""
     if len(args) == 1 and (name in PLAIN or name == "not"):
         return elementwise(builder, name, *args)
     rule = _RULES.get(len(args), {}).get(name)
@@ -62,9 +59,9 @@ def applied(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None
 
 
 def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Nodes:
-    """Return a remainder of a / b, which is 0 where b is no whole number, but a is one times b but for rounding.
+    """Return a remainder of a / b; 0 if b is not an integer but a is a multiple of b up to rounding.
 
-    So do MATLAB and the generated code: `mod(0.3, 0.1)` is 0, though 0.1 is contained in 0.3 just twice.
+    MATLAB and generated code agree in this: `mod(0.3, 0.1)` is 0, although the doubles give a quotient below 3.
     """
     if all(_is_whole(builder.value(int(node))) for node in b.ravel()):
         return rest
@@ -83,12 +80,12 @@ def _is_whole(value: float | None) -> bool:
 
 
 def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """What is left of a after whole steps of b towards 0; not a number where b is 0."""
+    """Compute a - b trunc(a / b); NaN if b is 0."""
     return _with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
 
 
 def _remainder_in_c(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """The same as C's `fmod`, which takes numbers as they are."""
+    """Compute the remainder as C's `fmod`, without tolerance for rounding."""
     return _with_infinite(builder, _plain_remainder(builder, a, b), a, b)
 
 
@@ -98,15 +95,15 @@ def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _with_infinite(builder: GraphBuilder, made: Nodes, a: Nodes, b: Nodes) -> Nodes:
-    """A remainder that is a where b is infinite."""
+    """Return a remainder, replaced by a if b is infinite."""
     return made if _is_finite(builder, b) else elementwise(builder, "select", _within_infinity(builder, a, b), a, made)
 
 
 def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """What is left of a after whole steps of b downwards; a where b is 0, or infinite and of the sign of a."""
-    made = without_rest(builder, elementwise(builder, "mod", a, b), a, b)
+    """Compute a - b floor(a / b); a if b is 0, or if b is infinite with the sign of a."""
+    result = without_rest(builder, elementwise(builder, "mod", a, b), a, b)
     if _is_finite(builder, b):
-        return made
+        return result
     zero = _constant(builder, 0.0)
     other_side = elementwise(
         builder,
@@ -115,17 +112,17 @@ def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
         zero,
     )
     beyond = elementwise(builder, "select", other_side, b, a)
-    return elementwise(builder, "select", _within_infinity(builder, a, b), beyond, made)
+    return elementwise(builder, "select", _within_infinity(builder, a, b), beyond, result)
 
 
 def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
-    """Whether all elements are known to be finite."""
+    """Return True if all elements are known to be finite."""
     values = [builder.value(int(node)) for node in array.ravel()]
     return all(value is not None and math.isfinite(value) for value in values)
 
 
 def _within_infinity(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    """Whether a is finite and b is not."""
+    """Return the condition that a is finite and b is not."""
     infinity = _constant(builder, math.inf)
     is_beyond = elementwise(builder, "eq", elementwise(builder, "abs", b), infinity)
     return elementwise(builder, "and", is_beyond, elementwise(builder, "lt", elementwise(builder, "abs", a), infinity))
@@ -140,19 +137,19 @@ def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _constant(builder: GraphBuilder, value: float) -> Nodes:
-    """A constant that expands against arrays of any number of dimensions."""
+    """Return a constant that broadcasts to arrays of any number of dimensions."""
     return np.array(builder.const(value), dtype=np.int64)
 
 
 def _asinh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Odd, so that large negative numbers do not cancel out; the slope at 0 is 1."""
+    """Compute asinh as an odd function, so that large negative numbers do not cancel; its slope at 0 is 1."""
     negative = elementwise(builder, "lt", x, _constant(builder, 0.0))
     size = elementwise(builder, "select", negative, elementwise(builder, "neg", x), x)
     root = elementwise(
         builder, "sqrt", elementwise(builder, "add", elementwise(builder, "mul", x, x), _constant(builder, 1.0))
     )
-    made = elementwise(builder, "log", elementwise(builder, "add", size, root))
-    return elementwise(builder, "select", negative, elementwise(builder, "neg", made), made)
+    result = elementwise(builder, "log", elementwise(builder, "add", size, root))
+    return elementwise(builder, "select", negative, elementwise(builder, "neg", result), result)
 
 
 def _acosh(builder: GraphBuilder, x: Nodes) -> Nodes:
@@ -208,18 +205,18 @@ KNOWN: Final = frozenset({*PLAIN, "not", *_RULES[1], *_RULES[2], *_CASTS, "sum",
 
 
 def range_between(calls: "ExpressionEvaluator", tree: m.Range) -> Nodes:
-    """`first:step:last`; rounding does not take the last number away.
+    """Evaluate `first:step:last`, with tolerance for rounding at the end.
 
-    The beginning may depend on signals where the distance to the end does not, as in `k:k+2`.
+    The start may depend on signals if the distance to the end does not, as in `k:k+2`.
     """
     first, last = calls.nodes(tree.first), calls.nodes(tree.last)
     step = 1.0 if tree.step is None else calls.number(tree.step, "the step of a range")
     if first.size != 1 or last.size != 1:
-        raise ProgramError("a range from or to an array")
+        raise ProgramError("the ends of a range must be scalars")
     calls.context.numbers(np.concatenate([first, last]), "the ends of a range")
     span = constant_distance(calls, int(first.item()), int(last.item()))
     if span is None:
-        raise ProgramError("the length of a range depends on signals", "Loop over fixed numbers, with if within.")
+        raise ProgramError("the length of a range depends on signals", "Loop over constants, with if inside.")
     begin, count = calls.context.constant(int(first.item())), range_length(calls, span, step)
     if begin is not None:
         return constants(calls.builder, begin + step * np.arange(count).reshape(1, -1))
@@ -227,16 +224,16 @@ def range_between(calls: "ExpressionEvaluator", tree: m.Range) -> Nodes:
 
 
 def range_length(calls: "ExpressionEvaluator", span: float, step: float) -> int:
-    """How many numbers a range has that goes so far; refused where no model has room for them."""
+    """Return the number of elements of a range over this distance; raises `ProgramError` if too large."""
     steps = span / step if step else -1.0
     if math.isnan(steps):
-        raise ProgramError("the ends of a range are no numbers")
+        raise ProgramError("the ends of a range are not numbers")
     calls.context.room(steps)
     return math.floor(steps * (1 + 1e-12) + 1e-10) + 1 if steps > -1 else 0
 
 
 def constant_distance(calls: "ExpressionEvaluator", first: int, last: int) -> float | None:
-    """How far it is from one node to another, where that is fixed: both are, or the same signal plus fixed numbers."""
+    """Return b - a if it is constant: of two constants, or of the same signal plus constants; else None."""
     begin, end = calls.context.constant(first), calls.context.constant(last)
     if begin is not None and end is not None:
         return end - begin

@@ -1,4 +1,4 @@
-"""Integer types: how many bits a number has, and which whole number a type makes of another one."""
+"""Integer types of a given number of bits, with rounding, saturation and wrapping."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, truncate
 
-__all__ = ["EXACT", "IntegerType", "fitted", "word_named", "wrapped"]
+__all__ = ["EXACT", "IntegerType", "fit_to_type", "integer_type_named", "wrap_to_type"]
 
 EXACT: Final = 52  # bits of words whose numbers doubles know exactly
 _INTEGER = re.compile(r"(u?)int(8|16|32|64)\Z")
@@ -18,9 +18,9 @@ _FIXED = re.compile(r"fixdt\(\s*([01])\s*,\s*(\d{1,3})\s*(?:,\s*0\s*)?\)\Z")
 
 @dataclass(frozen=True)
 class IntegerType:
-    """An integer type: how many bits, and whether one of them is a sign.
+    """An integer type of `bits` bits, one of them for the sign if signed.
 
-    `rounding` and `saturates` say how whole numbers are made of others, in the words of a block.
+    `rounding` and `saturates` define the conversion of other numbers, in the terms of a Simulink block.
     """
 
     bits: int
@@ -43,7 +43,7 @@ class IntegerType:
         return self.least + (1 << self.bits) - 1
 
     def wrapped(self, number: int) -> int:
-        """The number that the lowest bits of another one are.
+        """Return the number represented by the lowest bits of another one.
 
         >>> IntegerType(8, True).wrapped(217), IntegerType(8, False).wrapped(-1)
         (-39, 255)
@@ -51,31 +51,31 @@ class IntegerType:
         return (number - self.least) % (1 << self.bits) + self.least
 
 
-def word_named(written: str) -> IntegerType | None:
-    """The integer type of a name, such as `int8` or `fixdt(1,8)`.
+def integer_type_named(written: str) -> IntegerType | None:
+    """Return the integer type of a name, such as `int8` or `fixdt(1,8)`.
 
-    >>> word_named("uint16").bits
+    >>> integer_type_named("uint16").bits
     16
     """
-    if found := _INTEGER.match(written):
-        return IntegerType(int(found[2]), found[1] == "")
+    if result := _INTEGER.match(written):
+        return IntegerType(int(result[2]), result[1] == "")
     fixed = _FIXED.match(written)
     return IntegerType(int(fixed[2]), fixed[1] == "1") if fixed else None
 
 
-def fitted(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:
-    """Numbers as those of an integer type; those of more than 52 bits are only made whole."""
-    whole = _rounded(builder, x, word.rounding)
+def fit_to_type(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:
+    """Convert numbers to an integer type; with more than 52 bits they are only rounded."""
+    whole = _round(builder, x, word.rounding)
     if word.bits > EXACT:
         return whole
     if word.saturates:
         bounded = elementwise(builder, "max", whole, _constant(builder, float(word.least)))
         return elementwise(builder, "min", bounded, _constant(builder, float(word.most)))
-    return wrapped(builder, whole, word)
+    return wrap_to_type(builder, whole, word)
 
 
-def wrapped(builder: GraphBuilder, whole: Nodes, word: IntegerType) -> Nodes:
-    """The numbers that the lowest bits of whole numbers are."""
+def wrap_to_type(builder: GraphBuilder, whole: Nodes, word: IntegerType) -> Nodes:
+    """Return the numbers represented by the lowest bits of integers."""
     span = _constant(builder, 2.0**word.bits)
     if not word.signed:
         return elementwise(builder, "mod", whole, span)
@@ -85,8 +85,8 @@ def wrapped(builder: GraphBuilder, whole: Nodes, word: IntegerType) -> Nodes:
     )
 
 
-def _rounded(builder: GraphBuilder, x: Nodes, way: str) -> Nodes:
-    """Numbers made whole in the way that a block states."""
+def _round(builder: GraphBuilder, x: Nodes, way: str) -> Nodes:
+    """Round numbers by the method of a block."""
     match way:
         case "Ceiling":
             return elementwise(builder, "ceil", x)

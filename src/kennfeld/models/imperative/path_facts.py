@@ -1,7 +1,4 @@
-"""How large or small a node can become, by the operations that make it.
-
-Conditions as nodes, simplified where that is simple, and what is known of them along a path of decisions.
-"""
+"""Conditions known along a path of decisions, and bounds of nodes derived from their operations."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -21,14 +18,14 @@ __all__ = [
 ]
 
 TRUTHS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})  # operations that give 1 or 0
-_DEEPEST = 40
-_MOST = 200  # conditions that are looked at for one
+_MAX_DEPTH = 40
+_MAX_CONDITIONS = 200  # conditions that are looked at for one
 
-_DEEPEST_BOUNDS = 30
+_MAX_BOUND_DEPTH = 30
 
 
 def truth_of(builder: GraphBuilder, node: int) -> int:
-    """A condition as 1 or 0: whatever is not 0 holds."""
+    """Return a condition as 1 or 0; any value but 0 is true."""
     value = builder.value(node)
     if value is not None:
         return builder.const(float(value != 0))
@@ -36,12 +33,12 @@ def truth_of(builder: GraphBuilder, node: int) -> int:
 
 
 def logical_not(builder: GraphBuilder, node: int) -> int:
-    """Whether a condition does not hold."""
+    """Return the negation of a condition, simplified."""
     return builder.nodes[node].args[0] if builder.nodes[node].op == "not" else builder.call("not", node)
 
 
 def logical_and(builder: GraphBuilder, one: int, other: int) -> int:
-    """Whether two conditions hold."""
+    """Return the conjunction of two conditions, simplified."""
     for first, second in ((one, other), (other, one)):
         value = builder.value(first)
         if value is not None:
@@ -50,7 +47,7 @@ def logical_and(builder: GraphBuilder, one: int, other: int) -> int:
 
 
 def logical_or(builder: GraphBuilder, one: int, other: int) -> int:
-    """Whether one of two conditions holds."""
+    """Return the disjunction of two conditions, simplified."""
     for first, second in ((one, other), (other, one)):
         value = builder.value(first)
         if value is not None:
@@ -61,21 +58,21 @@ def logical_or(builder: GraphBuilder, one: int, other: int) -> int:
 
 
 def assume(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: bool) -> dict[int, bool]:
-    """What is known once a condition is known too, with what follows from it."""
-    made, waiting = dict(facts), [(node, holds)]
+    """Return the known conditions after adding one, with those that follow from it."""
+    result, waiting = dict(facts), [(node, holds)]
     while waiting:
         at, truth = waiting.pop()
-        made[at] = truth
+        result[at] = truth
         op, args, _ = builder.nodes[at]
         if op == "not":
             waiting.append((args[0], not truth))
         elif op == ("and" if truth else "or"):
-            waiting += [(arg, truth) for arg in args if arg not in made]
-    return made
+            waiting += [(arg, truth) for arg in args if arg not in result]
+    return result
 
 
 def known_truth(builder: GraphBuilder, facts: Mapping[int, bool], node: int) -> bool | None:
-    """Whether a condition holds by what is known; None where that does not tell."""
+    """Return the truth of a condition that follows from known ones, or None."""
     value = builder.value(node)
     if value is not None or not facts:
         return None if value is None else bool(value)
@@ -85,31 +82,31 @@ def known_truth(builder: GraphBuilder, facts: Mapping[int, bool], node: int) -> 
 def _known(
     builder: GraphBuilder, facts: Mapping[int, bool], node: int, seen: dict[int, bool | None], depth: int
 ) -> bool | None:
-    """As `known`; parts that several conditions share are looked at once."""
-    if node in facts or depth > _DEEPEST or len(seen) > _MOST:
+    """Return the truth of a condition as `known_truth`; shared parts are examined once."""
+    if node in facts or depth > _MAX_DEPTH or len(seen) > _MAX_CONDITIONS:
         return facts.get(node)
     if node not in seen:
         op, args, _ = builder.nodes[node]
         value = builder.value(node)
-        found = None if value is None else bool(value)
+        result = None if value is None else bool(value)
         if op in ("not", "and", "or"):
             parts = [_known(builder, facts, arg, seen, depth + 1) for arg in args]
             strong = op == "or"  # one such part decides
-            found = strong if strong in parts else None if None in parts else not strong
-            found = (None if parts[0] is None else not parts[0]) if op == "not" else found
-        seen[node] = found
+            result = strong if strong in parts else None if None in parts else not strong
+            result = (None if parts[0] is None else not parts[0]) if op == "not" else result
+        seen[node] = result
     return seen[node]
 
 
 class Interval(NamedTuple):
-    """The values between which a node stays."""
+    """The bounds of a node."""
 
     low: float = -math.inf
     high: float = math.inf
 
 
 def round_half_away(x: float) -> float:
-    """The nearest whole number, of two equally near the one farther from 0."""
+    """Round to the nearest integer, halves away from zero."""
     return math.copysign(math.floor(abs(x) + 0.5), x)
 
 
@@ -121,13 +118,13 @@ _RISING: dict[str, Callable[[float], float]] = {
 
 
 def bound_of(builder: GraphBuilder, node: int, up: bool) -> float:
-    """The largest value that a node can have, or the smallest."""
-    found = interval_of(builder, node)
-    return found.high if up else found.low
+    """Return the upper or lower bound of a node."""
+    result = interval_of(builder, node)
+    return result.high if up else result.low
 
 
 def interval_of(builder: GraphBuilder, node: int) -> Interval:
-    """The values between which a node stays, as far as its operations tell."""
+    """Return the bounds of a node that follow from its operations."""
     return _IntervalAnalysis(builder).limits(node, 0)
 
 
@@ -147,7 +144,7 @@ class _IntervalAnalysis:
             return Interval(payload, payload)
         if op in TRUTHS or op == "sign":
             return Interval(-1.0 if op == "sign" else 0.0, 1.0)
-        if depth > _DEEPEST_BOUNDS:
+        if depth > _MAX_BOUND_DEPTH:
             return Interval()
         if op == "select":
             return self._select(args, depth + 1)
@@ -156,7 +153,7 @@ class _IntervalAnalysis:
         return Interval(*_RULES[op](*(self.limits(arg, depth + 1) for arg in args)))
 
     def _select(self, args: tuple[int, ...], depth: int) -> Interval:
-        """Of both sides; a side that its own condition bounds is bounded by it."""
+        """Return the bounds of both sides; each may be bounded by the condition."""
         choice, yes, no = args
         a, b = self.limits(yes, depth), self.limits(no, depth)
         op, sides, _ = self.builder.nodes[choice]
@@ -166,7 +163,7 @@ class _IntervalAnalysis:
         return Interval(min(a.low, b.low), max(a.high, b.high))
 
     def _bounded(self, found: Interval, node: int, greater: int, less: int, depth: int) -> Interval:
-        """The limits of a side where one node is known to be greater than another."""
+        """Return the bounds of a side if one node is known to be greater than another."""
         if node == greater:
             return Interval(max(found.low, self.limits(less, depth).low), found.high)
         if node == less:
@@ -175,7 +172,7 @@ class _IntervalAnalysis:
 
 
 def _whole(op: str, x: Interval) -> Interval:
-    return Interval(*(_RISING[op](one) if math.isfinite(one) else one for one in x))
+    return Interval(*(_RISING[op](item) if math.isfinite(item) else item for item in x))
 
 
 def _mod(a: Interval, b: Interval) -> Interval:

@@ -1,8 +1,8 @@
-"""Variables that keep their values from one call of a function to the next.
+"""Persistent variables as states of the graph.
 
-The code is followed as in its very first call, to see what becomes of them. Where `if isempty(x) ... end` gives fixed
-numbers or parameters, that is what the memory starts with, and the decision is gone. Else a second memory tells whether
-x has a value already.
+The code is followed as in its first call to find their initial values. If `if isempty(x) ... end` assigns constants or
+parameters, these become the first values of the states and the decision is removed. Otherwise a second state records
+whether x has a value.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,7 +31,6 @@ __all__ = [
     "Key",
     "PersistentVariable",
     "PersistentVariables",
-    "declares_persistent",
     "initial_persistents",
     "late_persistents",
 ]
@@ -40,21 +39,11 @@ Key: TypeAlias = tuple[str, str]
 Remember: TypeAlias = Callable[[Nodes, Callable[[], Nodes]], Nodes]
 
 
-def declares_persistent(statements: object) -> bool:
-    """Whether there are persistent variables in statements."""
-    if isinstance(statements, m.Declaration):
-        return statements.kind == "persistent"
-    if isinstance(statements, tuple):
-        return any(map(declares_persistent, statements))
-    parts = ("body", "branches", "otherwise", "cases")
-    return any(declares_persistent(getattr(statements, part)) for part in parts if hasattr(statements, part))
-
-
 @dataclass(frozen=True, eq=False)
 class PersistentVariable:
-    """A persistent variable after the first call: its value, what it starts with if that is fixed.
+    """A persistent variable after the first call: its value, and its initial value if constant.
 
-    `always` says that the first call gives it a value for certain.
+    `always` is True if the first call certainly assigns it.
     """
 
     last: SymbolicValue
@@ -64,7 +53,7 @@ class PersistentVariable:
 
 @dataclass(eq=False)
 class FirstCallObserver:
-    """Watches the first call for the decisions that give persistent variables their first values."""
+    """Observer of the first call for decisions that initialise persistent variables."""
 
     context: EvaluationContext
     body: StatementInterpreter
@@ -72,9 +61,13 @@ class FirstCallObserver:
     asked: int = 0  # decisions on isempty that a start takes away
 
     def watch(self, whole: m.If, before: PathState, asked: int) -> None:
-        """Note the values that a decision on isempty alone gives, where they are fixed and it does nothing else."""
+        """Record the values assigned by a decision on isempty alone, if constant and without other effects."""
         frame, names = self.body.frame, self.body.names
-        if len(whole.branches) != 1 or whole.otherwise or not _asks(whole.branches[0].condition, frame.persistent):
+        if (
+            len(whole.branches) != 1
+            or whole.otherwise
+            or not _holds_if_empty(whole.branches[0].condition, frame.persistent)
+        ):
             return
         changed = [name for name, held in names.items() if held is not before.names.get(name)]
         kept = self.body.state.kept
@@ -88,45 +81,45 @@ class FirstCallObserver:
 
     def _is_start(self, name: str, before: PathState) -> bool:
         old, new = before.names.get(name), self.body.names[name]
-        if not unset(self.context, old) or isinstance(new, ConditionalValue | InvalidValue):
+        if not is_unset(self.context, old) or isinstance(new, ConditionalValue | InvalidValue):
             return False
         nodes = [int(node) for part in leaf_arrays(new) for node in part.ravel()]
         return all(self.context.constant(node) is not None for node in nodes)
 
 
-def _asks(condition: m.Expression, names: list[str]) -> bool:
-    """Whether a condition holds where one of these variables is empty, whatever else it says."""
+def _holds_if_empty(condition: m.Expression, names: list[str]) -> bool:
+    """Return True if a condition holds whenever one of these variables is empty."""
     match condition:
         case m.Call(m.Name("isempty"), (m.Name(name),)):
             return name in names
         case m.Binary("||" | "|", left, right):
-            return _asks(left, names) or _asks(right, names)
+            return _holds_if_empty(left, names) or _holds_if_empty(right, names)
     return False
 
 
 def initial_persistents(
     scout: FirstCallObserver, kept: dict[Key, SymbolicValue], questions: int
 ) -> dict[Key, PersistentVariable]:
-    """What is known of persistent variables after the first call; `questions` is how often isempty was asked of one."""
+    """Return the persistent variables after the first call; `questions` counts the queries by isempty."""
     plain = questions == scout.asked
     return {
         key: _memory(key, held, scout.starts.get(key) if plain else None)
         for key, held in kept.items()
-        if key[0] != GLOBAL and not unset(scout.context, held)
+        if key[0] != GLOBAL and not is_unset(scout.context, held)
     }
 
 
 def late_persistents(
     context: EvaluationContext, kept: Mapping[Key, SymbolicValue], known: Mapping[Key, PersistentVariable]
 ) -> dict[Key, PersistentVariable]:
-    """Persistent variables that only a later call gives values to."""
-    found = {key: held for key, held in kept.items() if key not in known and key[0] != GLOBAL}
-    made = {key: _memory(key, held, None) for key, held in found.items() if not unset(context, held)}
-    return {key: replace(one, always=False) for key, one in made.items()}
+    """Return the persistent variables that only later calls assign."""
+    late = {key: held for key, held in kept.items() if key not in known and key[0] != GLOBAL}
+    result = {key: _memory(key, held, None) for key, held in late.items() if not is_unset(context, held)}
+    return {key: replace(item, always=False) for key, item in result.items()}
 
 
-def unset(context: EvaluationContext, held: SymbolicValue | None) -> bool:
-    """Whether a variable has no value for certain."""
+def is_unset(context: EvaluationContext, held: SymbolicValue | None) -> bool:
+    """Return True if a variable certainly has no value."""
     return isinstance(held, ConditionalValue) and context.builder.value(held.defined) == 0.0
 
 
@@ -135,7 +128,7 @@ def _memory(key: Key, held: SymbolicValue, start: SymbolicValue | None) -> Persi
     if isinstance(value, InvalidValue):
         raise ProgramError(value.why, value.remedy)
     if start is not None and _sizes(start) != _sizes(value):
-        raise ProgramError(f"the size of the persistent variable {key[1]} changes", "Give it its full size at first.")
+        raise ProgramError(f"the size of the persistent variable {key[1]} changes", "Initialize it with its full size.")
     return PersistentVariable(value, start, not isinstance(held, ConditionalValue))
 
 
@@ -144,20 +137,20 @@ def _sizes(held: SymbolicValue) -> list[tuple[int, ...]]:
 
 
 class PersistentVariables:
-    """The persistent variables of a block as a call finds them; `remember` makes a memory of what a call leaves."""
+    """The persistent variables of a block at the start of a call; `remember` creates their states."""
 
     def __init__(self, context: EvaluationContext, remember: Remember) -> None:
         self.context, self.remember = context, remember
         self._called: int | None = None
 
     def begun(self, memory: PersistentVariable, end: Callable[[], SymbolicValue | None]) -> SymbolicValue:
-        """A variable as a call finds it; `end` is what the call leaves."""
+        """Return a variable at the start of a call; `end` is its value at the end."""
         first = memory.last if memory.start is None else memory.start
         zero = self.context.builder.const(0.0)
         arrays = [
             self.remember(
                 np.full(part.shape, zero, dtype=np.int64) if memory.start is None else np.asarray(part),
-                partial(_left, memory, end, at),
+                partial(_value_at_end, memory, end, at),
             )
             for at, part in enumerate(leaf_arrays(first))
         ]
@@ -165,7 +158,7 @@ class PersistentVariables:
         return read if memory.start is not None else ConditionalValue(read, self._has_value(memory, end))
 
     def _has_value(self, memory: PersistentVariable, end: Callable[[], SymbolicValue | None]) -> int:
-        """The node that says whether a variable has a value; one for all that the first call gives values to."""
+        """Return the condition that a variable has a value, shared by all assigned in the first call."""
         builder = self.context.builder
 
         def has_value() -> Nodes:
@@ -175,16 +168,16 @@ class PersistentVariables:
 
         if memory.always and self._called is not None:
             return self._called
-        made = int(self.remember(np.array([[builder.const(0.0)]], dtype=np.int64), has_value).item())
+        result = int(self.remember(np.array([[builder.const(0.0)]], dtype=np.int64), has_value).item())
         if memory.always:
-            self._called = made
-        return made
+            self._called = result
+        return result
 
 
-def _left(memory: PersistentVariable, end: Callable[[], SymbolicValue | None], at: int) -> Nodes:
-    """One array of what a call leaves."""
+def _value_at_end(memory: PersistentVariable, end: Callable[[], SymbolicValue | None], at: int) -> Nodes:
+    """Return the value of an array at the end of a call."""
     held = end()
     value = held.value if isinstance(held, ConditionalValue) else held
     if value is None or _sizes(value) != _sizes(memory.last):
-        raise ProgramError("the size of a persistent variable changes", "Give it its full size at first.")
+        raise ProgramError("the size of a persistent variable changes", "Initialize it with its full size.")
     return list(leaf_arrays(value))[at]

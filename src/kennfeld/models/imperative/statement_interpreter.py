@@ -1,7 +1,7 @@
-"""Runs statements of MATLAB over variables that hold nodes: both sides of a decision are built.
+"""Execution of MATLAB statements over variables that hold nodes; both sides of a decision are built.
 
-A variable takes the side whose condition holds. `break`, `continue` and `return` are conditions too: what stands behind
-them is built as the other side of a decision.
+After a decision each variable is selected by its condition. `break`, `continue` and `return` are conditions as well:
+the statements after them are built as the other side of a decision.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ _SILENT = frozenset(
 
 @dataclass(eq=False)
 class CallFrame:
-    """A function that is being followed: how it was called, and which of its variables are persistent."""
+    """A function being followed: how it was called, and which of its variables are persistent."""
 
     name: str = ""
     given: int = 0
@@ -52,10 +52,10 @@ class CallFrame:
 
 
 class StatementInterpreter:
-    """Code along one path, and its variables so far.
+    """Interpreter of code along one path, with its variables.
 
-    `names` are the variables; `run` follows statements, `value` evaluates an expression, `decide` builds both sides of
-    a decision, `call` runs a function. All raise `CodeError`.
+    `run` follows statements, `value` evaluates an expression, `decide` builds both sides of a decision, `call` runs a
+    function. All raise `ProgramError` for code that cannot be lowered.
     """
 
     def __init__(
@@ -69,9 +69,9 @@ class StatementInterpreter:
         self.frame = frame or CallFrame(functions=context.functions)
         self.calls = ExpressionEvaluator(self)
         self.loops = LoopUnroller(self)
-        # told of each `if`, what was before it, and how often it asked isempty
+        # called with each `if`, the state before it, and the number of isempty queries in its condition
         self.watch: Callable[[m.If, PathState, int], None] | None = None
-        self.questions = 0  # how often a persistent variable was asked for a value that it did not have yet
+        self.questions = 0  # isempty queries of persistent variables that have no value yet
 
     @property
     def names(self) -> dict[str, SymbolicValue]:
@@ -81,7 +81,7 @@ class StatementInterpreter:
     # statements
 
     def run(self, statements: Sequence[m.Statement]) -> None:
-        """Follow statements, up to where a jump is certain."""
+        """Follow statements, up to a certain jump."""
         for at, statement in enumerate(statements, 1):
             self.context.step()
             try:
@@ -94,7 +94,7 @@ class StatementInterpreter:
                 return
 
     def going(self) -> int | None:
-        """The condition under which no jump was met; None where there was none for certain."""
+        """Return the condition that no jump was executed; None if certainly none was."""
         met = self.builder.const(0.0)
         for node in self.state.jumps.values():
             met = logical_or(self.builder, met, node)
@@ -132,8 +132,8 @@ class StatementInterpreter:
                 raise ProgramError(f"a statement that is not supported ({type(statement).__name__.lower()})")
 
     def _evaluate(self, expression: m.Expression) -> None:
-        """An expression alone: a call for what it does; what is only told is passed over."""
-        name = _called(expression)
+        """Evaluate an expression statement for its effects; output functions are ignored."""
+        name = _called_name(expression)
         if name == "error":
             raise AbortedPathError
         if name in _SILENT or (name or "").startswith("coder."):
@@ -155,7 +155,7 @@ class StatementInterpreter:
             self.names[name] = self.state.kept.get((self.frame.name, name), unset)
 
     def _share(self, names: Sequence[str]) -> None:
-        """Variables that all functions share, which the host has given."""
+        """Declare global variables, which the host provides."""
         for name in names:
             if (GLOBAL, name) not in self.state.kept:
                 raise ProgramError(f"global {name}: the block has no data store of this name", "Make it an input.")
@@ -165,44 +165,44 @@ class StatementInterpreter:
     # values
 
     def value(self, tree: m.Expression) -> SymbolicValue:
-        """The value of an expression."""
+        """Evaluate an expression."""
         return self.calls.value(tree)
 
     def nodes(self, tree: m.Expression, message: str = "it") -> Nodes:
-        """The value of an expression as an array of nodes."""
+        """Evaluate an expression to an array of nodes."""
         return as_array(self.value(tree), message)
 
     def read(self, name: str) -> SymbolicValue:
-        """A variable that has a value here."""
+        """Return the value of a variable; raises `ProgramError` if it may have none."""
         held = self.names[name]
         if isinstance(held, DeferredValue):
             held = self.names[name] = force(held)
         if isinstance(held, ConditionalValue):
             if not known_truth(self.builder, self.state.facts, held.defined):
-                raise ProgramError(f"{name} has no value in every case", f"Give {name} a value before the decision.")
+                raise ProgramError(f"{name} is not assigned in every case", f"Assign {name} before the decision.")
             return held.value
         if isinstance(held, InvalidValue):
             raise ProgramError(held.why, held.remedy)
         return self._simpler(held) if isinstance(held, np.ndarray) else held
 
     def _simpler(self, nodes: Nodes) -> SymbolicValue:
-        """Nodes without the decisions that are known on this path."""
+        """Return nodes without the decisions that are known on this path."""
         if not self.state.facts or nodes.size > 100:
             return nodes
-        made = nodes.copy()
+        result = nodes.copy()
         for place, first in np.ndenumerate(nodes):
             node = int(first)
             while self.builder.nodes[node].op == "select":
                 choice, yes, no = self.builder.nodes[node].args
-                found = known_truth(self.builder, self.state.facts, choice)
-                if found is None:
+                truth = known_truth(self.builder, self.state.facts, choice)
+                if truth is None:
                     break
-                node = yes if found else no
-            made[place] = node
-        return made
+                node = yes if truth else no
+            result[place] = node
+        return result
 
     def truth(self, held: SymbolicValue) -> int:
-        """The condition that a value is as one: whether all of its elements hold, and there are any."""
+        """Return the condition of a value: all elements are non-zero, and there are any."""
         nodes = as_array(force(held), "a condition")
         if nodes.size == 0:
             return self.builder.const(0.0)
@@ -211,22 +211,22 @@ class StatementInterpreter:
         )
 
     def within(self, names: Mapping[str, SymbolicValue], make: Callable[[], SymbolicValue]) -> SymbolicValue:
-        """What is made while the variables are others."""
+        """Call `make` with other variables."""
         self._keep_shared()
         outer, around = self.state, self.frame
         self.state, self.frame = PathState(dict(names), outer.kept, {}, outer.facts), replace(around, shared=[])
-        made = make()
+        result = make()
         self.state, self.frame = replace(outer, kept=self.state.kept), around
-        return made
+        return result
 
     # assignments
 
     def assign(self, target: m.Expression | None, value: SymbolicValue) -> None:
-        """Give a variable, or a part of one, a value."""
+        """Assign a value to a variable or to a part of one."""
         if isinstance(target, m.Name):
             self.names[target.name] = value
         elif target is not None:
-            name = _base(target)
+            name = _target_name(target)
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
             self.names[name] = assign_part(self.calls, whole, target, force(value))
@@ -234,7 +234,7 @@ class StatementInterpreter:
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
         if target is not None and is_masked_assignment(self.calls, target, tree):
             assert isinstance(target, m.Call)
-            self.names[_base(target)] = assign_masked(self.calls, target, tree)
+            self.names[_target_name(target)] = assign_masked(self.calls, target, tree)
         else:
             self.assign(target, self.value(tree))
 
@@ -242,20 +242,20 @@ class StatementInterpreter:
         return isinstance(held, ConditionalValue) and not known_truth(self.builder, self.state.facts, held.defined)
 
     def _assign_several(self, targets: Sequence[m.Expression | None], value: m.Expression) -> None:
-        name = _called(value)
+        name = _called_name(value)
         arguments = value.arguments if isinstance(value, m.Call) else ()
         if name is None or name in self.names:
-            raise ProgramError("several results are taken of what is no function")
+            raise ProgramError("several results are assigned from a value that is not a function call")
         results = self.calls.several(name, arguments, len(targets))
         if len(results) < len(targets):
-            raise ProgramError(f"{name} gives {len(results)} results where {len(targets)} are taken")
+            raise ProgramError(f"{name} returns {len(results)} results, but {len(targets)} are assigned")
         for target, result in zip(targets, results, strict=False):
             self.assign(target, result)
 
     # decisions
 
     def decide(self, condition: int, yes: Callable[[], None], no: Callable[[], None] = lambda: None) -> None:
-        """Build both sides of a decision, or the one that is known to be taken."""
+        """Build both sides of a decision, or only the one that is known to be taken."""
         fixed = known_truth(self.builder, self.state.facts, condition)
         if fixed is not None:
             (yes if fixed else no)()
@@ -270,18 +270,18 @@ class StatementInterpreter:
             self.state = merge_states(self.builder, condition, one, other, before)
 
     def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> PathState | None:
-        """What one side of a decision leaves; None where it ends in an error."""
+        """Return the state after one side of a decision; None if it ends in an error."""
         before, frame, depth, ends = self.state, self.frame, len(self.context.calling), len(self.calls.ends)
         self.state = before.under(self.builder, condition, holds)
         try:
             make()
-            made = self.state
+            result = self.state
         except AbortedPathError:
-            made = None
+            result = None
             del self.context.calling[depth:], self.calls.ends[ends:]
             self.frame = frame
         self.state = before
-        return made
+        return result
 
     def _if(self, whole: m.If, branches: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
         first, rest, before = branches[0], branches[1:], self.state
@@ -304,17 +304,17 @@ class StatementInterpreter:
         self.decide(condition, lambda: self.run(cases[0].body), lambda: self._switch(subject, rest, otherwise))
 
     def _matches(self, subject: SymbolicValue, case: SymbolicValue) -> int:
-        """Whether a case is that of a switch."""
+        """Return the condition that a case matches the subject of a switch."""
         if isinstance(case, SymbolicCell):
-            found = self.builder.const(0.0)
-            for one in case.cells:
-                found = logical_or(self.builder, found, self._matches(subject, one))
-            return found
+            result = self.builder.const(0.0)
+            for cell in case.cells:
+                result = logical_or(self.builder, result, self._matches(subject, cell))
+            return result
         if isinstance(subject, str) or isinstance(case, str):
             return self.builder.const(float(subject == case if isinstance(subject, type(case)) else 0.0))
-        left, right = as_array(subject, "what switch decides on"), as_array(case, "a case")
+        left, right = as_array(subject, "the subject of switch"), as_array(case, "a case")
         if left.size != 1 or right.size > 1:
-            raise ProgramError("switch decides on several elements")
+            raise ProgramError("the subject of switch must be a scalar")
         return self.builder.call("eq", int(left.item()), int(right.item())) if right.size else self.builder.const(0.0)
 
     # functions
@@ -322,16 +322,16 @@ class StatementInterpreter:
     def call(
         self, function: m.FunctionDefinition, arguments: Sequence[SymbolicValue], wanted: int = 1, frame: str = ""
     ) -> tuple[SymbolicValue, ...]:
-        """Run a function with its own variables and give its results; those without a value are left out."""
+        """Run a function with its own variables and return its results, without those that have no value."""
         name = frame or f"{function.name} {id(function)}"
-        if any(function is one for one in self.context.calling):
+        if any(function is item for item in self.context.calling):
             raise ProgramError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
         if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
-            raise ProgramError(f"{function.name} takes {len(function.parameters)} arguments and gets {len(arguments)}")
+            raise ProgramError(f"{function.name} takes {len(function.parameters)} arguments, got {len(arguments)}")
         self._keep_shared()
         outer, around = self.state, self.frame
         self.frame = CallFrame(name, len(arguments), wanted, [], self.context.beside(function))
-        self.state = PathState(_given(function, arguments), outer.kept, {}, outer.facts)
+        self.state = PathState(_bind_arguments(function, arguments), outer.kept, {}, outer.facts)
         results = self._followed(function, wanted)
         self.state, self.frame = replace(outer, kept=self.state.kept), around
         for name in self.frame.shared:
@@ -339,7 +339,7 @@ class StatementInterpreter:
         return results
 
     def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[SymbolicValue, ...]:
-        """The results of a function whose frame and variables are those of the body by now."""
+        """Run a function whose frame and variables are already set up, and return its results."""
         self.context.calling.append(function)
         self.run(function.body)
         self.context.calling.pop()
@@ -347,7 +347,7 @@ class StatementInterpreter:
         return tuple(self._results(function, wanted))
 
     def _keep(self) -> None:
-        """Note the values of persistent variables for the next call."""
+        """Store the values of persistent variables for the next call."""
         for name in self.frame.persistent:
             self.state.kept[self.frame.name, name] = self.names[name]
         self._keep_shared()
@@ -359,17 +359,15 @@ class StatementInterpreter:
     def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[SymbolicValue]:
         for name in function.results[: max(wanted, 1)]:
             if name not in self.names:
-                yield InvalidValue(f"{function.name} gives {name} no value", f"Give {name} a value in every case.")
+                yield InvalidValue(f"{function.name} does not assign {name}", f"Assign {name} in every case.")
             elif self._undefined(self.names[name]):
-                yield InvalidValue(
-                    f"{function.name} gives {name} no value, or not in every case", f"Give {name} a value first."
-                )
+                yield InvalidValue(f"{function.name} does not assign {name} in every case", f"Assign {name} first.")
             else:
                 held = self.names[name]
                 yield held if isinstance(held, InvalidValue) else self.read(name)
 
 
-def _given(function: m.FunctionDefinition, arguments: Sequence[SymbolicValue]) -> dict[str, SymbolicValue]:
+def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[SymbolicValue]) -> dict[str, SymbolicValue]:
     names = list(function.parameters)
     if names[-1:] == ["varargin"]:
         fixed = len(names) - 1
@@ -378,16 +376,16 @@ def _given(function: m.FunctionDefinition, arguments: Sequence[SymbolicValue]) -
     return dict(zip(names, arguments, strict=False))
 
 
-def _called(tree: m.Expression) -> str | None:
-    """The name of the function that an expression calls, with its dots."""
+def _called_name(tree: m.Expression) -> str | None:
+    """Return the name of the function that an expression calls, with its dots."""
     way = field_path(tree.of if isinstance(tree, m.Call) else tree)
     return ".".join(way) if way is not None else None
 
 
-def _base(tree: m.Expression) -> str:
-    """The variable that an assignment changes."""
+def _target_name(tree: m.Expression) -> str:
+    """Return the variable that an assignment changes."""
     while isinstance(tree, (m.Field, m.DynamicField, m.Call, m.CellIndex)):
         tree = tree.of
     if not isinstance(tree, m.Name):
-        raise ProgramError("it assigns to what is no variable")
+        raise ProgramError("the target of an assignment is not a variable")
     return tree.name

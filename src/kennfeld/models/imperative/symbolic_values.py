@@ -1,6 +1,6 @@
-"""What a variable of code holds while a graph is built: arrays of nodes, texts, structs, cells, functions.
+"""Values of variables in lowered code: arrays of nodes, texts, structs, cells, functions.
 
-None of them is ever changed: an assignment to an element makes a new one.
+All are immutable: an assignment to an element creates a new value.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -44,17 +44,17 @@ EMPTY: Final[Nodes] = np.zeros((0, 0), dtype=np.int64)
 
 
 class LogicalNodes(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
-    """An array of nodes whose class is logical, so that as an index it is a mask."""
+    """Array of nodes of class logical, which is a mask if used as an index."""
 
 
 class String(str):
-    """A text in double quotes: one element, where one in single quotes is a row of characters."""
+    """Text in double quotes: one element, whereas text in single quotes is a row of characters."""
 
     __slots__ = ()
 
 
 class Integers(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
-    """An array of nodes that have an integer type by their class; the values themselves stay physical."""
+    """Array of nodes of an integer class; the values themselves stay physical."""
 
     word: IntegerType | None = None
 
@@ -64,19 +64,19 @@ class Integers(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
 
 @dataclass(frozen=True, eq=False)
 class SymbolicStruct:
-    """A struct of one element, its fields in their order."""
+    """A scalar struct, with its fields in order."""
 
     fields: "Mapping[str, SymbolicValue]"
 
 
 @dataclass(frozen=True, eq=False)
 class EnumerationStruct(SymbolicStruct):
-    """An enumeration by its members, each a whole number."""
+    """An enumeration by its members, each an integer."""
 
 
 @dataclass(frozen=True, eq=False)
 class SymbolicCell:
-    """A cell array, column by column."""
+    """A cell array, in column-major order."""
 
     cells: "tuple[SymbolicValue, ...]"
     shape: tuple[int, ...]
@@ -84,7 +84,7 @@ class SymbolicCell:
 
 @dataclass(frozen=True, eq=False)
 class FunctionHandleValue:
-    """`@name`, or `@(x) expression` with the variables that it has taken with it."""
+    """`@name`, or `@(x) expression` with the variables it captured."""
 
     function: m.FunctionHandle | m.AnonymousFunction
     names: "Mapping[str, SymbolicValue]"
@@ -100,7 +100,7 @@ class ConditionalValue:
 
 @dataclass(frozen=True, eq=False)
 class InvalidValue:
-    """A variable that cannot be used; `why` says what it is."""
+    """A variable that cannot be used, with the reason `why`."""
 
     why: str
     remedy: str = ""
@@ -108,7 +108,7 @@ class InvalidValue:
 
 @dataclass(frozen=True, eq=False)
 class DeferredValue:
-    """A value that is made when it is used; `name` is that of the parameter where it is an array that is one.
+    """A value computed on first use; `name` is that of the parameter if it is an array parameter.
 
     Until then it may become a table instead.
     """
@@ -123,41 +123,41 @@ SymbolicValue: TypeAlias = (
 
 
 def as_logical(nodes: Nodes) -> Nodes:
-    """Nodes that are known to be true or false."""
+    """Mark nodes as logical."""
     return nodes.view(LogicalNodes)
 
 
 def integers(nodes: Nodes, word: IntegerType | None) -> Nodes:
-    """Nodes with an integer type by their class; without one as they are."""
-    made = np.asarray(nodes)
+    """Mark nodes as of an integer class; None leaves them unmarked."""
+    result = np.asarray(nodes)
     if word is None:
-        return made
-    typed = made.view(Integers)
+        return result
+    typed = result.view(Integers)
     typed.word = word
     return typed
 
 
 def word_of(*arrays: Nodes) -> IntegerType | None:
-    """The integer type of the first array that has one, which what is made of several has too."""
-    return next((one.word for one in arrays if isinstance(one, Integers)), None)
+    """Return the integer class of the first array that has one; results of several arrays take it over."""
+    return next((array.word for array in arrays if isinstance(array, Integers)), None)
 
 
 def of_class(model: Nodes, nodes: Nodes) -> Nodes:
-    """Nodes with the class of an array: logical, an integer type, or none."""
+    """Return nodes with the class of `model`: logical, an integer type, or none."""
     if isinstance(model, LogicalNodes):
         return as_logical(np.asarray(nodes))
     return integers(nodes, word_of(model))
 
 
 def constants(builder: GraphBuilder, numbers: object) -> Nodes:
-    """An array of constants, at least of two dimensions; of class logical where the numbers are."""
+    """Return an array of constants of at least two dimensions; of class logical if the numbers are."""
     array = np.atleast_2d(np.asarray(numbers))
-    made = np.array([builder.const(float(number)) for number in array.ravel()], dtype=np.int64).reshape(array.shape)
-    return as_logical(made) if array.dtype == np.bool_ else made
+    result = np.array([builder.const(float(number)) for number in array.ravel()], dtype=np.int64).reshape(array.shape)
+    return as_logical(result) if array.dtype == np.bool_ else result
 
 
 def as_array(held: SymbolicValue, message: str = "it") -> Nodes:
-    """A value as an array of nodes; raises `CodeError` where it is none."""
+    """Return a value as an array of nodes; raises `ProgramError` if it is not an array."""
     if isinstance(held, np.ndarray):
         while held.ndim > 2 and held.shape[-1] == 1:
             held = held[..., 0]
@@ -168,14 +168,14 @@ def as_array(held: SymbolicValue, message: str = "it") -> Nodes:
 
 
 def force(held: SymbolicValue) -> SymbolicValue:
-    """A value, made now where it is made when it is used."""
+    """Return a value, computing it if deferred."""
     while isinstance(held, DeferredValue):
         held = held.make()
     return held
 
 
 def describe(held: SymbolicValue) -> str:
-    """What kind of value it is, in words."""
+    """Return the kind of a value in words."""
     if isinstance(held, np.ndarray):
         return f"an array of {'x'.join(map(str, held.shape))}"
     kinds = {
@@ -185,11 +185,11 @@ def describe(held: SymbolicValue) -> str:
         SymbolicCell: "a cell array",
         FunctionHandleValue: "a function",
     }
-    return kinds.get(type(held), "a variable without a value in every case")
+    return kinds.get(type(held), "a variable that is not assigned in every case")
 
 
 def field_of(held: SymbolicValue, name: str, message: str = "it") -> SymbolicValue:
-    """A field of a struct; raises `CodeError` where it has none of that name."""
+    """Return a field of a struct; raises `ProgramError` if there is none of that name."""
     if isinstance(held, InvalidValue):
         raise ProgramError(held.why, held.remedy)
     if not isinstance(held, SymbolicStruct):
@@ -200,7 +200,7 @@ def field_of(held: SymbolicValue, name: str, message: str = "it") -> SymbolicVal
 
 
 def leaf_arrays(held: SymbolicValue) -> Iterator[Nodes]:
-    """The arrays within a value, in order; raises `CodeError` where there is something else in it."""
+    """Yield the arrays within a value, in order; raises `ProgramError` if it contains anything else."""
     if isinstance(held, SymbolicStruct):
         for name in held.fields:
             yield from leaf_arrays(field_of(held, name))
@@ -212,10 +212,10 @@ def leaf_arrays(held: SymbolicValue) -> Iterator[Nodes]:
 
 
 def with_leaf_arrays(held: SymbolicValue, arrays: Iterator[Nodes]) -> SymbolicValue:
-    """A value of the same form with other arrays, taken in the order of `leaves`."""
+    """Return a value of the same form with other arrays, in the order of `leaf_arrays`."""
     if isinstance(held, SymbolicStruct):
         return SymbolicStruct({name: with_leaf_arrays(field_of(held, name), arrays) for name in held.fields})
     if isinstance(held, SymbolicCell):
         return SymbolicCell(tuple(with_leaf_arrays(force(cell), arrays) for cell in held.cells), held.shape)
-    made = next(arrays)
-    return of_class(held, made) if isinstance(held, np.ndarray) else made
+    result = next(arrays)
+    return of_class(held, result) if isinstance(held, np.ndarray) else result

@@ -1,6 +1,7 @@
-"""Simulink files (`.slx`, `.mdl`, `.sldd`), read without MATLAB; nothing in a file is ever executed.
+"""Import of Simulink files (`.slx`, `.mdl`, `.sldd`) without MATLAB; no code of a file is ever executed.
 
-From the ground up: `files` makes a tree of blocks and lines, `variables` finds values, `expressions` puts MATLAB
-expressions on the graph, `flattening` dissolves subsystems, `code` follows MATLAB Functions, `weaving` turns blocks
-into the graph by the rules in `blocktypes`, `stateflow` follows charts; `importing` makes a model of it all.
+Stages, from the bottom up: `reader` parses a file into a tree of systems, blocks and lines; `variables` collects values
+from workspaces, dictionaries and scripts; `expressions` evaluates block fields on graph nodes; `flattening` dissolves
+subsystems; `lowering` turns flat blocks into graph nodes by the block handlers in `blocks`; `matlab_function` and
+`stateflow` lower code and charts; `importing` is the public entry.
 """

@@ -1,4 +1,4 @@
-"""The parameters that a model looks up, collected while its graph is built."""
+"""Parameters that a model looks up, collected while its graph is built."""
 
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -19,10 +19,11 @@ __all__ = ["DeclaredParameters"]
 
 
 class DeclaredParameters:
-    """Parameters by name. `promoted` are fields of blocks, "Torque/Gain1:Gain", whose literals are parameters too.
+    """Parameters by name.
 
-    Variables of one name may hold other values in referenced models: each is a parameter of its own, the name itself
-    that of the variable in `whole`, the variables of the model at the top.
+    `promoted` are block fields such as "Torque/Gain1:Gain" whose literals become parameters. Variables of one name may
+    have different values in referenced models. Each is then a parameter of its own; the plain name belongs to the
+    variable in `whole`, the variables of the top model.
     """
 
     def __init__(self, promoted: Collection[str] = ()) -> None:
@@ -33,16 +34,18 @@ class DeclaredParameters:
         self._axes: dict[str, Axis] = {}
 
     def array(self, builder: GraphBuilder, name: str, variable: Variable) -> Nodes:
-        """The nodes that look up each element of a variable, Int[rows, columns]."""
+        """Return the nodes that look up each element of a variable, Int[rows, columns]."""
         numbers = np.asarray(variable.value, dtype=np.float64)
         if numbers.size == 0:
             return np.zeros((0, 0), dtype=np.int64)
         shape = np.atleast_2d(numbers).shape
         known = self.parameters.get(name)
-        if known is not None and known.axes:  # a table that is used as numbers as well stays as it is
+        if known is not None and known.axes:  # a table also used as numbers stays unchanged
             return _constants(builder, np.atleast_2d(numbers))
         if numbers.size == 1:
-            scalar = self._kept(Scalar(name, float(numbers.ravel()[0]), **_said(variable, ())), variable)
+            scalar = self._declare(
+                Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ())), variable
+            )
             return np.full(shape, builder.lookup(scalar.name), dtype=np.int64)
         if not np.all(np.isfinite(numbers)):
             return _constants(builder, np.atleast_2d(numbers))
@@ -50,77 +53,77 @@ class DeclaredParameters:
 
     def _block(self, builder: GraphBuilder, name: str, numbers: Numbers, variable: Variable) -> Nodes:
         flat = numbers.ravel() if 1 in np.atleast_2d(numbers).shape else numbers
-        kept = self._kept(Block(name, flat, **_said(variable, flat.shape)), variable)
-        made = np.empty(flat.shape, dtype=np.int64)
+        kept = self._declare(Block(name, flat, **_source_attributes(variable, flat.shape)), variable)
+        nodes = np.empty(flat.shape, dtype=np.int64)
         for place in np.ndindex(*flat.shape):
-            made[place] = builder.lookup(kept.name, *(builder.const(float(index)) for index in place))
-        return made
+            nodes[place] = builder.lookup(kept.name, *(builder.const(float(index)) for index in place))
+        return nodes
 
     def table(
         self, name: str, values: Numbers, axes: Collection[Axis], variable: Variable, locked: bool, beyond: str
     ) -> Parameter:
-        """The curve, map or cube of a table; the one that is there already where it is the same."""
-        axes = [self._group(axis) for axis in axes]
-        said = _said(variable, values.shape)
-        return self._kept(
+        """Return the curve, map or cube of a table, or the equal one that is already declared."""
+        axes = [self._group_axis(axis) for axis in axes]
+        said = _source_attributes(variable, values.shape)
+        return self._declare(
             parameter(name, values, axes, locked=np.array(locked), extrapolation=beyond, **said), variable
         )
 
-    def _group(self, axis: Axis) -> Axis:
-        """The axis, without its name where another has that name already and other breakpoints."""
+    def _group_axis(self, axis: Axis) -> Axis:
+        """Return the axis, without its name if another axis of that name has other breakpoints."""
         if not axis.name:
             return axis
         known = self._axes.setdefault(axis.name, axis)
         return known if np.array_equal(known.breakpoints, axis.breakpoints) else axis.changed(name="")
 
-    def _kept(self, made: Parameter, variable: Variable) -> Parameter:
-        """The parameter that holds this: the one that is there already, or a new one under a name that is free."""
-        for name in self._names(made):
+    def _declare(self, parameter: Parameter, variable: Variable) -> Parameter:
+        """Return the declared parameter that equals this one, or declare it under a free name."""
+        for name in self._candidate_names(parameter):
             known = self.parameters.get(name)
             if known is None:
-                self.parameters[name] = made if name == made.name else made.changed(name=name)
+                self.parameters[name] = parameter if name == parameter.name else parameter.changed(name=name)
                 self.sources[name] = variable.source
-            if known is None or _same(known, made):
+            if known is None or _is_equal(known, parameter):
                 return self.parameters[name]
         raise AssertionError("names never end")
 
-    def _names(self, made: Parameter) -> Iterator[str]:
-        """The names that a parameter may have, the best first: its own, unless that means other values at the top."""
-        top = self._at_the_top(made.name)
-        if top is None or np.array_equal(np.ravel(top), made.values.ravel(), equal_nan=True):
-            yield made.name
-        yield from (f"{made.name}_{number}" for number in count(2))
+    def _candidate_names(self, parameter: Parameter) -> Iterator[str]:
+        """Yield names for a parameter, preferred first: its own, unless the top model uses it for other values."""
+        top = self._top_level_numbers(parameter.name)
+        if top is None or np.array_equal(np.ravel(top), parameter.values.ravel(), equal_nan=True):
+            yield parameter.name
+        yield from (f"{parameter.name}_{number}" for number in count(2))
 
-    def _at_the_top(self, name: str) -> Numbers | None:
-        """The numbers that a name stands for in the model at the top; None where it stands for none."""
-        way = [name] if name in self.whole else name.split(".")
-        if way[0] not in self.whole:
+    def _top_level_numbers(self, name: str) -> Numbers | None:
+        """Return the numbers that a name has in the top model, or None."""
+        path = [name] if name in self.whole else name.split(".")
+        if path[0] not in self.whole:
             return None
         try:
-            value = nested_field(self.whole[way[0]].value, way)
+            value = nested_field(self.whole[path[0]].value, path)
         except EvaluationError:
             return None
         return value if isinstance(value, np.ndarray) else None
 
     def values(self, used: Collection[str]) -> ParameterSet:
-        """The parameters that are looked up, in the order in which they were met."""
-        return ParameterSet(made for name, made in self.parameters.items() if name in used)
+        """Return the used parameters in order of declaration."""
+        return ParameterSet(parameter for name, parameter in self.parameters.items() if name in used)
 
 
-def _same(one: Parameter, other: Parameter) -> bool:
-    """Whether two parameters of one name look up the same."""
-    axes = [axis.breakpoints for axis in one.axes], [axis.breakpoints for axis in other.axes]
+def _is_equal(parameter: Parameter, other: Parameter) -> bool:
+    """Return True if two parameters of one name have equal values, axes and extrapolation."""
+    axes = [axis.breakpoints for axis in parameter.axes], [axis.breakpoints for axis in other.axes]
     return (
-        one.kind == other.kind
-        and one.extrapolation == other.extrapolation
-        and np.array_equal(one.values, other.values, equal_nan=True)
+        parameter.kind == other.kind
+        and parameter.extrapolation == other.extrapolation
+        and np.array_equal(parameter.values, other.values, equal_nan=True)
         and len(axes[0]) == len(axes[1])
         and all(map(np.array_equal, *axes))
     )
 
 
-def _said(variable: Variable, shape: tuple[int, ...]) -> dict[str, Any]:
-    """What a variable's source says beside its value, the limits for values of a shape."""
+def _source_attributes(variable: Variable, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return unit, description and limits of a variable; limits must fit the shape of the value."""
     bounds = {side: np.asarray(getattr(variable, side)) for side in ("lower", "upper")}
     size = math.prod(shape)
     fitting = {side: bound.reshape(shape) if bound.size == size else bound for side, bound in bounds.items()}

@@ -1,4 +1,4 @@
-"""A Simulink model as formula text, with its parameters in a file beside it."""
+"""Export of a Simulink model as formula text with a parameter file next to it."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -24,42 +24,57 @@ def write_formula(
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
 ) -> tuple[Path, ...]:
-    """Write the model in a Simulink file as formula text that gives the same results, and give the paths written.
+    """Write a Simulink model as formula text that gives the same results.
 
-    Nodes are called by their blocks, or by the paths of those where a name would mean two things, and stand below the
-    paths of their subsystems. What runs in another way than in Simulink stands in comments on top. The values of its
-    parameters go to a `.json` of the same name, where there are some. `bind` is as in `simulink`. Raises `InputError`
-    where an output cannot be built, or nothing be written.
+    Nodes are named after their blocks, or after block paths where a name would be ambiguous, and grouped by subsystem.
+    Differences from Simulink are listed in comments at the top.
+
+    Args:
+        source: the `.slx` or `.mdl` file.
+        target: the `.kf` file; parameter values go to a `.json` of the same name.
+        subsystem: path of the subsystem to export.
+        parameters: sources of variables as in `simulink`.
+        folders: folders to search for libraries.
+        bind: blocks to replace as in `simulink`.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        InputError: if an output is not supported, or a file cannot be written.
     """
     from kennfeld.calfiles import write as write_parameters
 
     source, target = Path(source), Path(target)
     if target.suffix.lower() != ".kf":
-        raise InputError.of(str(target), "a model is written as formula text", "Name a file that ends in .kf.")
-    found = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
-    if found.model is None:
-        raise InputError(found.report.findings)
-    head = [f"{source.name}{f', {subsystem}' if subsystem else ''}, read by Kennfeld", *found.report.substitutions]
-    graph, headings = _arranged(found.model)
-    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + to_text(graph, found.model.step, headings)
-    made = [target]
+        raise InputError.of(str(target), "unsupported file extension for formula text", "Use the extension .kf.")
+    result = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
+    if result.model is None:
+        raise InputError(result.report.findings)
+    head = [
+        f"{source.name}{f', {subsystem}' if subsystem else ''}, converted by Kennfeld",
+        *result.report.substitutions,
+    ]
+    graph, headings = _arrange_by_subsystem(result.model)
+    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + to_text(graph, result.model.step, headings)
+    paths = [target]
     try:
         write_whole(target, text)
-        if found.model.values:
-            made.append(target.with_suffix(".json"))
-            write_parameters(found.model.values, made[-1])
+        if result.model.values:
+            paths.append(target.with_suffix(".json"))
+            write_parameters(result.model.values, paths[-1])
     except OSError as error:
         raise InputError.of(
-            str(target), f"cannot be written: {error.strerror or error}", "Name another file."
+            str(target), f"cannot be written: {error.strerror or error}", "Choose another output file."
         ) from None
-    return tuple(made)
+    return tuple(paths)
 
 
-def _arranged(model: Model) -> tuple[Graph, dict[str, str]]:
-    """The graph with its nodes in the order of their subsystems, under short names, and what stands above each."""
+def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str]]:
+    """Return the graph in the order of subsystems with short names, and the heading above each node."""
     graph = model.graph
     ways = {name: split_path(model.places.get(name, "")) for name in graph.names}
-    short = {name: _short(name, model.places.get(name, ""), ways[name]) for name in graph.names}
+    short = {name: _short_name(name, model.places.get(name, ""), ways[name]) for name in graph.names}
     uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
     new = {name: short[name] if uses[short[name]] == 1 else name for name in graph.names}
     above = {name: "" if name in graph.outputs else join_path(*ways[name][:-1]) for name in graph.names}
@@ -75,6 +90,6 @@ def _arranged(model: Model) -> tuple[Graph, dict[str, str]]:
     return arranged, {new[name]: above[name] for name in names}
 
 
-def _short(name: str, path: str, way: tuple[str, ...]) -> str:
-    """A node that is called by the path of its block, by the block alone."""
-    return way[-1] + name[len(path) :] if len(way) > 1 and name.startswith(path) else name
+def _short_name(name: str, path: str, field_path: tuple[str, ...]) -> str:
+    """Return the block name of a node that is named by its block path."""
+    return field_path[-1] + name[len(path) :] if len(field_path) > 1 and name.startswith(path) else name

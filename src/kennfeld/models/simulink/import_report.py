@@ -1,4 +1,4 @@
-"""What an import made of a model: what is supported, what is not and why, and what was put in place of what."""
+"""Import report: supported and unsupported blocks with reasons, substitutions, and parameters."""
 
 from dataclasses import dataclass, field
 
@@ -13,9 +13,9 @@ __all__ = [
     "UnsupportedBlock",
 ]
 
-TYPES_IGNORED = "number types are left aside: all values are physical, in double precision"
+TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
-_LOOP = "Put a unit delay into the loop, or bind one of its blocks."
+_LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class CalibratableParameter:
-    """A parameter: its kind, its size, the range of its values, its limits where it has some, where it comes from.
+    """A parameter that can be calibrated: kind, shape, range of values, limits (None for none) and origin.
 
-    `locked` says that its values stay unless they are asked for by name.
+    A `locked` parameter keeps its values unless it is selected by name.
     """
 
     name: str
@@ -47,9 +47,9 @@ class CalibratableParameter:
 
 @dataclass(frozen=True)
 class UnsupportedBlock:
-    """A block that could not be built. `stops` says whether an output of the model depends on it.
+    """A block that is not supported; `stops` is true if an output of the model depends on it.
 
-    `undefined` is the variable that nothing gives a value, where that is the reason.
+    `undefined` names the undefined variable, if that is the reason.
     """
 
     path: str
@@ -61,14 +61,14 @@ class UnsupportedBlock:
 
     @property
     def finding(self) -> Finding:
-        """The same as a problem of the file."""
-        remedy = self.remedy or f'Bind it: bind = {{ "{self.path}" = "a channel or formula" }}.'
+        """The block as a finding of the file."""
+        remedy = self.remedy or f'Bind it: bind = {{ "{self.path}" = "channel or formula" }}.'
         return Finding(self.path, self.why, remedy)
 
 
 @dataclass(frozen=True)
 class ImportableSubsystem:
-    """A subsystem that can be imported by itself, with all of its blocks: how many, its inputs and its outputs."""
+    """A subsystem that can be imported on its own: number of blocks, inputs and outputs."""
 
     path: str
     blocks: int
@@ -78,14 +78,24 @@ class ImportableSubsystem:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What became of a model's blocks.
+    """Result of an import, block by block.
 
-    `total` counts the blocks that compute something, `supported` those that were built or could be. `substitutions` are
-    sentences on what runs in another way than in Simulink. `sources` says by parameter where its value comes from.
-    `frozen` are expressions whose variables are fixed, with the reason. `inputs` and `outputs` are those of the
-    function, where it is whole; `parameters` are what can be calibrated. `subsystems` are those that can be imported
-    by themselves, where that was asked for. `reasons` are why scripts could give variables no value. `stopped` is what
-    keeps the blocks from being built at all.
+    Attributes:
+        total: number of blocks that compute something.
+        supported: number of them that are supported.
+        unsupported: the other blocks, with reasons.
+        loops: algebraic loops, each as block paths.
+        substitutions: sentences on differences from Simulink.
+        remarks: sentences on anything else of note.
+        sources: origin of the value of each parameter.
+        frozen: expressions whose variables are constant, with the reason.
+        solver: name of the solver.
+        step: time step in s, None for that of the data.
+        parameters: what can be calibrated.
+        inputs: inputs of the function if `whole`; likewise `outputs`.
+        subsystems: subsystems that can be imported on their own, if requested.
+        reasons: by variable, why scripts could not assign it a value.
+        stopped: errors that prevent lowering altogether.
     """
 
     total: int
@@ -107,64 +117,62 @@ class ImportReport:
 
     @property
     def whole(self) -> bool:
-        """Whether all outputs could be built."""
-        return not self.stopped and not self.loops and not any(one.stops for one in self.unsupported)
+        """True if all outputs are supported."""
+        return not self.stopped and not self.loops and not any(block.stops for block in self.unsupported)
 
     @property
     def fixed(self) -> tuple[str, ...]:
-        """A sentence for each expression whose variables are fixed."""
+        """A sentence for each expression whose variables are constant."""
         frozen = {" ".join(text.split())[:100]: why for text, why in self.frozen.items()}
-        return tuple(f"{text} is fixed, and so are the variables in it: {why}" for text, why in frozen.items())
+        return tuple(f"{text} is constant, and so are its variables: {why}" for text, why in frozen.items())
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """What somebody should know who calibrates the model."""
-        substitutions = (one for one in self.substitutions if one != TYPES_IGNORED)
-        remarks = (one for one in self.remarks if not one.endswith("is passed over"))  # drawings of a script, and such
+    def notes(self) -> tuple[str, ...]:
+        """What a user who calibrates the model should know."""
+        substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
+        remarks = (text for text in self.remarks if not text.endswith("is passed over"))  # such as plots in a script
         return (*substitutions, *self.fixed, *remarks)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What keeps the outputs from being built; variables without a value first, each once."""
-        valueless = (_valueless(name, paths, self._reason(name)) for name, paths in self.undefined.items())
-        others = (_together(several) for several in self.groups if several[0].stops)
-        return (*self.stopped, *valueless, *others, *(Finding(loop[0], _loop(loop), _LOOP) for loop in self.loops))
+        """Reasons why outputs are not supported; undefined variables first, each once."""
+        undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
+        others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
+        loops = (Finding(loop[0], _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
+        return (*self.stopped, *undefined, *others, *loops)
 
     def _reason(self, name: str) -> str:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
 
     @property
     def groups(self) -> tuple[tuple[UnsupportedBlock, ...], ...]:
-        """The blocks that could not be built though their variables have values, by what stops them."""
-        found: dict[tuple[str, str, bool], list[UnsupportedBlock]] = {}
-        for one in self.unsupported:
-            if not one.undefined:
-                found.setdefault((one.why, one.remedy, one.stops), []).append(one)
-        return tuple(tuple(several) for several in found.values())
+        """Unsupported blocks that do not lack a variable, grouped by reason."""
+        groups: dict[tuple[str, str, bool], list[UnsupportedBlock]] = {}
+        for block in self.unsupported:
+            if not block.undefined:
+                groups.setdefault((block.why, block.remedy, block.stops), []).append(block)
+        return tuple(tuple(blocks) for blocks in groups.values())
 
     @property
     def undefined(self) -> dict[str, tuple[str, ...]]:
-        """The variables that nothing gives a value, each with the paths of the blocks that need it."""
-        names = dict.fromkeys(one.undefined for one in self.unsupported if one.undefined)
-        return {name: tuple(one.path for one in self.unsupported if one.undefined == name) for name in names}
+        """Undefined variables with the paths of the blocks that use them."""
+        names = dict.fromkeys(block.undefined for block in self.unsupported if block.undefined)
+        return {name: tuple(block.path for block in self.unsupported if block.undefined == name) for name in names}
 
 
-def _together(several: tuple[UnsupportedBlock, ...]) -> Finding:
-    """One problem of all blocks that the same thing stops."""
-    first = several[0].finding
-    return (
-        first
-        if len(several) == 1
-        else Finding(f"{first.place} and {len(several) - 1} more", first.message, first.remedy)
-    )
+def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
+    first = blocks[0].finding
+    if len(blocks) == 1:
+        return first
+    return Finding(f"{first.place} and {len(blocks) - 1} more", first.message, first.remedy)
 
 
-def _valueless(name: str, paths: tuple[str, ...], why: str) -> Finding:
-    who = f"{paths[0]} needs it" if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more need it"
-    remedy = "Give it among the parameters: in a script, a .mat, .sldd or calibration file."
-    return Finding(f"variable {name}", f"has no value{f' ({why})' if why else ''}; {who}", remedy)
+def _undefined_finding(name: str, paths: tuple[str, ...], why: str) -> Finding:
+    who = f"used by {paths[0]}" if len(paths) == 1 else f"used by {paths[0]} and {len(paths) - 1} more"
+    remedy = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
+    return Finding(f"variable {name}", f"undefined{f' ({why})' if why else ''}; {who}", remedy)
 
 
-def _loop(loop: tuple[str, ...]) -> str:
+def _describe_loop(loop: tuple[str, ...]) -> str:
     names = " -> ".join([*loop, loop[0]]) if len(loop) < 12 else f"{' -> '.join(loop[:10])} -> ... -> {loop[0]}"
-    return f"an algebraic loop: {names}"
+    return f"algebraic loop: {names}"

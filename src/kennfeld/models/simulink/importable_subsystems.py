@@ -1,7 +1,7 @@
-"""Which subsystems of a model that is not whole can be imported by themselves, the largest first.
+"""Search for subsystems of a model that can be imported on their own, largest first.
 
-A subsystem is tried where none of its blocks is known to be unsupported; where it cannot be imported all the same,
-those within it are tried. So each block is looked at a few times at most, and the operations of all trials have an end.
+A subsystem is tried if none of its blocks is known to be unsupported; if its import fails, the subsystems within it are
+tried. Each block is therefore lowered a few times at most, and the number of operations is bounded.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,12 +21,12 @@ from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
 __all__ = ["inspect_simulink"]
 
-_SMALLEST = 2  # blocks besides ports
-_AGAIN = 4  # times that the blocks of a model are built on the search
-_MOST = 50  # subsystems told
-_MOST_ASKED = 400_000  # operations of all trials, which take some seconds
-_LEAST_ASKED = 10_000  # below which no trial is worth while
-_ENDED = "the search for subsystems that can be imported by themselves ended early: name one to look into it"
+_MIN_BLOCKS = 2  # blocks other than ports
+_MAX_TRIALS_PER_BLOCK = 4  # times that a search lowers each block
+_MAX_SUBSYSTEMS = 50  # listed in the report
+_MAX_OPERATIONS = 400_000  # in all trials, a few seconds
+_MIN_OPERATIONS = 10_000  # below this, a trial is pointless
+_LIMIT_REACHED = "the search for importable subsystems reached its limit: name a subsystem to inspect it"
 
 
 def inspect_simulink(
@@ -36,83 +36,89 @@ def inspect_simulink(
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
 ) -> ImportReport:
-    """What an import makes of a file or a subsystem and, where that stops, which subsystems within can be imported.
+    """Report on the import of a file or subsystem and, if it fails, on the subsystems that can be imported.
 
-    The arguments are those of `simulink`. Raises `InputError` where the file cannot be read, or has more blocks than
-    any model.
+    Args:
+        path: the `.slx` or `.mdl` file.
+        subsystem: path of a subsystem, None for the whole model.
+        parameters: sources of variables as in `simulink`.
+        folders: folders to search for libraries.
+        bind: blocks to replace as in `simulink`.
+
+    Raises:
+        InputError: if the file cannot be read or has too many blocks.
     """
-    opened = LoadedModel.of(path, parameters, folders)
-    system, scope, prefix = opened.system(subsystem)
-    report = ModelImport(opened, system, scope, opened.cuts(bind or {}, prefix)).inspected()
+    loaded = LoadedModel.of(path, parameters, folders)
+    system, scope, prefix = loaded.system(subsystem)
+    report = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix)).inspect()
     if report.whole:
         return report
-    search = _SubsystemSearch(opened, report, len(split_path(prefix)) if prefix else 0)
-    search.below(system, scope)
-    found = sorted(search.found, key=lambda one: (-one.blocks, one.path))
-    remarks = (*report.remarks, _ENDED) if search.ended else report.remarks
-    return replace(report, subsystems=tuple(found[:_MOST]), remarks=remarks)
+    search = _SubsystemSearch(loaded, report, len(split_path(prefix)) if prefix else 0)
+    search.search(system, scope)
+    subsystems = sorted(search.found, key=lambda subsystem: (-subsystem.blocks, subsystem.path))
+    remarks = (*report.remarks, _LIMIT_REACHED) if search.ended else report.remarks
+    return replace(report, subsystems=tuple(subsystems[:_MAX_SUBSYSTEMS]), remarks=remarks)
 
 
 class _SubsystemSearch:
-    """`left` are blocks and `asked` operations that the search may still build."""
+    """Search with a budget: `left` blocks and `asked` operations."""
 
-    def __init__(self, opened: LoadedModel, report: ImportReport, depth: int) -> None:
-        self.opened, self.depth = opened, depth
-        self.bad = {names for one in report.unsupported for names in _around(one.path)}
-        self.bad |= {names for loop in report.loops for path in loop for names in _around(path)}
-        self.left = _AGAIN * report.total + 1000
-        self.asked = _MOST_ASKED
+    def __init__(self, loaded: LoadedModel, report: ImportReport, depth: int) -> None:
+        self.loaded, self.depth = loaded, depth
+        self.bad = {names for block in report.unsupported for names in _enclosing_paths(block.path)}
+        self.bad |= {names for loop in report.loops for path in loop for names in _enclosing_paths(path)}
+        self.left = _MAX_TRIALS_PER_BLOCK * report.total + 1000
+        self.asked = _MAX_OPERATIONS
         self.found: list[ImportableSubsystem] = []
 
-    def below(self, root: System, scope: Scope) -> None:
-        """Look through the blocks of a system and all below them."""
+    def search(self, root: System, scope: Scope) -> None:
+        """Search the blocks of a system and all below them."""
         waiting = [(block, scope) for block in reversed(root.blocks)]
         while waiting and not self.ended:
             block, scope = waiting.pop()
             if block.system is None or not _is_plain(block):
                 continue
-            inside = scope.inside(block, self.opened.models)
-            one = None if split_path(block.path)[self.depth :] in self.bad else self._tried(block, inside)
-            if one is None:
+            inside = scope.inside(block, self.loaded.models)
+            subsystem = None if split_path(block.path)[self.depth :] in self.bad else self._try_import(block, inside)
+            if subsystem is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
-            elif one.blocks - len(one.inputs) - len(one.outputs) >= _SMALLEST:
-                self.found.append(one)
+            elif subsystem.blocks - len(subsystem.inputs) - len(subsystem.outputs) >= _MIN_BLOCKS:
+                self.found.append(subsystem)
 
     @property
     def ended(self) -> bool:
-        """Whether as much has been built as the search may."""
-        return self.left <= 0 or self.asked <= _LEAST_ASKED
+        """True if the budget is used up."""
+        return self.left <= 0 or self.asked <= _MIN_OPERATIONS
 
-    def _tried(self, block: ModelBlock, scope: Scope) -> ImportableSubsystem | None:
-        """The subsystem as it is imported; None where it is not whole."""
+    def _try_import(self, block: ModelBlock, scope: Scope) -> ImportableSubsystem | None:
+        """Try to import a subsystem; return None if an output is unsupported."""
         if block.system is None or not any(block.system.of("Outport")):
             return None
         try:
-            work = ModelImport(self.opened, active_content(block, scope)[0], scope)
+            attempt = ModelImport(self.loaded, active_content(block, scope)[0], scope)
         except (InputError, EvaluationError):
             return None
-        self.left -= len(work.flat.atoms)
-        work.most_asked = self.asked // 2  # what is too large leaves as much for what is within
+        self.left -= len(attempt.flat.blocks)
+        attempt.most_asked = self.asked // 2  # keep a budget for inner subsystems
         try:
-            compiler = work.woven()
-            report = work.report(compiler)
+            compiler = attempt.compile()
+            report = attempt.report(compiler)
         except InputError:
             return None
         finally:
-            self.asked -= work.asked
+            self.asked -= attempt.asked
         if not report.whole or report.unsupported:
             return None
-        outputs = tuple(port.block.name for port in work.flat.outports)
+        outputs = tuple(port.block.name for port in attempt.flat.outports)
         return ImportableSubsystem(block.path, report.total, tuple(compiler.inputs), outputs)
 
 
-def _around(path: str) -> Iterator[tuple[str, ...]]:
-    """The names along the ways to the systems around a block."""
+def _enclosing_paths(path: str) -> Iterator[tuple[str, ...]]:
     names = split_path(path)
     return (names[:count] for count in range(1, len(names) + 1))
 
 
 def _is_plain(block: ModelBlock) -> bool:
-    """Whether a block is a subsystem by what is drawn in it."""
+    """Return True if a block is a subsystem defined by its drawing."""
     drawn = (block.value("SFBlockType") or "NONE") == "NONE" and block.chart is None
     return drawn and (block.mask is None or block.mask.type not in BLOCK_TYPES)

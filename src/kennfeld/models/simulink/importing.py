@@ -1,7 +1,4 @@
-"""From a Simulink file to a model.
-
-Fields of blocks that somebody names, "Torque/Gain1:Gain": whether there are such blocks and fields.
-"""
+"""Public entry of the Simulink import."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -18,44 +15,8 @@ from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
 __all__ = ["import_simulink", "simulink"]
 
-_SHOWN = 8
-_OF_THE_DRAWING = {"Position", "ZOrder", "Ports", "SID", "Name", "FontSize", "ShowName", "BackgroundColor"}
-
-
-def check_promoted_fields(
-    path: Path, names: Collection[str], system: System, flat: FlatModel, prefix: str
-) -> list[Finding]:
-    """A finding for each field that no block has; `prefix` is the path of the imported system."""
-    return list(_misnamed(path, names, _blocks(system, flat, prefix))) if names else []
-
-
-def _misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:
-    for name in names:
-        way, _, field = name.rpartition(":")
-        block = blocks.get(way)
-        if block is None:
-            having = [path for path, one in blocks.items() if field in _fields(one)] or list(blocks)
-            remedy = nearest(way, having) or f"Blocks that have one: {', '.join(having[:_SHOWN])}."
-            yield Finding(path.name, f"there is no block {way}, whose {field} is named a parameter", remedy)
-        elif block.chart is None and field not in (fields := _fields(block)):
-            remedy = nearest(field, fields) or f"Its fields are {', '.join(list(fields)[:_SHOWN])}."
-            yield Finding(f"{path.name} {way}", f"{block.type} has no field {field}", remedy)
-
-
-def _blocks(system: System, flat: FlatModel, prefix: str) -> dict[str, ModelBlock]:
-    """The blocks by their paths from where the import begins."""
-    start = len(prefix) + 1 if prefix else 0
-    found = {block.path[start:]: block for block in system.every()}
-    return found | {atom.path: atom.block for atom in flat.atoms if not (atom.hidden or atom.made)}
-
-
-def _fields(block: ModelBlock) -> dict[str, str]:
-    """The fields of a block with what is written in them, those of its mask first."""
-    masked = {one.name: one.expression for one in block.mask.parameters} if block.mask is not None else {}
-    linked = dict(block.reference.parameters) if block.reference is not None else {}
-    usual = dict(BLOCK_TYPES[block.type].defaults) if block.type in BLOCK_TYPES else {}
-    found = {**masked, **linked, **usual, **block.defaults, **block.parameters}
-    return {name: text for name, text in found.items() if name not in _OF_THE_DRAWING}
+_MAX_LISTED = 8
+_DRAWING_FIELDS = {"Position", "ZOrder", "Ports", "SID", "Name", "FontSize", "ShowName", "BackgroundColor"}
 
 
 def simulink(
@@ -67,20 +28,30 @@ def simulink(
     folders: Iterable[str | Path] = (),
     step: float | None = None,
 ) -> Model:
-    """The model in a Simulink file, or in one of its subsystems.
+    """Import a Simulink model or one of its subsystems.
 
-    `parameters` are files (.sldd, .mat, .m, calibration files), parameter sets or mappings that give values to the
-    variables of the model; later ones win. `bind` replaces blocks by a channel or a formula over channels, by the path
-    of the block, with ":2" for its second output alone. `promote` names fields of blocks whose literals become
-    parameters, "Torque/Gain1:Gain"; a value given under such a name goes over the literal. Libraries are looked for
-    beside the file and in `folders`. `step` in s takes the place of the model's own step.
-    Raises `InputError` with every finding where an output cannot be built.
+    Args:
+        path: the `.slx` or `.mdl` file.
+        subsystem: path of the subsystem to import; None for the whole model.
+        parameters: files (`.sldd`, `.mat`, `.m`, calibration files), parameter sets or mappings that give values to the
+            variables of the model; later ones take precedence.
+        bind: channels or formulas that replace blocks, by block path; append ":2" for the second output alone.
+        promote: block fields such as "Torque/Gain1:Gain" whose literals become parameters. A value of that name in
+            `parameters` replaces the literal.
+        folders: folders to search for libraries in addition to the model's own.
+        step: time step in s that replaces the one of the model.
+
+    Returns:
+        The model.
+
+    Raises:
+        InputError: if an output is not supported, with all findings.
     """
-    found = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
-    if found.model is None:
+    result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
+    if result.model is None:
         name = Path(path).name
-        raise InputError([Finding(f"{name} {one.place}", one.message, one.remedy) for one in found.report.findings])
-    return found.model
+        raise InputError([Finding(f"{name} {f.place}", f.message, f.remedy) for f in result.report.findings])
+    return result.model
 
 
 def import_simulink(
@@ -92,11 +63,55 @@ def import_simulink(
     folders: Iterable[str | Path] = (),
     step: float | None = None,
 ) -> ImportResult:
-    """As `simulink`, with a report of what became of every block, also where the model is not whole."""
-    opened = LoadedModel.of(path, parameters, folders)
-    system, scope, prefix = opened.system(subsystem)
-    cuts = opened.cuts(bind or {}, prefix)
-    work = ModelImport(opened, system, scope, cuts, frozenset(promote), step)
-    if wrong := check_promoted_fields(opened.path, promote, system, work.flat, prefix):
+    """Import a Simulink model and report on every block; the model is None if an output is not supported.
+
+    The arguments are those of `simulink`.
+
+    Raises:
+        InputError: if the file cannot be read, or `subsystem`, `bind` or `promote` names something unknown.
+    """
+    loaded = LoadedModel.of(path, parameters, folders)
+    system, scope, prefix = loaded.system(subsystem)
+    cuts = loaded.cuts(bind or {}, prefix)
+    model_import = ModelImport(loaded, system, scope, cuts, frozenset(promote), step)
+    if wrong := check_promoted_fields(loaded.path, promote, system, model_import.flat, prefix):
         raise InputError(wrong)
-    return work.imported()
+    return model_import.run()
+
+
+def check_promoted_fields(
+    path: Path, names: Collection[str], system: System, flat: FlatModel, prefix: str
+) -> list[Finding]:
+    """Return a finding for each promoted field that no block has; `prefix` is the path of the imported system."""
+    return list(_find_misnamed(path, names, _blocks(system, flat, prefix))) if names else []
+
+
+def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:
+    for name in names:
+        field_path, _, field = name.rpartition(":")
+        block = blocks.get(field_path)
+        if block is None:
+            candidates = [path for path, block in blocks.items() if field in _fields(block)] or list(blocks)
+            remedy = (
+                nearest(field_path, candidates) or f"Blocks with this field: {', '.join(candidates[:_MAX_LISTED])}."
+            )
+            yield Finding(path.name, f"unknown block {field_path} (field {field} to promote to a parameter)", remedy)
+        elif block.chart is None and field not in (fields := _fields(block)):
+            remedy = nearest(field, fields) or f"Its fields: {', '.join(list(fields)[:_MAX_LISTED])}."
+            yield Finding(f"{path.name} {field_path}", f"{block.type} has no field {field}", remedy)
+
+
+def _blocks(system: System, flat: FlatModel, prefix: str) -> dict[str, ModelBlock]:
+    """Return the blocks by path from the imported system."""
+    start = len(prefix) + 1 if prefix else 0
+    blocks = {block.path[start:]: block for block in system.every()}
+    return blocks | {b.path: b.block for b in flat.blocks if not (b.hidden or b.synthetic)}
+
+
+def _fields(block: ModelBlock) -> dict[str, str]:
+    """Return the fields of a block as written, those of its mask first."""
+    masked = {p.name: p.expression for p in block.mask.parameters} if block.mask is not None else {}
+    linked = dict(block.reference.parameters) if block.reference is not None else {}
+    usual = dict(BLOCK_TYPES[block.type].defaults) if block.type in BLOCK_TYPES else {}
+    fields = {**masked, **linked, **usual, **block.defaults, **block.parameters}
+    return {name: text for name, text in fields.items() if name not in _DRAWING_FIELDS}

@@ -1,4 +1,4 @@
-"""A file that has been read, its links into other files followed, and values given to its variables."""
+"""A model file that has been read, with links resolved and variables collected."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ __all__ = ["LoadedModel"]
 
 @dataclass(frozen=True)
 class LoadedModel:
-    """A file that has been read, its links followed.
+    """A model file with its links resolved.
 
-    `models` are the names that referenced models see, `files` the functions beside it that code may call.
+    `models` are the names that referenced models see; `files` are function files next to the model that code may call.
     """
 
     path: Path
@@ -40,20 +40,20 @@ class LoadedModel:
     def of(
         path: str | Path, parameters: Iterable[ParameterSource] = (), folders: Iterable[str | Path] = ()
     ) -> "LoadedModel":
-        """The file, with values for its variables; raises `InputError` where it cannot be read."""
+        """Read a file and collect its variables; raise `InputError` if it cannot be read."""
         parameters, folders = tuple(parameters), tuple(folders)
         resolved = LibraryResolver(folders).resolve(read_document(path))
         document = resolved.document
         variables = collect_variables(document, parameters)
-        models = {name: Scope(_seen(one, variables)) for name, one in resolved.models.items()}
+        models = {name: Scope(_visible_variables(document, variables)) for name, document in resolved.models.items()}
         remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
         variables.update(model_properties(document, variables))
-        named = [Path(one) for one in parameters if isinstance(one, str | Path)]
+        named = [Path(source) for source in parameters if isinstance(source, str | Path)]
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
         return LoadedModel(Path(path), document, variables, models, remarks, files)
 
     def cuts(self, bind: Mapping[str, str], prefix: str) -> dict[str, str]:
-        """The formulas of cut blocks by their paths within the imported system, which `prefix` leads to."""
+        """Return the formulas of bound blocks by path within the imported system, whose path is `prefix`."""
         for key, text in bind.items():
             if not key.strip() or not text.strip():
                 message = f'"{key}" = "{text}" is empty'
@@ -61,7 +61,7 @@ class LoadedModel:
         return {_within(key, prefix): text for key, text in bind.items()}
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
-        """The system of a path, the names it sees, and its whole path; raises `InputError` where there is none."""
+        """Return the system at a path, its scope and its full path; raise `InputError` if there is none."""
         document, scope = self.document, Scope(self.variables)
         if not subsystem:
             return document.root, scope, ""
@@ -72,8 +72,8 @@ class LoadedModel:
             block = system.by_name.get(name)
             if block is None or block.system is None:
                 known = [b.path for b in document.root.every() if b.system is not None]
-                remedy = nearest(subsystem, known) or f"Its subsystems are {', '.join(known[:8])}."
-                raise InputError.of(document.path.name, f"it has no subsystem {subsystem}", remedy)
+                remedy = nearest(subsystem, known) or f"Its subsystems: {', '.join(known[:8])}."
+                raise InputError.of(document.path.name, f"unknown subsystem {subsystem}", remedy)
             if block.chart is not None:
                 return standalone_system(block, block.system), scope, join_path(*names[:-1])
             scope, system = scope.inside(block, self.models), block.system
@@ -90,7 +90,7 @@ class LoadedModel:
         cuts: Mapping[str, str] = MappingProxyType({}),
         counts: Mapping[str, int] = MappingProxyType({}),
     ) -> FlatModel:
-        """The blocks of one of its systems; raises `InputError` where there are too many."""
+        """Flatten one of its systems; raise `InputError` if it has too many blocks."""
         try:
             return flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
         except OverflowError as error:
@@ -101,10 +101,10 @@ def _within(key: str, prefix: str) -> str:
     return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
-def _seen(document: ModelDocument, around: VariableTable) -> dict[str, Variable]:
-    """The names that a referenced model sees: its own, then those of the model around it.
+def _visible_variables(document: ModelDocument, around: VariableTable) -> dict[str, Variable]:
+    """Return the names that a referenced model sees: its own before those of the parent model.
 
-    Values of calibration files go over its own where the model around it has no variable of that name.
+    Values of calibration files replace its own unless the parent model has a variable of that name.
     """
     own = collect_variables(document, (around.strangers,))
     return {**around, **own, **model_properties(document, own)}

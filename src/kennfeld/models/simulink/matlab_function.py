@@ -1,4 +1,4 @@
-"""MATLAB Function blocks: their code as a graph."""
+"""MATLAB Function blocks: arguments, results and persistent variables."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ import numpy as np
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
+from kennfeld.matlab.traversal import declares_persistent
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, AbortedPathError, ProgramError
 from kennfeld.models.imperative.library.function_registry import matlab_word
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers, aligned
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, align_dimensions
 from kennfeld.models.imperative.persistent_variables import (
     FirstCallObserver,
     Key,
     PersistentVariable,
     PersistentVariables,
-    declares_persistent,
     initial_persistents,
     late_persistents,
 )
@@ -29,92 +29,91 @@ from kennfeld.models.simulink.expressions.parameter_expressions import parameter
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.parameter_fields import named_text
+from kennfeld.models.simulink.lowering.parameter_fields import variable_field
 from kennfeld.models.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, fastest_sample_time
 from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.parameters import Axis
 
 __all__ = []
 
-_GIVE: Final = "Give it among the parameters: a script, a .mat, .sldd or calibration file."
+_GIVE: Final = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
 _BLOCK: Final = "the function of the block"
 _MOST_ROUNDS: Final = 20
 _PARAMETER: Final = "PARAMETER_DATA"
 
 
-def matlab_function(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """What the function's results are, in the order in which it names them."""
+def matlab_function(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return the results of the function in the order of its outputs."""
     try:
-        return _outputs(site)
+        return _outputs(block)
     except ProgramError as error:
         raise UnsupportedError(str(error), error.remedy) from None
     except AbortedPathError:
-        raise UnsupportedError("its code ends in an error in every case", DEFAULT_REMEDY) from None
+        raise UnsupportedError("its code ends in an error on every path", DEFAULT_REMEDY) from None
     except RecursionError:
         raise UnsupportedError("its code is nested too deeply", DEFAULT_REMEDY) from None
 
 
-def _outputs(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    script = _script(site)
+def _outputs(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    script = _script(block)
     function = script.functions[0]
-    context = _desk_of(site, {one.name: one for one in script.functions[1:]})
-    given = _given(site, function)
-    work = _Call(site, context, function, given)
-    results = work.results()
-    period = fastest_sample_time([site.wired(at).period for at in range(_ports(site))])
-    period = 0.0 if site.memories and period == CONSTANT else period
-    shown = _shown(site)
+    context = _evaluation_context(block, {function.name: function for function in script.functions[1:]})
+    values = _arguments(block, function)
+    call = _Call(block, context, function, values)
+    results = call.results()
+    period = fastest_sample_time([block.input_or_bus(at).period for at in range(_ports(block))])
+    period = 0.0 if block.memories and period == CONSTANT else period
+    shown = _output_names(block)
     named = zip(function.results, results, strict=False)
-    made = [one for name, one in named if not shown or name in shown]
-    return tuple(_wired(one, period) for one in (*made, *work.left))
+    outputs = [value for name, value in named if not shown or name in shown]
+    return tuple(_wired(value, period) for value in (*outputs, *call.left))
 
 
-def _script(site: BlockContext) -> m.Script:
+def _script(block: BlockContext) -> m.Script:
     try:
-        script = parse_script(site.atom.block.script, site.atom.path)
+        script = parse_script(block.flat.block.script, block.flat.path)
     except InputError as error:
         raise UnsupportedError(str(error.findings[0]), DEFAULT_REMEDY) from None
     if not script.functions or script.statements:
-        raise UnsupportedError("its code is no function", DEFAULT_REMEDY)
+        raise UnsupportedError("its code does not define a function", DEFAULT_REMEDY)
     return script
 
 
-def _ports(site: BlockContext) -> int:
-    """How many of its inputs are ports; the others are data stores."""
-    return site.count - len(site.atom.shared)
+def _ports(block: BlockContext) -> int:
+    """Return the number of inputs that are ports; the others are data stores."""
+    return block.input_count - len(block.flat.code_stores)
 
 
-def _shown(site: BlockContext) -> set[str]:
-    """The results that are outputs, where the block says which are."""
-    chart = site.atom.block.chart
-    return {one.name for one in chart.data if one.scope == "OUTPUT_DATA"} if chart is not None else set()
+def _output_names(block: BlockContext) -> set[str]:
+    """Return the results that are outputs, if the block specifies them."""
+    chart = block.flat.block.chart
+    return {data.name for data in chart.data if data.scope == "OUTPUT_DATA"} if chart is not None else set()
 
 
-def _desk_of(site: BlockContext, functions: Mapping[str, m.FunctionDefinition]) -> EvaluationContext:
-    """What the code of a block shares."""
-    expressions, scope = site.compiler.expressions, site.atom.scope
+def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionDefinition]) -> EvaluationContext:
+    expressions, scope = block.compiler.expressions, block.flat.scope
 
     def frozen(message: str) -> None:
-        expressions.frozen[f"{site.atom.path}: {message}"] = "it must be fixed in code"
+        expressions.frozen[f"{block.flat.path}: {message}"] = "it must be constant in code"
 
     return EvaluationContext(
-        site.builder,
-        workspace=partial(resolve_parameter, expressions, scope, enumeration=site.compiler.files.enumeration),
+        block.builder,
+        workspace=partial(resolve_parameter, expressions, scope, enumeration=block.compiler.files.enumeration),
         number=partial(parameter_value_at, expressions),
         functions=dict(functions),
-        find=site.compiler.files.find,
+        find=block.compiler.files.find,
         frozen=frozen,
-        remark=lambda sentence: site.remark(f"calls a function of bits: {sentence}"),
-        tables=partial(_looked_up, site),
+        remark=lambda sentence: block.remark(f"calls a bit function: {sentence}"),
+        tables=partial(_look_up, block),
     )
 
 
-def _looked_up(
-    site: BlockContext, name: str, axes: list[tuple[Numbers, str]], places: list[Nodes], beyond: str
+def _look_up(
+    block: BlockContext, name: str, axes: list[tuple[Numbers, str]], places: list[Nodes], beyond: str
 ) -> Nodes | None:
-    """A lookup of the variable of a name; None where it is none, or does not fit its breakpoints."""
+    """Look up a variable as a table; None if it is not one, or does not match its breakpoints."""
     try:
-        table = named_text(site, name)
+        table = variable_field(block, name)
         made_axes = [Axis(points, name=group) for points, group in axes]
     except (UnsupportedError, ArgumentError):
         return None
@@ -122,120 +121,114 @@ def _looked_up(
     values = table.values.ravel() if len(shape) == 1 else table.values
     if values.shape != shape:
         return None
-    made = site.compiler.declared.table(table.name, values, made_axes, table.variable, False, beyond)
-    spread = np.broadcast_arrays(*aligned(*places))
-    columns = zip(*(one.ravel() for one in spread), strict=True)
-    nodes = [site.builder.lookup(made.name, *(int(node) for node in place)) for place in columns]
+    parameter = block.compiler.declared.table(table.name, values, made_axes, table.variable, False, beyond)
+    spread = np.broadcast_arrays(*align_dimensions(*places))
+    columns = zip(*(coordinate.ravel() for coordinate in spread), strict=True)
+    nodes = [block.builder.lookup(parameter.name, *(int(node) for node in place)) for place in columns]
     return np.array(nodes, dtype=np.int64).reshape(spread[0].shape)
 
 
-# arguments and results
-
-
-def _given(site: BlockContext, function: m.FunctionDefinition) -> list[SymbolicValue]:
-    """The arguments in their order: inputs, and parameters where the block says so or no input is left."""
-    chart = site.atom.block.chart
-    fixed = {one.name for one in chart.data if one.scope == _PARAMETER} if chart is not None else set()
-    expressions, made, at = site.compiler.expressions, list[SymbolicValue](), 0
+def _arguments(block: BlockContext, function: m.FunctionDefinition) -> list[SymbolicValue]:
+    """Return the arguments in order: inputs, and parameters if specified or if no input is left."""
+    chart = block.flat.block.chart
+    fixed = {data.name for data in chart.data if data.scope == _PARAMETER} if chart is not None else set()
+    expressions, values, at = block.compiler.expressions, list[SymbolicValue](), 0
     for name in function.parameters:
-        if name not in fixed and at < _ports(site):
-            made.append(_typed(site, at, name))
+        if name not in fixed and at < _ports(block):
+            values.append(_input_value(block, at, name))
             at += 1
             continue
-        held = resolve_parameter(expressions, site.atom.scope, name)
-        if held is None and name in fixed:
+        value = resolve_parameter(expressions, block.flat.scope, name)
+        if value is None and name in fixed:
             raise UnsupportedError(f"its parameter {name} has no value", _GIVE, name)
-        made.append(held if held is not None else InvalidValue(f"{name} is a parameter that has no value", _GIVE))
-    return made
+        values.append(value if value is not None else InvalidValue(f"the parameter {name} has no value", _GIVE))
+    return values
 
 
-def _typed(site: BlockContext, at: int, name: str) -> SymbolicValue:
-    """An input as a variable, of the integer type that the block states for it or that its signal has."""
-    held, chart = _held(site.wired(at)), site.atom.block.chart
-    stated = next((one.type for one in chart.data if one.name == name), "") if chart is not None else ""
-    word = matlab_word(stated) or integer_type_of(site.source(at))
-    return integers(held, word) if isinstance(held, np.ndarray) else held
+def _input_value(block: BlockContext, at: int, name: str) -> SymbolicValue:
+    """Return an input as a variable with the integer type that the block or its signal specifies."""
+    value, chart = _to_symbolic(block.input_or_bus(at)), block.flat.block.chart
+    stated = next((data.type for data in chart.data if data.name == name), "") if chart is not None else ""
+    word = matlab_word(stated) or integer_type_of(block.source(at))
+    return integers(value, word) if isinstance(value, np.ndarray) else value
 
 
-def _held(wired: SignalOrBus) -> SymbolicValue:
-    """A signal as a variable: a vector is a column, a bus a struct."""
+def _to_symbolic(wired: SignalOrBus) -> SymbolicValue:
+    """Return a signal as a variable: a vector as a column, a bus as a struct."""
     if isinstance(wired, Bus):
-        return SymbolicStruct({name: _held(member) for name, member in wired.members.items()})
+        return SymbolicStruct({name: _to_symbolic(member) for name, member in wired.members.items()})
     return wired.nodes.reshape(-1, 1) if wired.nodes.ndim == 1 else wired.nodes
 
 
-def _wired(held: SymbolicValue, period: float) -> SignalOrBus:
-    if isinstance(held, SymbolicStruct):
-        return Bus({name: _wired(field_of(held, name), period) for name in held.fields})
-    if isinstance(held, InvalidValue):
-        raise ProgramError(held.why, held.remedy or DEFAULT_REMEDY)
-    if not isinstance(held, np.ndarray) or held.size == 0:
-        raise ProgramError("an output of it is neither numbers nor a struct of them")
-    return Signal(as_vector(np.asarray(held)), period)
-
-
-# memory
+def _wired(nodes: SymbolicValue, period: float) -> SignalOrBus:
+    if isinstance(nodes, SymbolicStruct):
+        return Bus({name: _wired(field_of(nodes, name), period) for name in nodes.fields})
+    if isinstance(nodes, InvalidValue):
+        raise ProgramError(nodes.why, nodes.remedy or DEFAULT_REMEDY)
+    if not isinstance(nodes, np.ndarray) or nodes.size == 0:
+        raise ProgramError("one of its outputs is neither numeric nor a struct of numbers")
+    return Signal(as_vector(np.asarray(nodes)), period)
 
 
 @dataclass(eq=False)
 class _Call:
-    """The call of a block's function in a step, with the variables that it keeps for the next one."""
+    """Call of a block's function in one step, with its persistent variables."""
 
-    site: BlockContext
+    block: BlockContext
     context: EvaluationContext
     function: m.FunctionDefinition
     given: list[SymbolicValue]
     left: tuple[SymbolicValue, ...] = ()
 
     def results(self) -> tuple[SymbolicValue, ...]:
-        """The results, the memories of persistent variables being read and written."""
+        """Call the function, and read and write its persistent variables."""
         if not self._remembers():
-            return self._run(self._begun())
-        known = self._scouted()
+            return self._run(self._prepare())
+        known = self._observe_first_call()
         for _ in range(_MOST_ROUNDS):
-            body = self._begun()
-            made = PersistentVariables(self.context, self._remember)
+            body = self._prepare()
+            persistent = PersistentVariables(self.context, self._remember)
             for key, memory in known.items():
-                body.state.kept[key] = made.begun(memory, partial(self._left, body, key))
+                body.state.kept[key] = persistent.begun(memory, partial(self._left, body, key))
             results = self._run(body)
             more = late_persistents(self.context, body.state.kept, known)
             if not more:
                 return results
             known |= more
-        raise ProgramError("its persistent variables do not settle")
+        raise ProgramError("the sizes of its persistent variables cannot be determined")
 
-    def _begun(self) -> StatementInterpreter:
-        """The code before its call, with what the data stores hold that it uses."""
+    def _prepare(self) -> StatementInterpreter:
+        """Prepare an interpreter with the contents of the data stores that the code uses."""
         body = StatementInterpreter(self.context)
-        for at, name in enumerate(self.site.atom.shared, _ports(self.site)):
-            body.state.kept[GLOBAL, name] = _held(self.site.wired(at))
+        for at, name in enumerate(self.block.flat.code_stores, _ports(self.block)):
+            body.state.kept[GLOBAL, name] = _to_symbolic(self.block.input_or_bus(at))
         return body
 
     def _left(self, body: StatementInterpreter, key: Key) -> SymbolicValue | None:
         return body.state.kept.get(key)
 
     def _remembers(self) -> bool:
-        return any(declares_persistent(one.body) for one in (self.function, *self.context.functions.values()))
+        return any(declares_persistent(function.body) for function in (self.function, *self.context.functions.values()))
 
     def _run(self, body: StatementInterpreter) -> tuple[SymbolicValue, ...]:
         self.context.statements = 0
         before = dict(body.state.kept)
         results = body.call(self.function, self.given, len(self.function.results), _BLOCK)
-        self.left = tuple(self._end_of(body, before, name) for name in self.site.atom.shared)
+        self.left = tuple(self._final_value(body, before, name) for name in self.block.flat.code_stores)
         return results
 
-    def _end_of(self, body: StatementInterpreter, before: Mapping[Key, SymbolicValue], name: str) -> SymbolicValue:
-        """What the call leaves in a data store."""
-        made = body.state.kept[GLOBAL, name]
-        if made is not before[GLOBAL, name] and name not in names_assigned_by_functions(self.site.atom.block.script):
+    def _final_value(self, body: StatementInterpreter, before: Mapping[Key, SymbolicValue], name: str) -> SymbolicValue:
+        value = body.state.kept[GLOBAL, name]
+        if value is not before[GLOBAL, name] and name not in names_assigned_by_functions(self.block.flat.block.script):
             raise ProgramError(
-                f"a function in a file writes the data store {name}", "Write it in the block's own code."
+                f"a function file writes the data store {name}, which is not supported",
+                "Write the data store in the block's own code.",
             )
-        return made
+        return value
 
-    def _scouted(self) -> dict[Key, PersistentVariable]:
-        """What the first call makes of persistent variables."""
-        body = self._begun()
+    def _observe_first_call(self) -> dict[Key, PersistentVariable]:
+        """Return the persistent variables as the first call creates them."""
+        body = self._prepare()
         scout = FirstCallObserver(self.context, body)
         body.watch = scout.watch
         self._run(body)
@@ -248,4 +241,4 @@ class _Call:
             except ProgramError as error:
                 raise UnsupportedError(str(error), error.remedy) from None
 
-        return self.site.remember(Signal(init, CONSTANT), then).nodes
+        return self.block.discrete_state(Signal(init, CONSTANT), then).nodes

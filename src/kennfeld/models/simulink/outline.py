@@ -1,4 +1,4 @@
-"""What is in a Simulink file, at a glance: interfaces, blocks by type, solver, and where its numbers come from."""
+"""Summary of a Simulink file: interface, blocks by type, solver, and sources of its numbers."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -30,7 +30,7 @@ _OF_SIMULINK, _MISSING = "Simulink", "not found"
 
 @dataclass(frozen=True)
 class Port:
-    """An input or output at the root: its name, and its unit where the file states one."""
+    """A root input or output: name, and unit if the file specifies one."""
 
     name: str
     unit: str = ""
@@ -38,7 +38,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Subsystem:
-    """A subsystem: its path, what it is besides ("enabled", "masked", "Chart"), its ports and blocks."""
+    """A subsystem: path, kinds ("enabled", "masked", "Chart"), numbers of ports and blocks."""
 
     path: str
     kind: str
@@ -49,7 +49,7 @@ class Subsystem:
 
 @dataclass(frozen=True)
 class ExternalReference:
-    """A library block or model that is referred to: how often, and the file it comes from."""
+    """A referenced library block or model: number of uses, and the file it comes from."""
 
     source: str
     type: str
@@ -59,7 +59,7 @@ class ExternalReference:
 
 @dataclass(frozen=True)
 class DataSource:
-    """A place where variables may come from, in words."""
+    """A source of variables, described in words."""
 
     kind: str
     name: str
@@ -68,9 +68,9 @@ class DataSource:
 
 @dataclass(frozen=True)
 class ModelOutline:
-    """A Simulink file at a glance; `problems` are what `Libraries.resolve` and the dictionaries had to say.
+    """Summary of a Simulink file; `problems` come from resolving links and reading dictionaries.
 
-    `blocks` counts by type, in falling order, with the content of libraries and referenced models that were found.
+    `blocks` counts blocks by type, most frequent first, including resolved libraries and referenced models.
     """
 
     file: str
@@ -90,7 +90,7 @@ class ModelOutline:
     remarks: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """The same in containers that JSON knows."""
+        """Return the summary as JSON-compatible containers."""
         charts = [dict(zip(("path", "kind", "states", "transitions"), chart, strict=True)) for chart in self.charts]
         functions = [{"path": path, "lines": lines} for path, lines in self.functions]
         problems = [str(problem) for problem in self.problems]
@@ -98,10 +98,14 @@ class ModelOutline:
 
 
 def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> ModelOutline:
-    """The outline of a `.slx` or `.mdl` file; libraries, models and dictionaries are looked for beside it.
+    """Summarize a model without importing it.
 
-    `folders` are further places to look for libraries. Raises `InputError` where the file itself cannot be read; what
-    is wrong with files it refers to is among the problems.
+    Args:
+        path: the `.slx` or `.mdl` file.
+        folders: folders to search for libraries in addition to the model's own.
+
+    Raises:
+        InputError: if the file itself cannot be read. Errors in referenced files are among the problems.
     """
     document = read_document(path)
     resolved = LibraryResolver(folders).resolve(document)
@@ -127,9 +131,9 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
 
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
-    """The ports of a system in the order of their numbers."""
-    found = sorted(system.of(kind), key=port_number)
-    return tuple(Port(block.name, _unit(block)) for block in found)
+    """Return the ports of a system by number."""
+    blocks = sorted(system.of(kind), key=port_number)
+    return tuple(Port(block.name, _unit(block)) for block in blocks)
 
 
 def _unit(block: ModelBlock) -> str:
@@ -156,7 +160,6 @@ def _charts(blocks: Iterable[ModelBlock]) -> Iterator[tuple[str, str, int, int]]
 
 
 def _connections(resolved: ResolvedModel) -> Iterator[ExternalReference]:
-    """The links by what they lead to."""
     counts: Counter[tuple[str, str]] = Counter()
     for block in resolved.document.root.every():
         if block.reference is not None:
@@ -180,11 +183,11 @@ def _found(source: str, kind: str, resolved: ResolvedModel) -> str:
 def _sources(document: ModelDocument) -> tuple[list[DataSource], list[Finding]]:
     problems: list[Finding] = []
     dictionaries = [_dictionary(document, name, problems) for name in document.dictionaries]
-    found = [*_workspace(document), *_callbacks(document), *dictionaries]
+    sources = [*_workspace(document), *_callbacks(document), *dictionaries]
     masks = sum(len(block.mask.parameters) for block in document.root.every() if block.mask is not None)
     if masks:
-        found.append(DataSource("masks", "", f"{masks} parameters"))
-    return found, problems
+        sources.append(DataSource("masks", "", f"{masks} parameters"))
+    return sources, problems
 
 
 def _workspace(document: ModelDocument) -> Iterator[DataSource]:
@@ -195,7 +198,7 @@ def _workspace(document: ModelDocument) -> Iterator[DataSource]:
         yield DataSource("model workspace", workspace.text, _there(document.path.parent, workspace.text))
     elif workspace.kind != "none":
         data = workspace_variables(workspace)
-        unread = f", not readable: {', '.join(data.unreadable)}" if any(data.unreadable) else ""
+        unread = f", unreadable: {', '.join(data.unreadable)}" if any(data.unreadable) else ""
         unread = unread or (f", {data.unreadable['']}" if data.unreadable else "")
         yield DataSource("model workspace", "in the file", f"{len(data.entries)} variables{unread}")
 
@@ -213,17 +216,17 @@ def _dictionary(document: ModelDocument, name: str, problems: list[Finding]) -> 
         data = read_dictionary(path).data
     except InputError as error:
         problems += error.findings
-        return DataSource("data dictionary", name, "not readable")
-    unread = f", not readable: {', '.join(data.unreadable)}" if data.unreadable else ""
+        return DataSource("data dictionary", name, "unreadable")
+    unread = f", unreadable: {', '.join(data.unreadable)}" if data.unreadable else ""
     return DataSource("data dictionary", name, f"{len(data.entries)} variables{unread}")
 
 
 def _first_line(code: str) -> str:
-    """The first line of a code that is not empty, and how many follow."""
+    """Return the first non-empty line of code, and the number of lines."""
     lines = [line.strip() for line in code.splitlines() if line.strip()]
     more = f" ... ({len(lines)} lines)" if len(lines) > 1 else ""
     return (lines[0][:80] if lines else "") + more
 
 
 def _there(folder: Path, name: str) -> str:
-    return "beside the model" if Path(name).name == name and (folder / name).is_file() else _MISSING
+    return "next to the model" if Path(name).name == name and (folder / name).is_file() else _MISSING

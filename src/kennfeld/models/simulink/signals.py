@@ -1,10 +1,7 @@
-"""What a block's rule works with: the block's parameters, its inputs, memory, and the graph under construction.
-
-What a wire carries while a model is built: an array of graph nodes, or a bus of named signals.
-"""
+"""Signals during lowering: arrays of graph nodes, or buses of named signals."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -26,6 +23,7 @@ __all__ = [
     "fit_to_shape",
     "leaf_signals",
     "scalar",
+    "size_text",
 ]
 
 CONSTANT = math.inf
@@ -34,10 +32,10 @@ CONTINUOUS = 0.0
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix; a scalar is (1,).
+    """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix, (1,) for a scalar.
 
-    `period` is the sample time in s: 0 where it may change at any time, infinite where it never does. `sound` is false
-    for what stands in for a signal that could not be built.
+    `period` is the sample time in s: 0 if it may change at any time, infinite if it is constant. `sound` is False for
+    placeholders of unsupported signals.
     """
 
     nodes: Nodes
@@ -46,61 +44,61 @@ class Signal:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape of the array of nodes."""
+        """Shape of the array of nodes."""
         return self.nodes.shape
 
     @property
     def size(self) -> int:
-        """How many scalar signals it is made of."""
+        """Number of elements."""
         return self.nodes.size
 
     @property
     def flat(self) -> list[int]:
-        """The nodes, columns first."""
+        """Nodes, column by column."""
         return [int(node) for node in self.nodes.ravel(order="F")]
 
     @property
     def elements(self) -> "list[Signal]":
-        """The scalar signals that it is made of, columns first."""
+        """Scalar signals, column by column."""
         return [scalar(node, self.period) for node in self.flat]
 
 
 def scalar(node: int, period: float = CONTINUOUS) -> Signal:
-    """A signal of one node."""
+    """Return a signal of one node."""
     return Signal(np.array([node], dtype=np.int64), period)
 
 
 @dataclass(frozen=True, eq=False)
 class Bus:
-    """Named signals, in the order of the bus."""
+    """Named signals in bus order."""
 
     members: Mapping[str, "SignalOrBus"] = field(default_factory=dict)
 
     @property
     def sound(self) -> bool:
-        """Whether all of its signals could be built."""
+        """True if all its signals are supported."""
         return all(member.sound for member in self.members.values())
 
     @property
     def period(self) -> float:
-        """The shortest sample time of its signals."""
+        """Shortest sample time of its signals."""
         return fastest_sample_time(member.period for member in self.members.values())
 
     def member(self, name: str) -> "SignalOrBus | None":
-        """The signal or bus of a name; None where there is none."""
+        """Return the signal or bus of a name, None if there is none."""
         return self.members.get(name)
 
     def assigned(self, name: str, new: "SignalOrBus") -> "Bus":
-        """The bus with one of its signals replaced."""
+        """Return the bus with one signal replaced."""
         return replace(self, members={**self.members, name: new})
 
 
 @dataclass(frozen=True, eq=False)
 class ExternalBus(Bus):
-    """A bus from outside, of which only those signals are known that something picks: each is an input of its own.
+    """A bus input of the model whose signals are known only by use: each selected one is an input of its own.
 
-    `name` is the way to it, "engine.speed"; `node` gives the node of an input. `members` are those that were replaced.
-    Where it is taken as a signal, it is one.
+    `name` is its path, "engine.speed"; `node` returns the node of an input. `members` are signals that were replaced.
+    Used as a signal, it is a scalar input.
     """
 
     name: str = ""
@@ -113,11 +111,11 @@ class ExternalBus(Bus):
 
     @property
     def signal(self) -> Signal:
-        """The scalar signal that it is where nothing is picked of it."""
+        """The scalar input that it is if no signal is selected."""
         return Signal(np.array([self.node(self.name)], dtype=np.int64))
 
     def member(self, name: str) -> "SignalOrBus":
-        """The signal of a name, which may be a bus again."""
+        """Return the signal of a name, which may itself be a bus."""
         return self.members.get(name) or ExternalBus(name=f"{self.name}.{name}", node=self.node)
 
 
@@ -125,7 +123,7 @@ SignalOrBus: TypeAlias = Signal | Bus
 
 
 def leaf_signals(wired: SignalOrBus, name: str = "") -> Iterator[tuple[str, Signal]]:
-    """The signals of a bus with their names along the way, `a.b`; a signal alone has the given name."""
+    """Yield the signals of a bus with their paths `a.b`; a single signal has the given name."""
     if isinstance(wired, ExternalBus):
         wired = wired.signal
     if isinstance(wired, Signal):
@@ -136,7 +134,7 @@ def leaf_signals(wired: SignalOrBus, name: str = "") -> Iterator[tuple[str, Sign
 
 
 def fastest_sample_time(periods: "Iterator[float] | list[float]") -> float:
-    """The sample time of what is computed from signals of these sample times.
+    """Return the sample time of a result computed from signals with these sample times.
 
     >>> fastest_sample_time([0.1, float("inf"), 0.5]), fastest_sample_time([])
     (0.1, inf)
@@ -145,7 +143,8 @@ def fastest_sample_time(periods: "Iterator[float] | list[float]") -> float:
 
 
 def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:
-    """The shape of an elementwise result: scalars expand, a vector fits a matrix of one row or column; else None.
+    """Return the shape of an elementwise result, or None: scalars broadcast, a vector matches a one-row or -column
+    matrix.
 
     >>> common_shape((1,), (3,)), common_shape((3,), (3, 1)), common_shape((2,), (3,))
     ((3,), (3, 1), None)
@@ -159,18 +158,23 @@ def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:
 
 
 def as_vector(nodes: Nodes) -> Nodes:
-    """An array of one row or column as a vector; others as they are."""
+    """Return an array of one row or column as a vector, others unchanged."""
     return nodes.ravel() if nodes.ndim == 2 and 1 in nodes.shape else nodes
 
 
 def fit_to_shape(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
-    """Nodes in a shape that they fit: a scalar everywhere, a vector as a row or column.
-
-    Raises `NoValueError` where they do not fit it.
-    """
+    """Return nodes broadcast or reshaped to a shape; raise `EvaluationError` if they do not match it."""
     if nodes.shape == shape:
         return nodes
     if nodes.size not in (1, math.prod(shape)):
-        wanted = "x".join(map(str, shape))
-        raise EvaluationError(f"{nodes.size} values stand where its signal has the size {wanted}")
+        raise EvaluationError(f"its value has {nodes.size} elements, but its signal has size {size_text(shape)}")
     return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)
+
+
+def size_text(shape: Iterable[int]) -> str:
+    """Return the sizes along the dimensions as text.
+
+    >>> size_text((2, 3))
+    '2 x 3'
+    """
+    return " x ".join(map(str, shape))

@@ -1,4 +1,4 @@
-"""Grid reduction: a table on every nth of its breakpoints, and back on all of them by interpolation."""
+"""Grid reduction: tables on every nth of their breakpoints, interpolated back to the full grid afterwards."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,29 +13,29 @@ from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["kept", "penalty_ratio", "reduced", "reduced_table", "refined", "refined_table"]
+__all__ = ["kept_breakpoints", "penalty_ratio", "reduce_problem", "reduce_table", "refine_parameters", "refine_table"]
 
 
-def kept(count: int, factor: int) -> Int:
-    """The breakpoints that stay when every nth is kept: the ends, and others as evenly between them as can be.
+def kept_breakpoints(count: int, factor: int) -> Int:
+    """Return the breakpoints kept if every nth is: the ends, and others spread evenly between them.
 
-    >>> kept(10, 2), kept(6, 2), kept(9, 2), kept(3, 5)
+    >>> kept_breakpoints(10, 2), kept_breakpoints(6, 2), kept_breakpoints(9, 2), kept_breakpoints(3, 5)
     (array([0, 2, 4, 7, 9]), array([0, 2, 5]), array([0, 2, 4, 6, 8]), array([0, 2]))
     """
-    left = min(count, max(2, -(-count // factor)))
-    places: Int = np.round(np.linspace(0, count - 1, left)).astype(np.int64)
-    return places
+    size = min(count, max(2, -(-count // factor)))
+    numbers: Int = np.round(np.linspace(0, count - 1, size)).astype(np.int64)
+    return numbers
 
 
-def reduced_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
-    """The table at the breakpoints that stay, with the bounds and locks of these grid points.
+def reduce_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
+    """Return a table at the kept breakpoints, with the bounds and locks of these grid points.
 
-    Those of the grid `points`, as flat numbers, stay in any case. Axes lose their group: other tables of it keep all
-    breakpoints.
+    Those of the grid `points`, given as flat indices, are always kept. Axes leave their group, whose other tables keep
+    all breakpoints.
     """
     needed = [np.unravel_index(each, parameter.values.shape) for each in points]
     places = [
-        np.unique(np.concatenate([kept(len(axis), factor), *(at[i] for at in needed)]))
+        np.unique(np.concatenate([kept_breakpoints(len(axis), factor), *(at[i] for at in needed)]))
         for i, (axis, factor) in enumerate(zip(parameter.axes, factors, strict=True))
     ]
     if all(place.size == len(axis) for place, axis in zip(places, parameter.axes, strict=True)):
@@ -48,8 +48,8 @@ def reduced_table(parameter: Parameter, factors: Sequence[int], points: Sequence
     return parameter.changed(axes=tuple(axes), **arrays)
 
 
-def refined_table(coarse: Parameter, like: Parameter) -> Parameter:
-    """The surface of a reduced table at all grid points of `like`, which keeps its locked values and its bounds."""
+def refine_table(coarse: Parameter, like: Parameter) -> Parameter:
+    """Interpolate a reduced table to all grid points of `like`, whose locked values and bounds are kept."""
     values = coarse.values
     for i, (before, after) in enumerate(zip(coarse.axes, like.axes, strict=True)):
         if len(before) != len(after):
@@ -60,11 +60,11 @@ def refined_table(coarse: Parameter, like: Parameter) -> Parameter:
 
 
 def penalty_ratio(full: Parameter, coarse: Parameter, axis: int) -> float:
-    """How many times larger the roughness along an axis is on the coarse grid, for the same surface.
+    """Return the ratio of the roughness along an axis on the coarse grid to that on the full grid, for one surface.
 
     A surface with the second derivative c along the axis has second differences c h^2, h being the mean spacing, on
-    even and on uneven axes; so R = lines (N - 2) / N (c h^2)^2. The ratio is exact where c is the same everywhere. For
-    a curve of many points on twice the spacing it is 16. It is 1 where a grid is too small to be rough.
+    even and on uneven axes; so R = lines (N - 2) / N (c h^2)^2. The ratio is exact if c is constant. For a curve of
+    many points on twice the spacing it is 16. It is 1 if a grid is too small to have a roughness.
     """
     sizes = [_size(table, axis) for table in (full, coarse)]
     return sizes[1] / sizes[0] if min(sizes) > 0 else 1.0
@@ -79,16 +79,15 @@ def _size(table: Parameter, axis: int) -> float:
     return table.size / count * (count - 2) / count * spacing**4
 
 
-def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
-    """The problem with the named tables on coarse grids; smoothness keeps the penalty of a surface as it was.
+def reduce_problem(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
+    """Return the problem with the named tables on coarse grids.
 
-    A factor that is automatic stays so: it is chosen on the coarse grid.
-
-    Breakpoints around a pin, or a value that an equality names, stay, so that these can be met as before; so does the
-    grid of a table whose values are summed.
+    Smoothness factors are scaled so that a surface keeps its penalty; automatic ones are chosen on the coarse grid.
+    Breakpoints around pins and around values in equalities are kept, so that these can be satisfied as before; so is
+    the grid of a table whose values are summed.
     """
     tables = {
-        name: reduced_table(problem.parameters[name], each, list(_needed(problem, name)))
+        name: reduce_table(problem.parameters[name], each, list(_needed(problem, name)))
         for name, each in factors.items()
     }
     changed = [table for name, table in tables.items() if table is not problem.parameters[name]]
@@ -110,7 +109,7 @@ def reduced(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
 
 
 def _needed(problem: Problem, name: str) -> Iterator[Int]:
-    """The grid points that pins and equalities name."""
+    """Return the grid points used by pins and equalities."""
     terms = [Term(pin.parameter, pin.at) for pin in problem.pins]
     terms += [term for each in problem.constraints if isinstance(each, Equality) for term in each.terms]
     for term in terms:
@@ -118,13 +117,13 @@ def _needed(problem: Problem, name: str) -> Iterator[Int]:
             yield grid_points(problem.parameters[name], term.at)[0]
 
 
-def refined(coarse: ParameterSet, full: ParameterSet) -> ParameterSet:
-    """The values of a set with reduced tables, on the grids of `full`."""
+def refine_parameters(coarse: ParameterSet, full: ParameterSet) -> ParameterSet:
+    """Interpolate reduced tables to the grids of `full`."""
     return full.with_parameters(
         *(
-            full[name].with_values(found.values)
-            if found.values.shape == full[name].values.shape
-            else refined_table(found, full[name])
-            for name, found in coarse.items()
+            full[name].with_values(table.values)
+            if table.values.shape == full[name].values.shape
+            else refine_table(table, full[name])
+            for name, table in coarse.items()
         )
     )

@@ -1,4 +1,4 @@
-"""A calibration from several starts, through the steps of a sequence, and on from where it was saved."""
+"""Calibration from several starts, through the steps of a sequence, and resumed from checkpoints."""
 
 import os
 import time
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Float, silent
+from kennfeld.arrays import Float, ignore_floating_errors
 from kennfeld.errors import Finding, InputError
 from kennfeld.free_axes import breakpoints_by_name
 from kennfeld.optimize import fit
@@ -15,7 +15,7 @@ from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem, bound_time_constants
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.search.start_runner import (
     STOPPED,
     StartOutcome,
@@ -24,15 +24,16 @@ from kennfeld.optimize.search.start_runner import (
     skipped_start,
     with_values,
 )
-from kennfeld.optimize.search.starts import distance, drawn_start
+from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.tuning.automatic_settings import resolve_automatic, single_start
 from kennfeld.threads import blas_threads
 
 __all__ = ["run"]
 
-SAME = 1e-9  # relative difference of two costs that is rounding
+COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
 
 def run(
@@ -44,13 +45,21 @@ def run(
     keep: CheckpointSink | None = None,
     resumed: Mapping[int, Checkpoint] | None = None,
 ) -> Result:
-    """Calibrate. `progress` hears of every accepted step and may raise `Stop`.
+    """Calibrate a problem.
 
-    `keep` gets every nth accepted parameter set, as `options.save_every` says, and where each start ended. `resumed`
-    are saved states by the number of their start; those starts go on from there. Raises `InputError` where there is
-    nothing to fit, or a step or a saved state does not suit the problem. All that can happen afterwards is a status.
+    Args:
+        problem: the problem.
+        options: options of the search.
+        progress: called after every accepted step; may raise `Stop`.
+        seconds: time spent before, for the account of the time.
+        keep: receives every nth accepted parameter set (`options.save_every`), and the end of each start.
+        resumed: checkpoints from which to resume, by the number of the start.
+
+    Raises:
+        InputError: there is nothing to fit, or a step or a checkpoint does not fit the problem. A search that fails
+            later is a `Result` with a status.
     """
-    with silent():
+    with ignore_floating_errors():
         return _run(problem, options, progress, seconds or Seconds(), keep, resumed)
 
 
@@ -64,10 +73,6 @@ def _run(
 ) -> Result:
     problem = bound_time_constants(problem)
     if problem.unknown_shifts or problem.automatic_names:
-        from kennfeld.optimize.tuning.automatic_settings import (
-            resolve_automatic,  # only here: many runs have nothing to decide
-        )
-
         return resolve_automatic(
             problem,
             options,
@@ -77,17 +82,11 @@ def _run(
         )
     if options.starts == 1 and not (options.steps or options.save_every or resumed):
         result = fit.run(problem, options, progress, seconds)
-        return replace(result, starts=(_row(result),))
+        return replace(result, starts=(single_start(result),))
     findings = check_steps(problem, options.steps)
     if findings:
         raise InputError(findings)
     return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
-
-
-def _row(result: Result) -> StartResult:
-    """The only start."""
-    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
-    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
 
 
 class _Multistart:
@@ -106,96 +105,96 @@ class _Multistart:
         self.whole = sequence_problem(problem, options.steps)
         self.workers = min(options.workers or _cores(), options.starts)
         self.trace: list[TraceLine] = []
-        self.climbs: dict[int, StartOutcome] = {}
-        self.went_on: list[str] = []
-        self.alone = False  # although several processes were wanted
+        self.outcomes: dict[int, StartOutcome] = {}
+        self.resumed_names: list[str] = []
+        self.without_workers = False  # although several processes were requested
         self.began = time.perf_counter()
 
     def result(self, seconds: Seconds) -> Result:
-        elsewhere = self.workers > 1 or bool(self.options.steps)
-        options = replace(self.options, continuation="off") if elsewhere else self.options
+        # workers and steps compile their own smoothed problems
+        separate = self.workers > 1 or bool(self.options.steps)
+        options = replace(self.options, continuation="off") if separate else self.options
         ready = FitRun(self.whole, options, None, seconds)
         with blas_threads(ready.exact.values.free):
             result = ready.result(lambda start, limits: self._search(ready, start, limits))
-        if not self.climbs:  # the limits contradict each other
-            return replace(result, starts=(_row(result),))
+        if not self.outcomes:  # the limits contradict each other
+            return replace(result, starts=(single_start(result),))
         best = self._best()
-        rows = [replace(c.row, distance=distance(c.values, best.values)) for _, c in sorted(self.climbs.items())]
+        rows = [replace(o.row, distance=distance(o.values, best.values)) for _, o in sorted(self.outcomes.items())]
         trace = sorted(self.trace, key=lambda line: line.start)
         return replace(
             result,
             trace=tuple(trace),
             starts=tuple(rows),
-            resumed=tuple(self.went_on),
+            resumed=tuple(self.resumed_names),
             smoothness={name: dict(factors) for name, factors in best.smoothness.items()},
         )
 
     def _search(self, ready: FitRun, start: Float, limits: LinearLimits) -> SolverResult:
-        """The best end of all starts, as values of the whole problem."""
-        climber = StartRunner(self.problem, self.options, ready)
-        begins = list(self._begins(climber, self._off_saddle(ready, start, limits)))
-        if self.workers > 1 and len(begins) > 1:
-            from kennfeld.optimize.search.worker_pool import climb_in_parallel
+        """Run all starts and return the best end as values of the whole problem."""
+        runner = StartRunner(self.problem, self.options, ready)
+        points = list(self._start_points(runner, self._off_saddle(ready, start, limits)))
+        if self.workers > 1 and len(points) > 1:
+            from kennfeld.optimize.search.worker_pool import run_in_parallel
 
-            work = (self.problem, self.options, begins, self.workers)
-            self.climbs |= {c.row.start: c for c in climb_in_parallel(*work, self._report, self._save)}
-        left = [begin for begin in begins if begin.start not in self.climbs]
-        self.alone = self.workers > 1 and len(left) > 1
-        self.climbs |= {c.row.start: c for c in _climb_in_turn(climber, left, self._report, self._save)}
-        if not self.trace and all(climb.row.status == "stopped" for climb in self.climbs.values()):
+            work = (self.problem, self.options, points, self.workers)
+            self.outcomes |= {o.row.start: o for o in run_in_parallel(*work, self._report, self._save)}
+        rest = [point for point in points if point.start not in self.outcomes]
+        self.without_workers = self.workers > 1 and len(rest) > 1
+        self.outcomes |= {o.row.start: o for o in _run_in_turn(runner, rest, self._report, self._save)}
+        if not self.trace and all(outcome.row.status == "stopped" for outcome in self.outcomes.values()):
             raise KeyboardInterrupt  # there is nothing to keep yet
         best = self._best()
         packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
-        held, _ = project(packed, limits)
-        values = packed if held is None else held
-        return SolverResult(values, ready.objective.cost(values), *self._words(best), *self._effort())
+        projected, _ = project(packed, limits)
+        values = packed if projected is None else projected
+        return SolverResult(values, ready.objective.cost(values), *self._status_and_message(best), *self._effort())
 
     def _off_saddle(self, ready: FitRun, start: Float, limits: LinearLimits) -> Mapping[str, Float]:
-        """The values of the first start where the given ones could not move; empty where they can.
+        """Return the values of the first start if it was moved off a saddle point, else nothing.
 
-        A step that fits a part of the values would not see what the others could do to them.
+        A step that fits a part of the values could not detect a saddle that involves the others.
         """
-        given, _ = project(ready.objective.start, limits)
-        if given is None or np.array_equal(given, start):
+        projected, _ = project(ready.objective.start, limits)
+        if projected is None or np.array_equal(projected, start):
             return {}
         parameters = ready.parameters(start)
         return {name: np.asarray(parameters[name].values) for name in ready.problem.free_names}
 
-    def _begins(self, climber: StartRunner, first: Mapping[str, Float]) -> Iterator[StartPoint]:
-        """Where the starts begin that have not come to their end yet; `first` replaces values of the given start."""
+    def _start_points(self, runner: StartRunner, first: Mapping[str, Float]) -> Iterator[StartPoint]:
+        """Return the points of the starts that are not finished; `first` replaces values of the given start."""
         for number in range(1, self.options.starts + 1):
-            drawn = drawn_start(self.whole, number, self.options.seed, self.options.spread)
+            drawn = draw_start(self.whole, number, self.options.seed, self.options.spread)
             saved = self.resumed.get(number)
             if saved is None:
                 yield StartPoint(number, {**drawn, **first} if number == 1 else drawn, drawn)
                 continue
             values = self._saved_values(saved, drawn)
-            self.went_on.append(saved.name or f"start {number}, iteration {saved.iteration}")
-            row, last = saved.ended, len(climber.steps)
-            done = row is not None and row.status == "converged" and _same(climber.cost(values), row.cost_after)
+            self.resumed_names.append(saved.name or f"start {number}, iteration {saved.iteration}")
+            row, last = saved.ended, len(runner.steps)
+            done = row is not None and row.status == "converged" and _equal_costs(runner.cost(values), row.cost_after)
             if row is not None and done and saved.step >= last:
-                self.climbs[number] = StartOutcome(row, values)
+                self.outcomes[number] = StartOutcome(row, values)
             else:
                 yield StartPoint(number, values, drawn, min(saved.step + done, last), saved.iteration)
 
     def _saved_values(self, saved: Checkpoint, drawn: Mapping[str, Float]) -> dict[str, Float]:
-        """The values to go on from; locked ones are those of the problem."""
-        found, findings = {}, []
+        """Return the values of a checkpoint; locked ones are those of the problem."""
+        result, findings = {}, []
         for name, own in drawn.items():
             values = saved.values.get(name, own)
             if values.shape != own.shape:
-                what = f"{name} has values of shape {list(values.shape)}; the problem asks for {list(own.shape)}"
-                findings.append(
-                    Finding(saved.name or f"saved start {saved.start}", what, "Start anew, without resuming.")
-                )
+                message = f"{name} has shape {list(values.shape)}, but the problem has {list(own.shape)}"
+                location = saved.name or f"checkpoint of start {saved.start}"
+                findings.append(Finding(location, message, "Start again without resuming."))
                 continue
-            found[name] = np.where(self.whole.parameters[name].locked, own, values)
+            result[name] = np.where(self.whole.parameters[name].locked, own, values)
         if findings:
             raise InputError(findings)
         axes = self.whole.free_axes.items()
         own_points = breakpoints_by_name({key: axis.axis.breakpoints for key, axis in axes})
         moved = {n: v for n, v in saved.values.items() if n in own_points and v.shape == own_points[n].shape}
-        return found | moved
+        return result | moved
 
     def _report(self, line: TraceLine) -> None:
         line = replace(line, seconds=time.perf_counter() - self.began)
@@ -208,50 +207,50 @@ class _Multistart:
             self.keep(saved)
 
     def _best(self) -> StartOutcome:
-        """The end of the lowest cost; of equal ones the first."""
-        return min((climb for _, climb in sorted(self.climbs.items())), key=_rank)
+        """Return the outcome with the lowest cost; of equal ones the first."""
+        return min((outcome for _, outcome in sorted(self.outcomes.items())), key=_rank)
 
-    def _words(self, best: StartOutcome) -> tuple[Status, str]:
-        """Status and message of all starts together."""
-        rows = [climb.row for climb in self.climbs.values()]
+    def _status_and_message(self, best: StartOutcome) -> tuple[Status, str]:
+        rows = [outcome.row for outcome in self.outcomes.values()]
         stopped = any(row.status == "stopped" for row in rows)
-        said = [STOPPED if stopped else best.row.message]
+        sentences = [STOPPED if stopped else best.row.message]
         if len(rows) > 1:
             failed = sum(row.status in ("failed", "infeasible") for row in rows)
-            said.append(f"Best of {len(rows)} starts: number {best.row.start}.")
-            said += [f"{failed} of them failed."] if failed else []
-        said += ["The starts ran one after the other: no other process could take the problem."] if self.alone else []
-        said += [f"Resumed from {', '.join(self.went_on)}."] if self.went_on else []
-        return "stopped" if stopped else best.row.status, " ".join(said)
+            sentences.append(f"Best of {len(rows)} starts: number {best.row.start}.")
+            sentences += [f"{failed} of them failed."] if failed else []
+        if self.without_workers:
+            sentences.append("The starts ran sequentially because no worker process could load the problem.")
+        sentences += [f"Resumed from {', '.join(self.resumed_names)}."] if self.resumed_names else []
+        return "stopped" if stopped else best.row.status, " ".join(sentences)
 
     def _effort(self) -> tuple[int, int]:
-        """Accepted steps and evaluations of all starts."""
-        rows = [climb.row for climb in self.climbs.values()]
+        """Return the accepted steps and the evaluations of all starts."""
+        rows = [outcome.row for outcome in self.outcomes.values()]
         return sum(row.iterations for row in rows), sum(row.evaluations for row in rows)
 
 
-def _climb_in_turn(
-    climber: StartRunner, begins: Sequence[StartPoint], progress: Progress, keep: CheckpointSink
+def _run_in_turn(
+    runner: StartRunner, points: Sequence[StartPoint], progress: Progress, keep: CheckpointSink
 ) -> list[StartOutcome]:
-    """The ends of all starts, one after the other; none begins after a request to stop."""
-    ends: list[StartOutcome] = []
-    for begin in begins:
-        stopped = bool(ends) and ends[-1].row.status == "stopped"
-        ends.append(skipped_start(begin) if stopped else climber.climb(begin, progress, keep))
-    return ends
+    """Run the starts one after the other; none begins after a request to stop."""
+    outcomes: list[StartOutcome] = []
+    for point in points:
+        stopped = bool(outcomes) and outcomes[-1].row.status == "stopped"
+        outcomes.append(skipped_start(point) if stopped else runner.run_start(point, progress, keep))
+    return outcomes
 
 
-def _rank(climb: StartOutcome) -> float:
-    cost = climb.row.cost_after
-    return cost if np.isfinite(cost) and climb.row.status != "infeasible" else np.inf
+def _rank(outcome: StartOutcome) -> float:
+    cost = outcome.row.cost_after
+    return cost if np.isfinite(cost) and outcome.row.status != "infeasible" else np.inf
 
 
-def _same(one: float, other: float) -> bool:
-    return abs(one - other) <= SAME * abs(other)
+def _equal_costs(cost: float, reference: float) -> bool:
+    return abs(cost - reference) <= COST_TOLERANCE * abs(reference)
 
 
 def _cores() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""One start on its way through the steps of a sequence; without a sequence, through a single step."""
+"""Running a single start through the steps of a sequence, or through one step if there is no sequence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -7,8 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
-from kennfeld.free_axes import breakpoints_by_name, free_axes, key_of, with_labelled
-from kennfeld.free_axes import with_fixed_axes as axes_standing
+from kennfeld.free_axes import breakpoints_by_name, free_axes, key_of, with_fixed_axes, with_labelled
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
@@ -16,7 +15,7 @@ from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options, Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.grid_reduction import penalty_ratio, reduced, refined
+from kennfeld.optimize.search.grid_reduction import penalty_ratio, reduce_problem, refine_parameters
 from kennfeld.optimize.search.step_problem import sequence_problem, step_problem, with_fixed_limits
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, Status, Stop
 from kennfeld.optimize.tuning.automatic_settings import choose_smoothness, with_choice
@@ -28,12 +27,12 @@ __all__ = ["STOPPED", "StartOutcome", "StartPoint", "StartRunner", "skipped_star
 
 STOPPED = "Stopped on request; these are the best values so far."
 
-TableValues = Mapping[str, Float]  # by parameter, those that a search may change
+TableValues = Mapping[str, Float]  # by parameter that a search may change
 
 
 @dataclass(frozen=True, eq=False)
 class StartPoint:
-    """Where a start begins: its values, the values of the start itself, and how far it had come since then."""
+    """Point at which a start begins or resumes; `origin` are the values of the start itself."""
 
     start: int
     values: TableValues
@@ -44,7 +43,7 @@ class StartPoint:
 
 @dataclass(frozen=True, eq=False)
 class StartOutcome:
-    """Where a start ended, and the factors that its steps chose, by table and axis of the full grid."""
+    """End of a start, with the smoothness factors chosen by its steps, by table and axis of the full grid."""
 
     row: StartResult
     values: TableValues
@@ -52,13 +51,17 @@ class StartOutcome:
 
 
 class StartRunner:
-    """Takes starts through the steps, one start after the other; what was compiled for one serves the next.
+    """Runs starts one after the other through all steps, and reuses compiled problems.
 
-    The end of a start depends on its begin alone, bit for bit, not on the starts before it.
+    The result of a start depends on its start point alone, bit for bit, not on the starts before it.
+
+    Args:
+        problem: the problem.
+        options: options, with the steps of the sequence.
+        ready: a compiled run of the whole problem, if there is one.
     """
 
     def __init__(self, problem: Problem, options: Options, ready: FitRun | None = None) -> None:
-        """`ready` is a run of the whole problem that was compiled already."""
         self.problem = sequence_problem(problem, options.steps)
         self.options = options
         self.steps = options.steps or (Step(),)
@@ -70,62 +73,64 @@ class StartRunner:
             if not options.steps and ready.options.continuation == options.continuation:
                 self._runs[1] = ready
 
-    def climb(self, begin: StartPoint, progress: Progress, keep: CheckpointSink) -> StartOutcome:
-        """The end of one start. `progress` and `keep` may raise `Stop`.
+    def run_start(self, point: StartPoint, progress: Progress, keep: CheckpointSink) -> StartOutcome:
+        """Run one start through all its steps; `progress` and `keep` may raise `Stop`.
 
-        Raises `InputError` where a step leaves nothing to fit. With several starts, all else that goes wrong is a row
-        with the status `failed`.
+        With several starts, any other error gives an outcome with the status `failed`.
+
+        Raises:
+            InputError: a step leaves nothing to fit.
         """
-        climbing = _StartState(self, begin, progress, keep)
-        with blas_threads(0 if self.options.starts > 1 else sum(v.size for v in begin.values.values())):
+        state = _StartState(self, point, progress, keep)
+        with blas_threads(0 if self.options.starts > 1 else sum(v.size for v in point.values.values())):
             try:
-                return climbing.through()
+                return state.run()
             except InputError:
                 raise
             except (Stop, KeyboardInterrupt):
-                return climbing.ended("stopped", STOPPED)
+                return state.finish("stopped", STOPPED)
             except Exception as error:
                 if self.options.starts == 1:
                     raise
-                return climbing.ended("failed", f"{type(error).__name__}: {error}")
+                return state.finish("failed", f"{type(error).__name__}: {error}")
 
     def cost(self, values: TableValues) -> float:
-        """The cost of the whole problem."""
+        """Return the cost of the whole problem."""
         if self._whole is None:
             self._whole = (
                 CompiledProblem(self.problem) if self.options.steps else self.run(1, self.small(1, values)[0]).exact
             )
         at = replace(self.problem, parameters=with_values(self.problem.parameters, values))
-        objective = LeastSquaresObjective(self._whole.moved(at))
+        objective = LeastSquaresObjective(self._whole.with_start(at))
         return objective.cost(objective.start)
 
     def small(self, number: int, values: TableValues) -> tuple[Problem, ParameterSet]:
-        """The problem of a step on its grids, from these values, and the parameters on the full grids.
+        """Return the problem of a step on its reduced grids, starting at `values`, and its parameters on full grids.
 
-        Limits of outputs are kept by the last step alone: before that, a part of the values may not be able to.
+        Only the last step has limits of outputs: the values that are free in an earlier one may be unable to keep them.
         """
         step, variant = self.steps[number - 1], self._variants[number]
         parameters = with_values(variant.parameters, values)
         limits = variant.limits if number == len(self.steps) else ()
         full = with_fixed_limits(replace(variant, parameters=parameters, limits=limits))
         if self.options.steps:
-            full = _with_axes_standing(full, step)
+            full = _with_fixed_step_axes(full, step)
         tables = [name for name in full.free_names if parameters[name].axes]
-        return reduced(full, {name: step.reduction(parameters[name]) for name in tables}), parameters
+        return reduce_problem(full, {name: step.reduction(parameters[name]) for name in tables}), parameters
 
     def run(self, number: int, small: Problem) -> FitRun:
-        """The run of the problem of a step, compiled anew only where that is another one."""
-        if number not in self._runs or not _alike(self._runs[number].problem, small):
+        """Return the run of the problem of a step, recompiled only if the compiled one cannot be reused."""
+        if number not in self._runs or not _is_reusable(self._runs[number].problem, small):
             self._runs[number] = FitRun(small, _options(self.options, self.steps[number - 1]), None, Seconds())
-        return self._runs[number].moved(small)
+        return self._runs[number].with_start(small)
 
     def choosing(self, number: int, small: Problem) -> FitRun:
-        """A run of the problem of a step on which its smoothness is chosen: without continuation."""
+        """Return a run of the problem of a step on which its smoothness is chosen, without continuation."""
         options = replace(_options(self.options, self.steps[number - 1]), continuation="off")
         return FitRun(small, options, None, Seconds())
 
     def stage(self, number: int, stage: str) -> str:
-        """What the trace calls a stage of a step."""
+        """Return the name of a stage of a step in the trace."""
         if not self.options.steps:
             return stage
         return f"{self.steps[number - 1].name or f'step {number}'}: {stage}"
@@ -134,146 +139,141 @@ class StartRunner:
 class _StartState:
     """The running state of one start."""
 
-    def __init__(self, climber: StartRunner, begin: StartPoint, progress: Progress, keep: CheckpointSink) -> None:
-        self.climber, self.begin, self.progress, self.keep = climber, begin, progress, keep
-        self.values = dict(begin.values)
-        self.before = self.reached = float("nan")
-        self.step, self.count = begin.step, begin.iteration
+    def __init__(self, runner: StartRunner, point: StartPoint, progress: Progress, keep: CheckpointSink) -> None:
+        self.runner, self.point, self.progress, self.keep = runner, point, progress, keep
+        self.values = dict(point.values)
+        self.cost_before = self.step_cost = float("nan")
+        self.step, self.count = point.step, point.iteration
         self.iterations = self.evaluations = 0
         self.smoothness: dict[str, dict[str, float]] = {}
 
-    def through(self) -> StartOutcome:
-        """Take all steps that are left."""
-        self.before = self.climber.cost(self.begin.origin)
-        last = len(self.climber.steps)
-        end = self._take()
+    def run(self) -> StartOutcome:
+        """Run the remaining steps."""
+        self.cost_before = self.runner.cost(self.point.origin)
+        last = len(self.runner.steps)
+        end = self._run_step()
         while end.status not in ("stopped", "failed", "infeasible") and self.step < last:
             self.step += 1
             self._save("", float("inf"), self.values)
-            end = self._take()
-        early = f"{self.climber.stage(self.step, '')}" if self.step < last else ""
-        return self.ended(end.status, f"{early}{end.message}")
+            end = self._run_step()
+        stage = self.runner.stage(self.step, "") if self.step < last else ""
+        return self.finish(end.status, f"{stage}{end.message}")
 
-    def ended(self, status: Status, message: str) -> StartOutcome:
-        """The end of the start, here."""
-        after = self.climber.cost(self.values)
-        row = StartResult(self.begin.start, status, message, self.before, after, self.iterations, self.evaluations)
+    def finish(self, status: Status, message: str) -> StartOutcome:
+        """End the start at the current values."""
+        after = self.runner.cost(self.values)
+        row = StartResult(self.point.start, status, message, self.cost_before, after, self.iterations, self.evaluations)
         if status != "stopped" and np.isfinite(after):
-            self.keep(Checkpoint(self.begin.start, self.step, self.count, "end", self.reached, self.values, row))
+            self.keep(Checkpoint(self.point.start, self.step, self.count, "end", self.step_cost, self.values, row))
         return StartOutcome(row, self.values, self.smoothness)
 
-    def _take(self) -> SolverResult:
-        """One step, from the values as they are."""
-        small, parameters = self.climber.small(self.step, self.values)
+    def _run_step(self) -> SolverResult:
+        small, parameters = self.runner.small(self.step, self.values)
         if small.automatic_names:
-            plain = self.climber.choosing(self.step, small)
-            choice = self._chosen(plain)
+            plain = self.runner.choosing(self.step, small)
+            choice = self._choose_smoothness(plain)
             if choice is not None:
-                self._take_over(plain, choice, parameters)
+                self._record_choice(plain, choice, parameters)
                 if choice.fit.status == "stopped":
                     return choice.fit
                 small = with_choice(replace(small, parameters=plain.parameters(choice.fit.values)), choice)
-        run = self.climber.run(self.step, small)
+        run = self.runner.run(self.step, small)
 
         def watch(line: TraceLine, values: Float) -> None:
             self.count += 1
-            every = self.climber.options.save_every
+            every = self.runner.options.save_every
             if every and self.count % every == 0:
-                self._save(line.stage, run.objective.cost(values), _refined(run, values, parameters))
+                self._save(line.stage, run.objective.cost(values), _values_on_full_grids(run, values, parameters))
 
         run.watch = watch
         run.progress = self._report
-        end, _ = run.end()
-        return self._ended(run, end, parameters)
+        end, _ = run.minimise()
+        return self._record_end(run, end, parameters)
 
-    def _chosen(self, plain: FitRun) -> SmoothnessChoice | None:
-        """The factors of a step; None where its limits contradict each other."""
+    def _choose_smoothness(self, plain: FitRun) -> SmoothnessChoice | None:
+        """Choose the factors of a step; None if its limits contradict each other."""
         plain.progress = self._report
         limits = linear_limits(plain.problem, plain.exact.values)
-        start, _ = plain.begin(limits)
+        start, _ = plain.feasible_start(limits)
         return None if start is None else choose_smoothness(plain, start, limits)
 
-    def _take_over(self, plain: FitRun, choice: SmoothnessChoice, parameters: ParameterSet) -> None:
-        """The fit on which factors were chosen, and these as they are on the full grids."""
-        self._ended(plain, choice.fit, parameters)
+    def _record_choice(self, plain: FitRun, choice: SmoothnessChoice, parameters: ParameterSet) -> None:
+        """Record the fit on which factors were chosen, and these factors converted to the full grids."""
+        self._record_end(plain, choice.fit, parameters)
         for name, factors in choice.factors.items():
             full, small = parameters[name], plain.problem.parameters[name]
             scaled = [factor * penalty_ratio(full, small, axis) for axis, factor in enumerate(factors)]
             self.smoothness[name] = dict(zip("xyzw", scaled, strict=False))
 
-    def _ended(self, run: FitRun, end: SolverResult, parameters: ParameterSet) -> SolverResult:
-        """Take over where a descent ended."""
-        self.values |= _refined(run, end.values, parameters)
-        self.reached = end.cost
+    def _record_end(self, run: FitRun, end: SolverResult, parameters: ParameterSet) -> SolverResult:
+        self.values |= _values_on_full_grids(run, end.values, parameters)
+        self.step_cost = end.cost
         self.iterations += end.iterations
         self.evaluations += end.evaluations
         return end
 
     def _report(self, line: TraceLine) -> None:
-        self.progress(replace(line, start=self.begin.start, stage=self.climber.stage(self.step, line.stage)))
+        self.progress(replace(line, start=self.point.start, stage=self.runner.stage(self.step, line.stage)))
 
     def _save(self, stage: str, cost: float, values: TableValues) -> None:
-        self.keep(Checkpoint(self.begin.start, self.step, self.count, stage, cost, {**self.values, **values}))
+        self.keep(Checkpoint(self.point.start, self.step, self.count, stage, cost, {**self.values, **values}))
 
 
-def skipped_start(begin: StartPoint) -> StartOutcome:
-    """The end of a start that never began."""
-    nothing = float("nan")
-    row = StartResult(begin.start, "stopped", "Stopped on request before it began.", nothing, nothing, 0, 0)
-    return StartOutcome(row, begin.values)
+def skipped_start(point: StartPoint) -> StartOutcome:
+    """Return the outcome of a start that never began."""
+    unknown = float("nan")
+    row = StartResult(point.start, "stopped", "Stopped on request before it began.", unknown, unknown, 0, 0)
+    return StartOutcome(row, point.values)
 
 
 def with_values(parameters: ParameterSet, values: TableValues) -> ParameterSet:
-    """The set with these values, breakpoints among them."""
-    tables = [parameters[name].with_values(given) for name, given in values.items() if name in parameters]
+    """Return the parameters with these values and breakpoints."""
+    tables = [parameters[name].with_values(array) for name, array in values.items() if name in parameters]
     return with_labelled(parameters.with_parameters(*tables), values)
 
 
-def _with_axes_standing(problem: Problem, step: Step) -> Problem:
-    """The problem of a step with the axes standing still that it reduces, or on which a table is not fitted in it."""
+def _with_fixed_step_axes(problem: Problem, step: Step) -> Problem:
+    """Fix the axes that the step reduces, or on which it does not fit all tables."""
     axes = free_axes(problem.parameters)
-    still = [
+    fixed = [
         key
         for key, axis in axes.items()
         if step.reduces or not all(name in problem.free_names for name, _ in axis.places)
     ]
-    return replace(problem, parameters=axes_standing(problem.parameters, still))
+    return replace(problem, parameters=with_fixed_axes(problem.parameters, fixed))
 
 
-def _refined(run: FitRun, values: Float, parameters: ParameterSet) -> dict[str, Float]:
-    """The values of a step's parameters on the full grids."""
+def _values_on_full_grids(run: FitRun, values: Float, parameters: ParameterSet) -> dict[str, Float]:
+    """Return the values of the parameters of a step, and its breakpoints."""
     packed = run.exact.start.copy()
     packed[: values.size] = values
     small = run.exact.values.unpack(packed, run.problem.parameters)
-    found = refined(small.select(run.problem.free_names), parameters)
+    full = refine_parameters(small.select(run.problem.free_names), parameters)
     moved = breakpoints_by_name(run.exact.values.breakpoints(packed, run.problem.parameters))
-    return {name: np.asarray(found[name].values) for name in run.problem.free_names} | moved
+    return {name: np.asarray(full[name].values) for name in run.problem.free_names} | moved
 
 
 def _options(options: Options, step: Step) -> Options:
-    """The options of one step."""
-    own = {name: getattr(step, name) for name in ("max_iterations", "tolerance", "continuation")}
-    given = {name: value for name, value in own.items() if value is not None}
-    return replace(options, starts=1, steps=(), save_every=0, **given)
+    """Return the options of one step."""
+    settings = {name: getattr(step, name) for name in ("max_iterations", "tolerance", "continuation")}
+    own = {name: value for name, value in settings.items() if value is not None}
+    return replace(options, starts=1, steps=(), save_every=0, **own)
 
 
-def _alike(one: Problem, other: Problem) -> bool:
-    """Whether parameters that stand still have the same values, and tables their factors: what is compiled depends on
-    them.
-    """
-    used = list(one.model.graph.parameters)
-    fixed = [name for name in used if name not in one.free_names]
-    if any(one.factors(name) != other.factors(name) for name in one.free_names):
+def _is_reusable(compiled: Problem, problem: Problem) -> bool:
+    """Return True if both have the fixed values, fixed axes and smoothness factors on which compiled code depends."""
+    used = list(compiled.model.graph.parameters)
+    fixed = [name for name in used if name not in compiled.free_names]
+    if any(compiled.factors(name) != problem.factors(name) for name in compiled.free_names):
         return False
-    return all(_same_axes(one, other, name) for name in used) and all(
-        np.array_equal(one.parameters[name].values, other.parameters[name].values) for name in fixed
+    return all(_has_same_fixed_axes(compiled, problem, name) for name in used) and all(
+        np.array_equal(compiled.parameters[name].values, problem.parameters[name].values) for name in fixed
     )
 
 
-def _same_axes(one: Problem, other: Problem, name: str) -> bool:
-    """Whether the axes of a table that stand still are where they were."""
-    table, moved = one.parameters[name], other.parameters[name]
+def _has_same_fixed_axes(compiled: Problem, problem: Problem, name: str) -> bool:
+    table, moved = compiled.parameters[name], problem.parameters[name]
     return all(
-        key_of(table, i) in one.free_axes or np.array_equal(axis.breakpoints, moved.axes[i].breakpoints)
+        key_of(table, i) in compiled.free_axes or np.array_equal(axis.breakpoints, moved.axes[i].breakpoints)
         for i, axis in enumerate(table.axes)
     )

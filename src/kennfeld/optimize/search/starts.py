@@ -1,7 +1,4 @@
-"""Where the starts of a multistart lie, and how far apart their ends are.
-
-Sobol sequences: points that fill a cube evenly, however many of them are drawn.
-"""
+"""Start points of a multistart, drawn from a Sobol sequence, and the distance between results."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -13,7 +10,7 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
 
-__all__ = ["distance", "drawn_start", "sobol"]
+__all__ = ["distance", "draw_start", "sobol"]
 
 BITS = 32
 
@@ -40,11 +37,18 @@ DEGREE = 3  # of the polynomials that change a table
 
 
 def sobol(index: int, dimensions: int, seed: int = 0) -> Float:
-    """Point number `index` (from 0) of a Sobol sequence in the unit cube, shifted at random by `seed`.
+    """Return a point of a Sobol sequence in the unit cube, randomised by a digital shift.
 
-    The shift, by exclusive or of the bits, keeps the evenness and makes sequences of different seeds different. From
-    dimension 65 on coordinates are random numbers, equally determined by seed and index. A point does not depend on how
-    many others are drawn. Shape (dimensions,), each from 0 to below 1.
+    Coordinates beyond the 64th are pseudorandom numbers, determined by seed and index as well. A point does not depend
+    on how many others are drawn.
+
+    Args:
+        index: number of the point, from 0.
+        dimensions: number of coordinates.
+        seed: seed of the shift.
+
+    Returns:
+        Coordinates in [0, 1), shape (dimensions,).
 
     >>> sobol(5, 3, seed=1).shape
     (3,)
@@ -62,56 +66,64 @@ def sobol(index: int, dimensions: int, seed: int = 0) -> Float:
 
 @cache
 def _directions() -> np.ndarray[tuple[int, int], np.dtype[np.uint64]]:
-    """Direction numbers, shape (dimensions, BITS), as whole numbers of BITS bits."""
-    made = [[1 << (BITS - 1 - bit) for bit in range(BITS)]]
-    made += [_recurrence(*map(int, row.split())) for row in _JOE_KUO.split(";")]
-    return np.array(made, dtype=np.uint64)
+    """Return the direction numbers as integers of BITS bits, shape (dimensions, BITS)."""
+    directions = [[1 << (BITS - 1 - bit) for bit in range(BITS)]]
+    directions += [_recurrence(*map(int, row.split())) for row in _JOE_KUO.split(";")]
+    return np.array(directions, dtype=np.uint64)
 
 
 def _recurrence(polynomial: int, *first: int) -> list[int]:
     """Bratley and Fox, Algorithm 659, 1988: v_i = a_1 v_{i-1} + ... + v_{i-s} + (v_{i-s} >> s), all by exclusive or."""
     degree = len(first)
-    found = [number << (BITS - 1 - i) for i, number in enumerate(first)]
+    numbers = [number << (BITS - 1 - i) for i, number in enumerate(first)]
     for i in range(degree, BITS):
-        value = found[i - degree] ^ (found[i - degree] >> degree)
+        value = numbers[i - degree] ^ (numbers[i - degree] >> degree)
         for k in range(1, degree):
             if polynomial >> (degree - k) & 1:
-                value ^= found[i - k]
-        found.append(value)
-    return found
+                value ^= numbers[i - k]
+        numbers.append(value)
+    return numbers
 
 
-def drawn_start(problem: Problem, number: int, seed: int, spread: float) -> dict[str, Float]:
-    """The values of start `number`, from 1; the first is the given one.
+def draw_start(problem: Problem, number: int, seed: int, spread: float) -> dict[str, Float]:
+    """Draw the values of a start; the first start has the given values.
 
-    A table is changed by a level and a smooth shape, so that it stays a table an engineer could have drawn: products of
-    Legendre polynomials along the axes of a total degree from 1 (slopes) to 3, each with a random share, those of
-    degree n weighing 1/n. Within two bounds the mean value is drawn between them and the shape reaches `spread` times
-    half their distance. Without them both reach `spread` times the largest magnitude in the table (1 where all is 0).
-    Nothing leaves its bounds, and locked values stay. The shares are a point of a Sobol sequence, levels first.
+    A table changes by a level and a smooth shape: products of Legendre polynomials along the axes with a total degree n
+    from 1 (slopes) to 3, weighted by 1/n and by random coefficients. If all values have two bounds, the mean is drawn
+    between the mean bounds and the shape is scaled by `spread` times half their distance. Otherwise both are scaled by
+    `spread` times the largest magnitude in the table (1 if all values are 0). Values are clipped to their bounds, and
+    locked ones stay. The random coefficients are a point of a Sobol sequence, levels first.
+
+    Args:
+        problem: the problem.
+        number: number of the start, from 1.
+        seed: seed of the Sobol sequence.
+        spread: size of the changes, relative to the bounds or to the values.
+
+    Returns:
+        Values by free parameter, in the shape of its values.
     """
     free = [problem.parameters[name] for name in problem.free_names]
-    given = {parameter.name: np.asarray(parameter.values) for parameter in free}
+    start = {parameter.name: np.asarray(parameter.values) for parameter in free}
     if number == 1:
-        return given
+        return start
     shares = 2 * sobol(number - 2, sum(len(_shapes(p)) + 1 for p in free), seed) - 1
     levels, rest = shares[: len(free)], shares[len(free) :]
     for parameter, level in zip(free, levels, strict=True):
         count = len(_shapes(parameter))
-        given[parameter.name] = _moved(parameter, float(level), rest[:count], spread)
+        start[parameter.name] = _change_values(parameter, float(level), rest[:count], spread)
         rest = rest[count:]
-    return given
+    return start
 
 
 def _shapes(parameter: Parameter) -> Sequence[tuple[int, ...]]:
-    """Degrees along each axis of the polynomials that change a table; axes of a single point have none."""
+    """Return the degrees along each axis of the polynomials that change a table."""
     ranges = [range(DEGREE + 1 if len(axis) > 1 else 1) for axis in parameter.axes]
-    found = [degrees for degrees in product(*ranges) if 0 < sum(degrees) <= DEGREE]
-    return sorted(found, key=lambda degrees: (sum(degrees), max(degrees)))
+    degrees = [each for each in product(*ranges) if 0 < sum(each) <= DEGREE]
+    return sorted(degrees, key=lambda each: (sum(each), max(each)))
 
 
-def _moved(parameter: Parameter, level: float, shares: Float, spread: float) -> Float:
-    """The values of a parameter, changed by a level from -1 to 1 and a shape."""
+def _change_values(parameter: Parameter, level: float, shares: Float, spread: float) -> Float:
     values, lower, upper = parameter.values, parameter.lower, parameter.upper
     shape = _shape(parameter, shares)
     if np.all(np.isfinite(lower) & np.isfinite(upper)):
@@ -125,7 +137,7 @@ def _moved(parameter: Parameter, level: float, shares: Float, spread: float) -> 
 
 
 def _shape(parameter: Parameter, shares: Float) -> Float:
-    """A smooth function on the grid, of no mean over its span; its standard size is that of the slopes alone."""
+    """Return a smooth function on the grid with zero mean over its span, of the size of its slopes alone."""
     from numpy.polynomial.legendre import legval
 
     total = np.zeros(parameter.values.shape)
@@ -140,10 +152,10 @@ def _shape(parameter: Parameter, shares: Float) -> Float:
 
 
 def distance(values: Mapping[str, Float], best: Mapping[str, Float]) -> float:
-    """How far values lie from the best ones: 0.01 says that they differ by about 1 %.
+    """Return the relative distance of values from the best ones: 0.01 is a difference of about 1 %.
 
-    The root mean square, over parameters, of the root mean square difference in each, relative to the largest magnitude
-    of its best values (1 where these are 0). A map counts as much as a scalar.
+    It is the root mean square, over parameters, of the root mean square difference in each, relative to the largest
+    magnitude of its best values (1 if these are 0). A map counts as much as a scalar.
     """
     shares = []
     for name, reference in ((name, best[name]) for name in best if name in values):

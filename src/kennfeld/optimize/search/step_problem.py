@@ -1,4 +1,4 @@
-"""One step of a sequence, and the problem that it solves."""
+"""Problems of the steps of a sequence, and the checks of a sequence against its problem."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.criteria import Criterion
 from kennfeld.errors import Finding
 from kennfeld.formatting import nearest
-from kennfeld.free_axes import with_fixed_axes as axes_standing
+from kennfeld.free_axes import with_fixed_axes
 from kennfeld.optimize.linear_limits import grid_points
 from kennfeld.optimize.options import Step, matching
 from kennfeld.optimize.problem import Problem, Smoothness
@@ -23,7 +23,7 @@ __all__ = ["check_steps", "sequence_problem", "step_problem", "with_fixed_limits
 
 
 def step_problem(problem: Problem, step: Step) -> Problem:
-    """The problem of one step, on the full grid; `standing` adapts its pins and other linear limits."""
+    """Return the problem of one step on the full grid; `with_fixed_limits` adapts its linear limits."""
     free = problem.free if step.free is None else tuple(step.free)
     return replace(
         problem,
@@ -35,7 +35,7 @@ def step_problem(problem: Problem, step: Step) -> Problem:
 
 
 def with_fixed_limits(problem: Problem) -> Problem:
-    """The problem with the linear limits on what is free alone, the other parameters standing as they are."""
+    """Restrict the linear limits of a problem to its free parameters; the others are inserted as constants."""
     free, used = problem.free_names, problem.model.graph.parameters
 
     def held(name: str) -> bool:
@@ -47,23 +47,22 @@ def with_fixed_limits(problem: Problem) -> Problem:
             constraints += [] if held(constraint.parameter) else [constraint]
         else:
             fixed = [term for term in constraint.terms if held(term.parameter)]
-            left = [term for term in constraint.terms if not held(term.parameter)]
+            free_terms = [term for term in constraint.terms if not held(term.parameter)]
             value = constraint.value - sum(_value(problem.parameters[term.parameter], term) for term in fixed)
-            constraints += [Equality(left, value)] if left else []
+            constraints += [Equality(free_terms, value)] if free_terms else []
     pins = tuple(pin for pin in problem.pins if not held(pin.parameter))
     return replace(problem, pins=pins, constraints=tuple(constraints))
 
 
 def _value(parameter: Parameter, term: Term) -> float:
-    """What a term of an equality is."""
     columns, weights = grid_points(parameter, term.at)
     return term.factor * float(weights @ parameter.values.ravel()[columns])
 
 
 def sequence_problem(problem: Problem, steps: Sequence[Step]) -> Problem:
-    """The problem with everything free that any step may change, by which a sequence is judged.
+    """Return the problem that judges a sequence: everything is free that any step may change.
 
-    Breakpoints on whose axis a table is never fitted stand still.
+    Breakpoints on whose axis a table is never fitted are fixed.
     """
     if not steps:
         return problem
@@ -76,121 +75,116 @@ def sequence_problem(problem: Problem, steps: Sequence[Step]) -> Problem:
         for name in names
     ]
     free = tuple(escape(name) for name in names)
-    made = replace(problem, free=free, parameters=problem.parameters.with_parameters(*held))
-    never = [key for key, axis in made.free_axes.items() if check_shared_axes({key: axis}, made.free_names)]
-    return with_fixed_limits(replace(made, parameters=axes_standing(made.parameters, never)))
+    result = replace(problem, free=free, parameters=problem.parameters.with_parameters(*held))
+    fixed = [key for key, axis in result.free_axes.items() if check_shared_axes({key: axis}, result.free_names)]
+    return with_fixed_limits(replace(result, parameters=with_fixed_axes(result.parameters, fixed)))
 
 
 def _locked(problem: Problem, step: Step) -> list[Parameter]:
-    """The parameters that the step locks or unlocks."""
+    """Return the parameters whose locks the step changes, with these locks."""
     if not step.lock:
         return []
     own: dict[str, Bool] = {name: np.asarray(p.locked) for name, p in problem.parameters.items()}
-    found = {name: matching(step.lock, name, own[name]) for name in own}
-    return [problem.parameters[n].changed(locked=np.asarray(f, bool)) for n, f in found.items() if f is not own[n]]
+    locks = {name: matching(step.lock, name, own[name]) for name in own}
+    return [problem.parameters[n].changed(locked=np.asarray(m, bool)) for n, m in locks.items() if m is not own[n]]
 
 
 def _smoothness(problem: Problem, step: Step) -> Smoothness:
-    given = step.smoothness
-    if given is None:
+    if step.smoothness is None:
         return problem.smoothness
     tables = [name for name, parameter in problem.parameters.items() if parameter.axes]
-    if not isinstance(given, Mapping):
-        return dict.fromkeys(tables, given)
-    found = {name: matching(given, name, None) for name in tables}
-    return {**problem.smoothness, **{name: factor for name, factor in found.items() if factor is not None}}
+    if not isinstance(step.smoothness, Mapping):
+        return dict.fromkeys(tables, step.smoothness)
+    factors = {name: matching(step.smoothness, name, None) for name in tables}
+    return {**problem.smoothness, **{name: factor for name, factor in factors.items() if factor is not None}}
 
 
 def _active(
-    criteria: Sequence[Criterion], given: Sequence[str | int] | Mapping[str | int, float] | None
+    criteria: Sequence[Criterion], selection: Sequence[str | int] | Mapping[str | int, float] | None
 ) -> tuple[Criterion, ...]:
-    """The criteria that count in a step, with their weights there."""
-    if given is None:
+    """Return the criteria of a step with a weight > 0, with their weights in it."""
+    if selection is None:
         return tuple(criteria)
-    weights = given if isinstance(given, Mapping) else dict.fromkeys(given)
-    found = []
+    weights = selection if isinstance(selection, Mapping) else dict.fromkeys(selection)
+    selected = []
     for position, criterion in enumerate(criteria, 1):
         keys = [key for key in (position, criterion.node) if key in weights]
         if keys:
             weight = weights[keys[0]]
-            found.append(criterion if weight is None else replace(criterion, weight=weight))
-    return tuple(c for c in found if c.weight > 0)
+            selected.append(criterion if weight is None else replace(criterion, weight=weight))
+    return tuple(c for c in selected if c.weight > 0)
 
 
 def check_steps(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
-    """What in a sequence does not fit the problem."""
+    """Return the findings on steps that do not fit the problem."""
     if not steps:
         return []
-    found = check_shared_axes(problem.free_axes, problem.free_names)
-    return found + [f for place, step in enumerate(steps, 1) for f in _Checking(problem, step, place).findings()]
+    findings = check_shared_axes(problem.free_axes, problem.free_names)
+    return findings + [f for number, step in enumerate(steps, 1) for f in _StepCheck(problem, step, number).run()]
 
 
-class _Checking:
-    """The names and shapes in one step."""
+class _StepCheck:
+    """Checks names, shapes and numbers of one step."""
 
     def __init__(self, problem: Problem, step: Step, number: int) -> None:
         self.problem, self.step = problem, step
-        self.place = f"step {number}"
-        self.found: list[Finding] = []
+        self.location = f"step {number}"
+        self.findings: list[Finding] = []
 
-    def findings(self) -> list[Finding]:
+    def run(self) -> list[Finding]:
         step, used = self.step, self.problem.model.graph.parameters
-        self._patterns("free", step.free or (), used, " that the function uses")
-        self._patterns("lock", step.lock, self.problem.parameters)
+        self._check_patterns("free", step.free or (), used, " that the function uses")
+        self._check_patterns("lock", step.lock, self.problem.parameters)
         for key in ("smoothness", "grid_reduction"):
-            given = getattr(step, key)
-            if isinstance(given, Mapping):
-                self._patterns(key, given, self.problem.parameters)
-                self._an_axis_each(key, given)
-        self._masks()
-        self._criteria()
-        if not self.found:
-            self._purpose()
-        return self.found
+            by_parameter = getattr(step, key)
+            if isinstance(by_parameter, Mapping):
+                self._check_patterns(key, by_parameter, self.problem.parameters)
+                self._check_axis_counts(key, by_parameter)
+        self._check_masks()
+        self._check_criteria()
+        if not self.findings:
+            self._check_not_empty()
+        return self.findings
 
     def _report(self, key: str, message: str, remedy: str = "") -> None:
-        self.found.append(Finding(f"{self.place} {key}".strip(), message, remedy))
+        self.findings.append(Finding(f"{self.location} {key}", message, remedy))
 
-    def _patterns(self, key: str, patterns: Iterable[str], names: Collection[str], which: str = "") -> None:
+    def _check_patterns(self, key: str, patterns: Iterable[str], names: Collection[str], which: str = "") -> None:
         for pattern in patterns:
             if not any(name == pattern or fnmatchcase(name, pattern) for name in names):
                 self._report(key, f"{pattern} matches no parameter{which}", nearest(pattern, names))
 
-    def _an_axis_each(self, key: str, given: Mapping[str, object]) -> None:
+    def _check_axis_counts(self, key: str, by_parameter: Mapping[str, object]) -> None:
         for name, parameter in self.problem.parameters.items():
-            one, axes = matching(given, name, None), len(parameter.axes)
-            if isinstance(one, Sequence) and not isinstance(one, str) and axes and len(one) != axes:
-                self._report(
-                    f"{key} {name}", f"{list(one)} are {len(one)} numbers for {axes} axes", "Give one an axis."
-                )
+            value, axes = matching(by_parameter, name, None), len(parameter.axes)
+            if isinstance(value, Sequence) and not isinstance(value, str) and axes and len(value) != axes:
+                message = f"must have one number for each of {axes} axes, got {list(value)}"
+                self._report(f"{key} {name}", message)
 
-    def _masks(self) -> None:
+    def _check_masks(self) -> None:
         for name, parameter in self.problem.parameters.items():
-            mask = matching(self.step.lock, name, None)
-            if mask is not None and np.shape(mask) not in ((), parameter.values.shape):
-                shapes = f"{list(np.shape(mask))}, the parameter {list(parameter.values.shape)}"
-                self._report(f"lock {name}", f"the mask has the shape {shapes}", "Give one entry a grid point.")
+            mask, shape = matching(self.step.lock, name, None), parameter.values.shape
+            if mask is not None and np.shape(mask) not in ((), shape):
+                message = f"the mask has shape {list(np.shape(mask))}, but the parameter has {list(shape)}"
+                self._report(f"lock {name}", message, "Give one entry per grid point.")
 
-    def _criteria(self) -> None:
+    def _check_criteria(self) -> None:
         nodes = [criterion.node for criterion in self.problem.criteria]
-        given = self.step.criteria or ()
-        for key in given:
+        selection = self.step.criteria or ()
+        for key in selection:
             if isinstance(key, int):
                 if not 1 <= key <= len(nodes):
-                    self._report(
-                        "criteria", f"there is no criterion {key}", f"They are counted from 1 to {len(nodes)}."
-                    )
+                    self._report("criteria", f"there is no criterion {key}", f"Use numbers from 1 to {len(nodes)}.")
             elif key not in nodes:
-                remedy = nearest(key, nodes) or f"The criteria are on {', '.join(nodes)}."
-                self._report("criteria", f"there is no criterion on {key}", remedy)
-        for key, weight in given.items() if isinstance(given, Mapping) else ():
+                remedy = nearest(key, nodes) or f"Criteria exist for {', '.join(nodes)}."
+                self._report("criteria", f"there is no criterion for {key}", remedy)
+        for key, weight in selection.items() if isinstance(selection, Mapping) else ():
             if not 0 <= weight < np.inf:
-                self._report(f"criteria {key}", f"the weight {weight} must be a number from 0 on")
+                self._report(f"criteria {key}", f"the weight must be >= 0, got {weight}")
 
-    def _purpose(self) -> None:
-        """Whether anything is left to fit, and something to fit it to."""
-        made = step_problem(self.problem, self.step)
-        if not made.criteria:
-            self._report("criteria", "no criterion has a weight above 0", "Name at least one.")
-        if not made.free_names:
+    def _check_not_empty(self) -> None:
+        problem = step_problem(self.problem, self.step)
+        if not problem.criteria:
+            self._report("criteria", "no criterion has a weight > 0", "Select at least one.")
+        if not problem.free_names:
             self._report("free", "no parameter that the function uses is free", "Free at least one.")

@@ -1,10 +1,8 @@
-"""Starts in several processes: the side that calculates them. See `workers.py`.
+"""Starts in worker processes: the pool that distributes them, and the main loop of a worker.
 
-Starts in several processes: the side that hands them out.
-
-Workers are fresh interpreters that speak pickles through their pipes, not `multiprocessing` processes: these would run
-the user's script again on systems without `fork`, unless it is guarded. A worker that loses its pipe ends itself, so
-none outlives a calibration that is killed. Ctrl-C reaches this process alone, which tells the workers.
+Workers are fresh interpreters that exchange pickles through pipes, not `multiprocessing` processes: these would run the
+user's script again on systems without `fork`, unless it is guarded. A worker that loses its pipe exits, so none
+outlives a calibration that is killed. Ctrl-C reaches the main process only, which forwards it to the workers.
 """
 
 import copyreg
@@ -22,7 +20,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import IO, Any
 
-from kennfeld.arrays import silent
+from kennfeld.arrays import ignore_floating_errors
 from kennfeld.errors import InputError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
@@ -30,41 +28,44 @@ from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Start
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, skipped_start
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 
-__all__ = ["climb_in_parallel"]
+__all__ = ["run_in_parallel"]
 
 READY, STOP = "ready", "stop"
-PAUSE = 0.1  # s between looks at Ctrl-C: where a wait has no end, Windows does not deliver it
+POLL_INTERVAL = 0.1  # s; Windows does not deliver Ctrl-C during a wait without timeout
 COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.optimize.search.worker_pool import main; main()"
 
 
-def climb_in_parallel(
+def run_in_parallel(
     problem: Problem,
     options: Options,
-    begins: Sequence[StartPoint],
+    points: Sequence[StartPoint],
     workers: int,
     progress: Progress,
     keep: CheckpointSink,
 ) -> list[StartOutcome]:
-    """The ends of the starts, in the order in which they came; without those that no worker could take.
+    """Run starts in worker processes.
 
-    `progress` and `keep` are called in this thread; what they raise ends all starts, `Stop` at their best values. A
-    start whose worker dies has failed.
+    `progress` and `keep` are called in this thread; an exception in them ends all starts, `Stop` at their best values.
+    A start whose worker dies has failed.
+
+    Returns:
+        The outcomes in the order of completion, without starts that no worker could run.
     """
-    if getattr(sys, "frozen", False):  # the program is no interpreter
+    if getattr(sys, "frozen", False):  # sys.executable is not a Python interpreter
         return []
     try:
-        work = pickled((replace(problem), options))  # a copy is without what was computed from it
+        work = pickled((replace(problem), options))  # a copy has no cached properties
     except (pickle.PicklingError, TypeError, AttributeError):
         return []
-    pool = _Pool(work, begins, workers, progress, keep)
+    pool = _Pool(work, points, workers, progress, keep)
     try:
-        return pool.ends()
+        return pool.run()
     finally:
         pool.close()
 
 
 def pickled(content: Any) -> bytes:
-    """The content as a pickle; a model's read-only mappings are allowed, which pickle alone does not know."""
+    """Pickle content that may contain the read-only mappings of a model."""
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _plain}
@@ -81,20 +82,20 @@ def _read_only(mapping: dict[Any, Any]) -> Mapping[Any, Any]:
 
 
 class _Worker:
-    """One process, and the thread that hears it; what it says goes to an inbox, None once it has gone."""
+    """A worker process, and the thread that puts its messages into an inbox; None once the process has ended."""
 
     def __init__(self, work: bytes, inbox: "queue.SimpleQueue[tuple[_Worker, Any]]") -> None:
-        apart: dict[str, Any] = {"start_new_session": True}
+        session: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
-            apart = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+            session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         command = [sys.executable or "python", "-c", COMMAND.format(path=sys.path)]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **apart)
-        self.begin: StartPoint | None = None
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **session)
+        self.point: StartPoint | None = None
         self.ready = False
-        self._thread = threading.Thread(target=self._hear, args=(work, inbox), daemon=True)
+        self._thread = threading.Thread(target=self._receive, args=(work, inbox), daemon=True)
         self._thread.start()
 
-    def _hear(self, work: bytes, inbox: "queue.SimpleQueue[tuple[_Worker, Any]]") -> None:
+    def _receive(self, work: bytes, inbox: "queue.SimpleQueue[tuple[_Worker, Any]]") -> None:
         assert self.process.stdout is not None
         self._write(work)
         with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
@@ -103,23 +104,22 @@ class _Worker:
         inbox.put((self, None))
 
     def _write(self, content: bytes) -> None:
-        """A worker that has gone is noticed by its silence."""
         assert self.process.stdin is not None
-        with suppress(OSError, ValueError):
+        with suppress(OSError, ValueError):  # a process that has ended is noticed by `_receive`
             self.process.stdin.write(content)
             self.process.stdin.flush()
 
-    def take(self, begin: StartPoint) -> None:
-        """Hand it a start."""
-        self.begin = begin
-        self._write(pickled(begin))
+    def run_start(self, point: StartPoint) -> None:
+        """Send a start to the worker."""
+        self.point = point
+        self._write(pickled(point))
 
     def stop(self) -> None:
-        """End its descent at its next step."""
+        """Stop the start at its next step."""
         self._write(pickled(STOP))
 
     def close(self) -> None:
-        """End the process, whatever it is doing."""
+        """Kill the process."""
         self.process.kill()
         self.process.wait()
         self._thread.join()
@@ -128,158 +128,156 @@ class _Worker:
                 stream.close()  # type: ignore[union-attr]
 
 
-class _Gone(Exception):  # noqa: N818
-    """A worker cannot take the problem."""
+class _WorkerUnusableError(Exception):
+    """A worker cannot load the problem."""
 
 
 class _Pool:
-    """Workers, and the starts that they are given."""
+    """Worker processes and the starts waiting for them."""
 
     def __init__(
-        self, work: bytes, begins: Sequence[StartPoint], workers: int, progress: Progress, keep: CheckpointSink
+        self, work: bytes, points: Sequence[StartPoint], workers: int, progress: Progress, keep: CheckpointSink
     ) -> None:
-        self.work, self.most = work, workers
+        self.work, self.max_workers = work, workers
         self.progress, self.keep = progress, keep
-        self.waiting = list(begins)
-        self.found: list[StartOutcome] = []
+        self.waiting = list(points)
+        self.outcomes: list[StartOutcome] = []
         self.workers: list[_Worker] = []
         self.stopping = False
         self.inbox: queue.SimpleQueue[tuple[_Worker, Any]] = queue.SimpleQueue()
 
     @property
     def busy(self) -> list[_Worker]:
-        """The workers that have a start."""
-        return [worker for worker in self.workers if worker.begin is not None]
+        """The workers that run a start."""
+        return [worker for worker in self.workers if worker.point is not None]
 
-    def ends(self) -> list[StartOutcome]:
-        """The ends of all starts, or of those that came to one before a worker turned out to be unable."""
+    def run(self) -> list[StartOutcome]:
+        """Run all starts; return the outcomes so far if a worker cannot load the problem."""
         try:
             while self.waiting or self.busy:
                 try:
-                    self._hire()
-                    self._hear()
+                    self._add_workers()
+                    self._handle_message()
                 except Stop:
                     self._stop()
                 except KeyboardInterrupt:
                     if self.stopping:
                         raise
                     self._stop()
-        except (_Gone, OSError):
+        except (_WorkerUnusableError, OSError):
             pass
-        return self.found
+        return self.outcomes
 
     def close(self) -> None:
         """End all workers."""
         for worker in self.workers:
             worker.close()
 
-    def _hire(self) -> None:
-        while len(self.workers) < min(self.most, len(self.waiting) + len(self.busy)):
+    def _add_workers(self) -> None:
+        while len(self.workers) < min(self.max_workers, len(self.waiting) + len(self.busy)):
             self.workers.append(_Worker(self.work, self.inbox))
 
-    def _hear(self) -> None:
-        """Deal with the next message, if there is one soon."""
+    def _handle_message(self) -> None:
         try:
-            worker, said = self.inbox.get(timeout=PAUSE)
+            worker, message = self.inbox.get(timeout=POLL_INTERVAL)
         except queue.Empty:
             return
-        if said is None:
-            self._bury(worker)
-        elif isinstance(said, TraceLine):
-            self.progress(said)
-        elif isinstance(said, Checkpoint):
-            self.keep(said)
-        elif isinstance(said, tuple):
-            raise InputError(said)
+        if message is None:
+            self._remove(worker)
+        elif isinstance(message, TraceLine):
+            self.progress(message)
+        elif isinstance(message, Checkpoint):
+            self.keep(message)
+        elif isinstance(message, tuple):
+            raise InputError(message)
         else:
-            self._continue(worker, said)
+            self._continue(worker, message)
 
-    def _continue(self, worker: _Worker, said: Any) -> None:
-        """Give a worker that is ready, or at the end of a start, the next one."""
-        if isinstance(said, StartOutcome):
-            self.found.append(said)
-        worker.ready, worker.begin = True, None
+    def _continue(self, worker: _Worker, message: Any) -> None:
+        """Record the outcome of a worker, if it has run a start, and send it the next one."""
+        if isinstance(message, StartOutcome):
+            self.outcomes.append(message)
+        worker.ready, worker.point = True, None
         if self.waiting:
-            worker.take(self.waiting.pop(0))
+            worker.run_start(self.waiting.pop(0))
 
-    def _bury(self, worker: _Worker) -> None:
-        """A worker has gone, and its start with it."""
+    def _remove(self, worker: _Worker) -> None:
+        """Remove a worker whose process has ended; its start has failed."""
         self.workers.remove(worker)
         worker.close()
         if not worker.ready:
-            raise _Gone
-        if worker.begin is not None:
-            begin, nothing = worker.begin, float("nan")
-            message = f"The process of this start ended with the exit status {worker.process.returncode}."
-            self.found.append(
-                StartOutcome(StartResult(begin.start, "failed", message, nothing, nothing, 0, 0), begin.values)
-            )
+            raise _WorkerUnusableError
+        if worker.point is not None:
+            point, unknown = worker.point, float("nan")
+            message = f"The worker process of this start ended with exit status {worker.process.returncode}."
+            row = StartResult(point.start, "failed", message, unknown, unknown, 0, 0)
+            self.outcomes.append(StartOutcome(row, point.values))
 
     def _stop(self) -> None:
-        """End the starts under way at their best values; the others never begin. A second request ends all at once."""
+        """Stop the running starts at their best values and skip the others."""
         if self.stopping:
             return
         self.stopping = True
-        self.found += [skipped_start(begin) for begin in self.waiting]
+        self.outcomes += [skipped_start(point) for point in self.waiting]
         self.waiting = []
         for worker in self.busy:
             worker.stop()
 
 
 def main() -> None:
-    """Read a problem from stdin, then starts; write each accepted step and each end to stdout.
+    """Run a worker: read a problem and start points from stdin, write accepted steps and outcomes to stdout.
 
-    The process ends with its stdin.
+    The process ends when its stdin is closed.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     outgoing = os.fdopen(os.dup(1), "wb")
     with suppress(OSError):
-        os.dup2(2, 1)  # what anybody prints must not get between the pickles
-    with silent():
+        os.dup2(2, 1)  # printed text must not get between the pickles
+    with ignore_floating_errors():
         try:
             problem, options = pickle.load(sys.stdin.buffer)
-            climber = StartRunner(problem, options)
+            runner = StartRunner(problem, options)
         except Exception:
-            sys.exit(1)  # the other side does the work itself then
-        _Working(climber, sys.stdin.buffer, outgoing).serve()
+            sys.exit(1)  # the main process then runs the starts itself
+        _WorkerLoop(runner, sys.stdin.buffer, outgoing).run()
 
 
-class _Working:
-    """A worker at work."""
+class _WorkerLoop:
+    """Main loop of a worker process."""
 
-    def __init__(self, climber: StartRunner, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
-        self.climber, self.incoming, self.outgoing = climber, incoming, outgoing
-        self.begins: queue.SimpleQueue[StartPoint] = queue.SimpleQueue()
+    def __init__(self, runner: StartRunner, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
+        self.runner, self.incoming, self.outgoing = runner, incoming, outgoing
+        self.points: queue.SimpleQueue[StartPoint] = queue.SimpleQueue()
         self.stopping = threading.Event()
 
-    def serve(self) -> None:
-        """Climb until nobody listens any more."""
+    def run(self) -> None:
+        """Run starts until the pipe is closed, which ends the process."""
         threading.Thread(target=self._listen, daemon=True).start()
-        self._say(READY)
+        self._send(READY)
         while True:
-            begin = self.begins.get()
+            point = self.points.get()
             try:
-                self._say(self.climber.climb(begin, self._report, self._say))
+                self._send(self.runner.run_start(point, self._report, self._send))
             except InputError as error:
-                self._say(error.findings)
+                self._send(error.findings)
 
     def _listen(self) -> None:
         try:
             while True:
-                said = pickle.load(self.incoming)
-                if said == STOP:
+                message = pickle.load(self.incoming)
+                if message == STOP:
                     self.stopping.set()
                 else:
-                    self.begins.put(said)
+                    self.points.put(message)
         finally:
             os._exit(0)
 
     def _report(self, line: TraceLine) -> None:
-        self._say(line)
+        self._send(line)
         if self.stopping.is_set():
             raise Stop
 
-    def _say(self, content: Any) -> None:
+    def _send(self, content: Any) -> None:
         try:
             self.outgoing.write(pickled(content))
             self.outgoing.flush()

@@ -1,6 +1,6 @@
-"""The small quadratic program of the multipliers: min 1/2 m'Sm - e'm, where all but a few m may not fall below 0.
+"""The small quadratic program of the multipliers: min 1/2 m'Sm - e'm, with m >= 0 except for equalities.
 
-S is singular where limits depend on each other, such as the four slopes around a flat cell of a map.
+S is singular if limits depend on each other, such as the four slopes around a flat cell of a map.
 """
 
 import numpy as np
@@ -13,15 +13,16 @@ __all__ = ["nonnegative_dual", "solve_active"]
 RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
 NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
 PASSED = 1e-14  # a slope below 0 by this share of what it is summed from is wrong
-PATIENCE = 6  # exchanges of whole blocks that leave no fewer wrong than ever before
+PATIENCE = 6  # exchanges of whole blocks without a decrease of the number of wrong multipliers
 
 
 def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
-    """The multipliers m, of which the first `equalities` are free; `guess` are likely to be above 0.
+    """Return the multipliers m, of which the first `equalities` are unbounded; `guess` marks those likely to be > 0.
 
     Block principal pivoting (J. Judice, F. Pires: A block principal pivoting algorithm for large-scale strictly
-    monotone linear complementarity problems, 1994) settles in a few exchanges, or not at all where many rows depend on
-    each other; then one row at a time. A row that no value enters, with 0 on the diagonal of S, has no multiplier.
+    monotone linear complementarity problems, 1994) ends after a few exchanges, or not at all if many rows depend on
+    each other; then rows are exchanged one at a time. A row without values, with 0 on the diagonal of S, has no
+    multiplier.
     """
     dual = _ActiveSetDual(matrix, excess, equalities)
     m = dual.by_blocks(dual.wanted > 0 if guess is None else guess)
@@ -31,9 +32,9 @@ def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool 
 
 
 def solve_active(matrix: Float, active: Bool, right: Float) -> Float:
-    """The multipliers of the `active` rows for which S m = right there; the others are 0.
+    """Solve S m = right for the multipliers of the `active` rows; the others are 0.
 
-    Of dependent rows a ridge makes a small one. What it costs in digits a second solve gives back (J. Riley: Solving
+    A ridge makes dependent rows solvable; a second solve restores the digits that it costs (J. Riley: Solving
     systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix, 1955). NaN if
     S is not finite.
     """
@@ -55,7 +56,7 @@ def _ridged(matrix: Float, which: Int) -> Factor | None:
 
 
 class _ActiveSetDual:
-    """The program, and what is wrong with multipliers, measured in units of each row's own length."""
+    """The program; violations are measured in units of the length of each row."""
 
     def __init__(self, matrix: Float, excess: Float, equalities: int) -> None:
         self.matrix, self.excess = matrix, excess
@@ -65,7 +66,7 @@ class _ActiveSetDual:
         self.wanted = np.where(self.entered, excess / self.scale, 0.0)
 
     def by_blocks(self, guess: Bool) -> Float | None:
-        """All that is wrong is exchanged at once; None where that does not settle."""
+        """Exchange all wrong multipliers at once; None if that does not end."""
         inside = self.entered & (~self.bounded | guess)
         best, patience = inside.size + 1, PATIENCE
         while patience:
@@ -79,9 +80,9 @@ class _ActiveSetDual:
         return None
 
     def one_by_one(self) -> Float:
-        """From none, the row with the steepest slope enters and those that reach 0 on the way leave.
+        """Add the row with the steepest slope, and remove those that reach 0 on the way, until none is left.
 
-        The cost falls with each step, so that no choice comes twice (C. Lawson, R. Hanson: Solving least squares
+        The cost falls with each step, so that no active set occurs twice (C. Lawson, R. Hanson: Solving least squares
         problems, 1974, chapter 23).
         """
         inside = self.entered & ~self.bounded
@@ -101,7 +102,7 @@ class _ActiveSetDual:
         return m
 
     def _towards_zero_slope(self, m: Float, inside: Bool) -> Float:
-        """Multipliers where the slope is 0 `inside`, from which those that would fall below 0 on the way are taken."""
+        """Move to the multipliers with zero slope `inside`; those that would fall below 0 on the way leave the set."""
         while True:
             target = self.solved(inside)
             falling = self.bounded & inside & (target <= 0)
@@ -115,21 +116,21 @@ class _ActiveSetDual:
             m[self.bounded & ~inside] = 0.0
 
     def solved(self, inside: Bool) -> Float:
-        """Multipliers `inside` for which the slope is 0 there; the others are 0."""
+        """Return the multipliers with zero slope `inside`; the others are 0."""
         return solve_active(self.matrix, inside, self.excess)
 
     def slope(self, m: Float) -> Float:
-        """Of the cost, along each multiplier."""
+        """Return the derivative of the cost with respect to each multiplier."""
         slope: Float = (self.matrix @ m - self.excess) / self.scale
         return slope
 
     def rounding(self, m: Float) -> float:
-        """A slope this small is 0."""
+        """Return the size below which a slope counts as 0."""
         summed = np.abs(self.wanted).max(initial=0.0) + np.abs(m * self.scale).sum()
         return PASSED * float(summed)
 
     def negative(self, m: Float) -> Bool:
-        """Which multipliers are below 0, by more than rounding."""
+        """Mark the multipliers below 0 by more than rounding."""
         scaled = m * self.scale
         negative: Bool = scaled < -NEGATIVE * np.abs(scaled).max(initial=0.0)
         return negative

@@ -1,11 +1,6 @@
-"""The damped Gauss-Newton model of a sum of squares at one point.
+"""The damped Gauss-Newton model of a sum of squares at one point, and a secant correction to it.
 
 Small problems are factored by QR of the Jacobian, which keeps the digits that the normal equations square away.
-
-What the second derivatives of the residuals add to the Gauss-Newton matrix, learnt from gradients along the way.
-
-J. Dennis, D. Gay, R. Welsch: An adaptive nonlinear least-squares algorithm, 1981. Where residuals stay large, the
-Gauss-Newton matrix alone misses most of the curvature, and only heavy damping keeps its steps short enough.
 """
 
 from typing import Protocol
@@ -17,35 +12,171 @@ from kennfeld.native import Cholesky, Factor
 
 __all__ = ["GaussNewtonModel", "Objective", "SecantCorrection"]
 
-MEMORY = 0.5  # share of a value's scale that it keeps at least from one iteration to the next
+SCALE_MEMORY = 0.5  # share of its column scale that a value keeps at least from one iteration to the next
 PROBE = 0.1  # share of a step at which its curvature is measured
-FLOOR = 1e-6  # of the mean curvature in its table: the least scale of a value, so that it does not run away
+SCALE_FLOOR = 1e-6  # of the mean curvature in its table: least column scale, so that no value runs away
+
+
+class Objective(Protocol):
+    """A sum of squares and what the solver needs of it. Gradients are halved: J'Wr."""
+
+    @property
+    def uses_qr(self) -> bool:
+        """If `rows` fits into memory and its digits are worth a QR factorisation."""
+
+    @property
+    def supports_acceleration(self) -> bool:
+        """If `rows` changes smoothly enough to measure the curvature of the residuals."""
+
+    @property
+    def supports_secant(self) -> bool:
+        """If the residuals' second derivatives are worth a dense matrix of all values."""
+
+    def cost(self, values: Float) -> float:
+        """Return the cost; not finite if the model fails."""
+
+    def normal(self, values: Float) -> tuple[Float, Float]:
+        """Return half the gradient, and the Gauss-Newton matrix; valid until the next call."""
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Return the weighted residuals and their Jacobian."""
+
+    def mean_curvature(self, diagonal: Float) -> Float:
+        """Return for each value the mean over its table of the Gauss-Newton diagonal; 0 for scalars."""
+
+    def cholesky(self, size: int) -> Cholesky:
+        """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
+
+
+class GaussNewtonModel:
+    """Residual r, gradient g = J'r and either R of J = QR or the matrix J'J, over the movable values."""
+
+    def __init__(self, objective: Objective, values: Float, movable: Int, previous_scale: Float | None) -> None:
+        self.objective, self.values, self.movable = objective, values, movable
+        if objective.uses_qr:
+            residual, jacobian = objective.rows(values)
+            jacobian = jacobian[:, movable]
+            self.residual, self.jacobian = residual, jacobian
+            self.r_factor, self.q_residual = _triangle(jacobian, residual)
+            self.hessian: Float | None = None
+            self.gradient = jacobian.T @ residual
+            diagonal = np.einsum("ij,ij->j", jacobian, jacobian)
+        else:
+            gradient, matrix = objective.normal(values)
+            all_move = movable.size == values.size
+            self.gradient = gradient if all_move else gradient[movable]
+            self.hessian = matrix if all_move else matrix[np.ix_(movable, movable)]
+            diagonal = np.diag(self.hessian)
+        self.diagonal = diagonal
+        full = np.zeros(values.size)
+        full[movable] = diagonal
+        mean = objective.mean_curvature(full)[movable]
+        self.column_scale = np.maximum(diagonal, SCALE_FLOOR * mean)
+        self.column_scale[self.column_scale <= 0] = 1.0
+        if previous_scale is not None:
+            self.column_scale = np.maximum(self.column_scale, SCALE_MEMORY * previous_scale)
+        self.curvature = np.maximum(self.column_scale, mean)
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
+
+    @property
+    def rounding(self) -> float:
+        """Rounding error of the residuals, which are differences of predictions of the size |J p|."""
+        size = np.linalg.norm(np.sqrt(self.diagonal) * self.values[self.movable])
+        return float(np.finfo(float).eps * size)
+
+    def damped_factor(
+        self, damping: float, secant: "SecantCorrection | None" = None, least: float = 0.0
+    ) -> tuple[Factor, Float] | None:
+        """Return the factor of J'J + lambda D and the step without limits; None if it is not positive definite.
+
+        Args:
+            damping: lambda.
+            secant: added to J'J.
+            least: least damping, as a share of the mean curvature.
+        """
+        damped = np.maximum(damping * self.column_scale, least * self.curvature)
+        if secant is not None:
+            matrix = (self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian) + secant.matrix
+            factor = Cholesky(self.movable.size).factor(matrix, damped)
+            return None if factor is None else (factor, factor.solve(-self.gradient))
+        if self.hessian is not None:
+            factor = self.objective.cholesky(self.movable.size).factor(self.hessian, damped)
+            return None if factor is None else (factor, factor.solve(-self.gradient))
+        # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
+        stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped))])
+        upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, np.zeros(self.column_scale.size)]))
+        diagonal = np.abs(np.diag(upper))
+        if diagonal.min(initial=1.0) <= 0:
+            return None
+        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
+        lower = np.ascontiguousarray((sign[:, None] * upper).T)
+        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+
+    def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
+        """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.
+
+        M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012.
+        """
+        trial = self.values.copy()
+        trial[self.movable] += PROBE * step
+        ahead, _ = self.objective.rows(trial)
+        if not np.all(np.isfinite(ahead)):
+            return np.full(step.size, np.inf)
+        second_derivative = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
+        return factor.solve(-(self.jacobian.T @ second_derivative))
+
+    def hessian_product(self, step: Float) -> Float:
+        """Return J'J d, the change of the gradient that the model predicts."""
+        return self.r_factor.T @ (self.r_factor @ step) if self.hessian is None else self.hessian @ step
+
+    def predicted_reduction(self, step: Float) -> float:
+        """Return the decrease of the cost -2 g'd - d'J'J d."""
+        curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
+        return float(-2 * (self.gradient @ step) - curvature)
+
+    def scaled_norm(self, step: Float) -> float:
+        """Return sqrt(d'D d), the length of a step in the values' own scales."""
+        with np.errstate(over="ignore"):
+            return float(np.sqrt(np.sum(self.column_scale * step * step)))
 
 
 class SecantCorrection:
-    """A symmetric matrix that follows the descent; zero at first."""
+    """A symmetric matrix S of the residuals' second derivatives, learnt from the gradients along a descent.
+
+    If residuals remain large, J'J misses most of the curvature and only heavy damping keeps its steps short enough.
+    J. Dennis, D. Gay, R. Welsch: An adaptive nonlinear least-squares algorithm, 1981.
+    """
 
     def __init__(self, size: int) -> None:
         self.matrix = np.zeros((size, size))
 
-    def bend(self, step: Float) -> float:
-        """By how much it lowers the predicted gain of a step."""
+    def curvature(self, step: Float) -> float:
+        """Return d'S d, by which S lowers the predicted reduction of a step."""
         return float(step @ self.matrix @ step)
 
     def learn(self, step: Float, change: Float, explained: Float) -> None:
-        """Take in how the (halved) gradient changed over a step, and how much of it the Gauss-Newton matrix explains.
+        """Update S so that S d = y - J'J d, a rank-two update of least change.
 
-        The matrix is first shrunk to the size of what is left to explain (ibid., equation 3.5), so that curvature
-        learnt where the residuals were large is forgotten where they are small.
+        S is first shrunk to the size of what is left to explain (ibid., equation 3.5), so that curvature learnt while
+        the residuals were large is forgotten once they are small.
+
+        Args:
+            step: d.
+            change: y, the change of the halved gradient over d.
+            explained: J'J d.
         """
         along = float(change @ step)
-        left = change - explained
-        if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(left))):
+        remainder = change - explained
+        if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(remainder))):
             return
-        known = self.bend(step)
-        share = min(1.0, abs(float(step @ left)) / abs(known)) if known else 1.0
-        missing = left - share * (self.matrix @ step)
+        known = self.curvature(step)
+        share = min(1.0, abs(float(step @ remainder)) / abs(known)) if known else 1.0
+        missing = remainder - share * (self.matrix @ step)
         with np.errstate(over="ignore", invalid="ignore"):
+            # w = remainder - S d, v = y / y'd: S + w v' + v w' - (d'w) v v'
             direction = change / along
             crossed = np.outer(missing, direction)
             matrix = share * self.matrix + crossed + crossed.T
@@ -54,130 +185,8 @@ class SecantCorrection:
             self.matrix = matrix
 
 
-class Objective(Protocol):
-    """A sum of squares and what the solver needs of it. Gradients are halved: J'Wr."""
-
-    @property
-    def small(self) -> bool:
-        """Whether `rows` fits memory and its digits are worth a QR."""
-
-    @property
-    def bends(self) -> bool:
-        """Whether `rows` changes smoothly enough to measure the curvature of the residuals."""
-
-    @property
-    def learns(self) -> bool:
-        """Whether the residuals' second derivatives are worth a dense matrix of all values."""
-
-    def cost(self, values: Float) -> float:
-        """The cost; not finite where the model fails."""
-
-    def normal(self, values: Float) -> tuple[Float, Float]:
-        """Half the gradient, and the Gauss-Newton matrix. They hold until the next call."""
-
-    def rows(self, values: Float) -> tuple[Float, Float]:
-        """Weighted residuals and their Jacobian."""
-
-    def mean_curvature(self, diagonal: Float) -> Float:
-        """For each value the mean over its table of the diagonal of the Gauss-Newton matrix; 0 for scalars."""
-
-    def cholesky(self, size: int) -> Cholesky:
-        """What factors the matrix of `size` of its values; it knows the zeros of those before."""
-
-
-class GaussNewtonModel:
-    """Gradient, matrix or triangular factor, and the scales of the movable values."""
-
-    def __init__(self, objective: Objective, at: Float, movable: Int, scale: Float | None) -> None:
-        self.movable = movable
-        self.objective, self.at = objective, at
-        if objective.small:
-            residual, jacobian = objective.rows(at)
-            jacobian = jacobian[:, movable]
-            self.residual, self.jacobian = residual, jacobian
-            self.root, self.rotated = _triangle(jacobian, residual)
-            self.matrix: Float | None = None
-            self.gradient = jacobian.T @ residual
-            diagonal = np.einsum("ij,ij->j", jacobian, jacobian)
-        else:
-            gradient, matrix = objective.normal(at)
-            everything = movable.size == at.size
-            self.gradient = gradient if everything else gradient[movable]
-            self.matrix = matrix if everything else matrix[np.ix_(movable, movable)]
-            diagonal = np.diag(self.matrix)
-        self.diagonal = diagonal
-        full = np.zeros(at.size)
-        full[movable] = diagonal
-        mean = objective.mean_curvature(full)[movable]
-        self.scale = np.maximum(diagonal, FLOOR * mean)
-        self.scale[self.scale <= 0] = 1.0
-        if scale is not None:
-            self.scale = np.maximum(self.scale, MEMORY * scale)
-        self.curvature = np.maximum(self.scale, mean)
-
-    @property
-    def finite(self) -> bool:
-        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.scale)))
-
-    @property
-    def rounding(self) -> float:
-        """How exactly the residuals are known: they are differences of predictions of the size |J p|."""
-        return float(np.finfo(float).eps * np.linalg.norm(np.sqrt(self.diagonal) * self.at[self.movable]))
-
-    def factor(
-        self, damping: float, secant: SecantCorrection | None = None, floor: float = 0.0
-    ) -> tuple[Factor, Float] | None:
-        """Factor of the damped matrix and the step without limits; None where it is not positive definite.
-
-        `floor` is the least damping, as a share of the mean curvature.
-        """
-        damped = np.maximum(damping * self.scale, floor * self.curvature)
-        if secant is not None:
-            whole = (self.root.T @ self.root if self.matrix is None else self.matrix) + secant.matrix
-            curved = Cholesky(self.movable.size).factor(whole, damped)
-            return None if curved is None else (curved, curved.solve(-self.gradient))
-        if self.matrix is not None:
-            factor = self.objective.cholesky(self.movable.size).factor(self.matrix, damped)
-            return None if factor is None else (factor, factor.solve(-self.gradient))
-        stacked = np.vstack([self.root, np.diag(np.sqrt(damped))])
-        upper, rotated = _triangle(stacked, np.concatenate([self.rotated, np.zeros(self.scale.size)]))
-        diagonal = np.abs(np.diag(upper))
-        if diagonal.min(initial=1.0) <= 0:
-            return None
-        sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
-        lower = np.ascontiguousarray((sign[:, None] * upper).T)
-        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
-
-    def bend(self, factor: Factor, step: Float) -> Float:
-        """Geodesic acceleration: the correction of a step for the curvature of the residuals along it.
-
-        M. Transtrum, J. Sethna: Improvements to the Levenberg-Marquardt algorithm, 2012. Small problems only.
-        """
-        trial = self.at.copy()
-        trial[self.movable] += PROBE * step
-        ahead, _ = self.objective.rows(trial)
-        if not np.all(np.isfinite(ahead)):
-            return np.full(step.size, np.inf)
-        curved = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
-        return factor.solve(-(self.jacobian.T @ curved))
-
-    def explained(self, step: Float) -> Float:
-        """Change of the gradient over a step that the Gauss-Newton matrix predicts."""
-        return self.root.T @ (self.root @ step) if self.matrix is None else self.matrix @ step
-
-    def gain(self, step: Float) -> float:
-        """Predicted decrease of the cost."""
-        bend = np.sum((self.root @ step) ** 2) if self.matrix is None else step @ (self.matrix @ step)
-        return float(-2 * (self.gradient @ step) - bend)
-
-    def length(self, step: Float) -> float:
-        """Length of a step in the values' own scales."""
-        with np.errstate(over="ignore"):
-            return float(np.sqrt(np.sum(self.scale * step * step)))
-
-
 def _triangle(jacobian: Float, residual: Float) -> tuple[Float, Float]:
-    """R and Q'r of a QR factorisation; rows of zeros are added where there are fewer than columns."""
+    """Return R and Q'r of a QR factorisation; rows of zeros are added if there are fewer than columns."""
     missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
     if missing:
         jacobian = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])

@@ -1,15 +1,18 @@
-"""Gauss-Newton with Levenberg-Marquardt damping, within limits.
+"""Levenberg-Marquardt: damped Gauss-Newton steps within bounds and linear limits.
 
-Every iteration solves a convex quadratic program in the damped Gauss-Newton model. The damping follows the ratio of
-actual to predicted gain (H. B. Nielsen, Damping parameter in Marquardt's method, 1999); it is measured in each value's
-own scale, the diagonal of the Gauss-Newton matrix with a floor, so values of any unit are treated alike.
-Where the residuals' own curvature matters, a second model adds what `Secant` has learnt of it; of the two, the one that
-predicted the last trial better is in use.
+Each iteration solves the convex quadratic program
+
+    min_d  g'd + 1/2 d'(J'J + lambda D) d    subject to the limits at p + d,    g = J'r,
+
+and accepts p + d if it lowers the cost f = r'r. The damping lambda follows the ratio of actual to predicted reduction
+(H. B. Nielsen: Damping parameter in Marquardt's method, 1999). D is the diagonal of J'J with a floor, so the result
+does not depend on the units of the values. A secant model adds the learnt second derivatives of the residuals to J'J
+(see `SecantCorrection`); the model that predicted the last trial better proposes the next step.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,36 +22,39 @@ from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Object
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, solve
 
-__all__ = ["Iteration", "SolverResult", "SolverSettings", "Status", "Stop", "levenberg_marquardt"]
+__all__ = ["STOPPED", "Iteration", "SolverResult", "SolverSettings", "Status", "Stop", "levenberg_marquardt"]
 
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
-MOST_DAMPING = 1e40  # steps have vanished long before
-MOST_BEND = 0.75
+MAX_DAMPING = 1e40  # steps have vanished long before
+MIN_DAMPING = 1e-15
+MAX_ACCELERATION = 0.75  # ratio of twice the geodesic acceleration to the step
 LITTLE_DAMPING = 1e-12
-PROMISED = 0.5  # share of the cost that a step with little damping may promise to gain at a minimum, say at a crease
-HELD = 1e-9  # of the mean curvature: the least damping where limits hold, so that their products keep their digits
-LEAST_HELD = 1e-15  # the same where steps go on, but slowly
-FEASIBLE = 1e-10  # of a limit's scale: what a trial step may miss it by, a tenth of what is promised
-EXACT = 1e3  # times the rounding of the residuals: a model with residuals this small reproduces the data exactly
-SOLVED = 1e-12  # share of the first cost that is mere rounding where residuals vanish
-NOTHING = 1e-12  # of the step without limits: a table this small is rounding around 0
+PROMISED_SHARE = 0.5  # share of the cost that an almost undamped step may promise at a minimum, for example at a kink
+LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are active, keeps the digits of A H^-1 A'
+SLOW_LIMIT_DAMPING = 1e-15  # the same while steps succeed, but slowly
+TRIAL_TOLERANCE = 1e-10  # of a limit's scale: violation allowed to a trial, a tenth of what is promised to the user
+EXACT_FIT = 1e3  # times their rounding error: residuals this small reproduce the data exactly
+SOLVED_SHARE = 1e-12  # share of the first cost that is rounding if residuals vanish
+ZERO_TABLE = 1e-12  # of the step without limits: a table this small is rounding around 0
+
+STOPPED = "Stopped on request; these are the best values so far."
 
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """When to stop, and where the damping starts.
+    """Termination criteria and the initial damping.
 
     A descent has converged when `patience` steps in a row lower the cost by less than `tolerance`, relatively, or when
-    the predicted gain is below the square of `tolerance`. Small gains under heavy damping do not count where the actual
-    gain is at least `trusted` times the predicted one: then it is the damping that keeps them small.
+    the predicted reduction is below the square of `tolerance`. Small reductions at a damping above 1 do not count if
+    the actual reduction is at least `damping_limited_ratio` times the predicted one: then the damping keeps them small.
     """
 
     max_iterations: int = 200
     tolerance: float = 1e-8
     patience: int = 3
     damping: float = 1e-4
-    trusted: float = 0.9
+    damping_limited_ratio: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class Iteration:
     cost: float
     step: float  # relative to the values' own scale
     damping: float
-    active: int
+    active: int  # number of active bounds and rows
 
 
 class Stop(Exception):  # noqa: N818
@@ -68,34 +74,22 @@ class Stop(Exception):  # noqa: N818
 
 @dataclass(frozen=True)
 class SolverResult:
-    """Where a descent ended, and why."""
+    """The end of a descent: its values, and the reason as status and sentence."""
 
-    values: Float
+    values: Float  # Float[values]
     cost: float
     status: Status
     message: str
     iterations: int
     evaluations: int
 
-
-def _keeps(limits: LinearLimits, here: Float, trial: Float) -> bool:
-    """Whether a trial keeps the rows; rounding is that of the sizes on both ends of the step."""
-    if limits.keeps(trial):
-        return True
-    sizes = np.maximum(limits.sizes(here), limits.sizes(trial))
-    return bool(np.all(limits.violations(trial, sizes) <= FEASIBLE))
-
-
-def _kept(limits: LinearLimits, here: Float, trial: Float, free_step: Float) -> Float | None:
-    """The trial if it keeps the rows, else None; a table that limits force to 0 becomes exactly 0.
-
-    What the step leaves of such a table is rounding, which breaks rows between its values by as much as it is large.
-    """
-    if _keeps(limits, here, trial):
-        return trial
-    nothing = limits.sizes(trial) <= NOTHING * limits.sizes(free_step)
-    zeroed = np.where(nothing, limits.clip(np.zeros_like(trial)), trial)
-    return zeroed if nothing.any() and _keeps(limits, here, zeroed) else None
+    def with_effort_of(self, results: "Sequence[SolverResult]") -> "SolverResult":
+        """Return this result with the iterations and evaluations of all `results`."""
+        return replace(
+            self,
+            iterations=sum(result.iterations for result in results),
+            evaluations=sum(result.evaluations for result in results),
+        )
 
 
 def levenberg_marquardt(
@@ -105,16 +99,69 @@ def levenberg_marquardt(
     settings: SolverSettings,
     report: Callable[[Iteration, Float], None] = lambda line, values: None,
 ) -> SolverResult:
-    """Descend from `start`, which keeps the limits, until the cost settles.
+    """Minimise a sum of squares from `start` until the cost no longer decreases.
 
-    `report` is called after each accepted step with the values; it may raise `Stop`. What ends the descent is a value
-    of the result, never an exception.
+    Args:
+        objective: cost, residuals and derivatives.
+        start: values that keep the limits, Float[values].
+        limits: bounds and linear rows, kept at every iterate.
+        settings: termination criteria.
+        report: called after each accepted step with the new values; may raise `Stop`.
+
+    Returns:
+        The best values. A failure is a status of the result, never an exception.
     """
-    return _Descending(objective, start, limits, settings, report).run()
+    return _LevenbergMarquardt(objective, start, limits, settings, report).run()
 
 
-class _Descending:
-    """The running state of a descent."""
+@dataclass
+class _State:
+    """Everything that changes during a descent, grouped by when it changes."""
+
+    # Updated when a step is accepted
+    values: Float  # iterate p, all values
+    cost: float  # f(p)
+    column_scale: Float | None  # D of the damping; falls by at most half from one iterate to the next
+    pending_secant_pair: tuple[Float, Float, Float] | None  # step, gradient, J'J step; until the next gradient is known
+    # Updated by every trial
+    damping: float  # lambda
+    damping_growth: float  # factor of the next rejection; doubles with each
+    limit_damping: float  # least damping while limits are active, as a share of the mean curvature
+    limits_hold: bool  # the last quadratic program had active limits or equalities
+    use_secant: bool  # which of the two models proposes the next step
+    active_set: Int | None  # warm start of the quadratic program: -1, 0 or +1 for each limit
+    # Used for termination
+    initial_cost: float
+    stalled_steps: int  # accepted steps below the tolerance in a row
+    limit_damping_dropped: bool  # the stall was answered by a lower `limit_damping` already
+    # Reported
+    iterations: int  # accepted steps
+    evaluations: int  # evaluations of f
+
+
+class _Proposal(NamedTuple):
+    """A step of the damped model within the limits."""
+
+    factor: Factor  # of the damped matrix
+    free_step: Float  # minimiser without limits
+    solution: QpSolution
+    step: Float  # of the movable values
+    reduction: float  # of the cost, predicted by the model in use
+    other_reduction: float  # predicted by the other model
+
+
+class _Trial(NamedTuple):
+    """The outcome of a step."""
+
+    values: Float
+    cost: float
+    reduction: float  # actual
+    lowers_cost: bool
+    other_model_better: bool
+
+
+class _LevenbergMarquardt:
+    """One descent."""
 
     def __init__(
         self,
@@ -124,186 +171,240 @@ class _Descending:
         settings: SolverSettings,
         report: Callable[[Iteration, Float], None],
     ) -> None:
-        self.objective, self.limits, self.settings, self.report = objective, limits, settings, report
-        self.at = start
-        self.cost = self.first_cost = np.inf
-        self.evaluations = 1
-        self.iterations = 0
-        self.damping = settings.damping
-        self.growth = 2.0
-        self.calm = 0
-        self.active: Int | None = None
-        self.held = bool(limits.rows.equal.any())
-        self.floor = HELD
-        self.lowered = False
-        self.scale: Float | None = None
+        self.objective, self.settings, self.report = objective, settings, report
+        self.movable = np.flatnonzero(limits.movable)
+        self.limits = limits.restricted_to(self.movable, start)
         self.secant: SecantCorrection | None = None
-        self.curved = False
-        self.last: tuple[Float, Float, Float] | None = None
+        self.state = _State(
+            values=start,
+            cost=np.inf,
+            column_scale=None,
+            pending_secant_pair=None,
+            damping=settings.damping,
+            damping_growth=2.0,
+            limit_damping=LIMIT_DAMPING,
+            limits_hold=bool(limits.rows.equal.any()),
+            use_secant=False,
+            active_set=None,
+            initial_cost=np.inf,
+            stalled_steps=0,
+            limit_damping_dropped=False,
+            iterations=0,
+            evaluations=1,
+        )
 
     def run(self) -> SolverResult:
-        movable = np.flatnonzero(self.limits.movable)
+        state = self.state
         try:
-            self.cost = self.first_cost = self.objective.cost(self.at)
-            if not np.isfinite(self.cost):
+            state.cost = state.initial_cost = self.objective.cost(state.values)
+            if not np.isfinite(state.cost):
                 return self._end("failed", "The cost is not a finite number at the start.")
-            if not movable.size:
+            if not self.movable.size:
                 return self._end("converged", "No value is free to move.")
-            return self._iterate(movable)
+            return self._iterate()
         except (Stop, KeyboardInterrupt):
-            return self._end("stopped", "Stopped on request; these are the best values so far.")
+            return self._end("stopped", STOPPED)
 
-    def _iterate(self, movable: Int) -> SolverResult:
-        narrow = self.limits.narrowed(movable, self.at)
-        if self.objective.learns:
-            self.secant = SecantCorrection(movable.size)
-        while self.iterations < self.settings.max_iterations:
-            line = GaussNewtonModel(self.objective, self.at, movable, self.scale)
-            self.scale = line.scale
-            if not line.finite:
+    def _iterate(self) -> SolverResult:
+        state = self.state
+        if self.objective.supports_secant:
+            self.secant = SecantCorrection(self.movable.size)
+        while state.iterations < self.settings.max_iterations:
+            model = GaussNewtonModel(self.objective, state.values, self.movable, state.column_scale)
+            state.column_scale = model.column_scale
+            if not model.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
-            self._learn(line)
-            end = self._descend(line, narrow)
+            self._update_secant(model)
+            end = self._take_step(model)
             if end is not None:
                 return end
         return self._end(
-            "max_iterations", "The cost was still falling when the iterations ran out; raise max_iterations."
+            "max_iterations",
+            f"The cost was still decreasing after {state.iterations} iterations. Increase max_iterations.",
         )
 
-    def _learn(self, line: GaussNewtonModel) -> None:
-        if self.secant is not None and self.last is not None:
-            step, gradient, explained = self.last
-            self.secant.learn(step, line.gradient - gradient, explained)
-            self.last = None
+    def _update_secant(self, model: GaussNewtonModel) -> None:
+        if self.secant is not None and self.state.pending_secant_pair is not None:
+            step, gradient, explained = self.state.pending_secant_pair
+            self.secant.learn(step, model.gradient - gradient, explained)
+            self.state.pending_secant_pair = None
 
-    def _descend(self, line: GaussNewtonModel, limits: LinearLimits) -> SolverResult | None:
-        """Raise the damping, or change the model, until a step lowers the cost; None to go on from there."""
-        here = self.at[line.movable]
-        may_switch = True
-        while self.damping < MOST_DAMPING:
-            found = self._solved(line, here, limits)
-            if found is None:
-                self._harder()
+    def _take_step(self, model: GaussNewtonModel) -> SolverResult | None:
+        """Increase the damping, or switch the model, until a step lowers the cost; None to continue from there."""
+        state = self.state
+        may_switch = True  # once for each accepted step
+        while state.damping < MAX_DAMPING:
+            proposal = self._propose(model)
+            if proposal is None:  # not positive definite
+                self._increase_damping()
                 continue
-            factor, free_step, solution = found
-            self.active = solution.active
-            step = solution.reached(here, limits) - here
-            gain, other = self._gains(line, step)
-            if not step.any():
-                return self._stuck(line, limits, "No step changes the values any further.")
-            if gain <= self.settings.tolerance**2 * self.cost and self.damping <= 1.0:
-                if not self.curved:
+            if not proposal.step.any():
+                return self._end_without_step(model, "No step changes the values any further.")
+            if proposal.reduction <= self.settings.tolerance**2 * state.cost and state.damping <= 1.0:
+                if not state.use_secant:
                     return self._end("converged", "The gradient is zero within the tolerance.")
-                # What was learnt may be wrong: the Gauss-Newton model alone decides that this is the end.
-                self.curved, may_switch = False, False
+                # The secant part may be wrong: only the Gauss-Newton model may end the descent.
+                state.use_secant, may_switch = False, False
                 continue
-            if self._exact(line, gain):
-                return self._stuck(line, limits, "The cost falls by no more than its rounding error.")
-            if self.objective.bends and not self.curved:
-                bend = line.bend(factor, step)
-                if not 2 * line.length(bend) <= MOST_BEND * line.length(step):
-                    self._harder()
-                    continue
-                solution = solve(factor, free_step + 0.5 * bend, here, limits, solution.active)
-            reached = _kept(limits, here, solution.reached(here, limits), free_step)
-            if reached is None:
-                self._harder()
+            if self._is_rounding(model, proposal.reduction):
+                return self._end_without_step(model, "The cost decreases by no more than its rounding error.")
+            solution = self._accelerate(model, proposal)
+            target = None if solution is None else self._target(solution, proposal.free_step)
+            if solution is None or target is None:
+                self._increase_damping()
                 continue
-            trial = self.at.copy()
-            trial[line.movable] = reached
-            cost = self.objective.cost(trial)
-            self.evaluations += 1
-            actual = self.cost - cost
-            worse = np.isfinite(cost) and abs(actual - other) < abs(actual - gain)
-            if np.isfinite(cost) and cost < self.cost:
-                if self.secant is not None:
-                    step = trial[line.movable] - here
-                    self.last = (step, line.gradient.copy(), line.explained(step))
-                self._accept(line, solution, trial, cost, actual / gain if gain > 0 else 0.0)
-                self.curved ^= worse
-                return self._settled()
-            if worse and may_switch:
-                self.curved, may_switch = not self.curved, False
+            trial = self._evaluate(target, proposal)
+            if trial.lowers_cost:
+                # The ratio is that of the step before acceleration, whose reduction the model predicts.
+                ratio = trial.reduction / proposal.reduction if proposal.reduction > 0 else 0.0
+                self._accept(model, solution, trial, ratio)
+                state.use_secant ^= trial.other_model_better
+                return self._end_if_stalled()
+            if trial.other_model_better and may_switch:
+                state.use_secant, may_switch = not state.use_secant, False
             else:
-                self._harder()
-        return self._stuck(line, limits, "No step lowers the cost any further.")
+                self._increase_damping()
+        return self._end_without_step(model, "No step lowers the cost any further.")
 
-    def _exact(self, line: GaussNewtonModel, gain: float) -> bool:
-        """Whether residuals are all but rounding, of which the cost r'r is uncertain by twice |r| times theirs."""
-        size, rounding = float(np.sqrt(self.cost)), line.rounding
-        return size <= EXACT * rounding and gain <= 2 * size * rounding
+    def _propose(self, model: GaussNewtonModel) -> _Proposal | None:
+        """Solve the quadratic program of the model in use; None if the damped matrix is not positive definite.
 
-    def _solved(
-        self, line: GaussNewtonModel, here: Float, limits: LinearLimits
-    ) -> tuple[Factor, Float, QpSolution] | None:
-        """The factor of the damped model, its step without limits, and the solution within them."""
+        If limits turn out to be active only now, it is solved again with the damping that they need.
+        """
+        state, here = self.state, self._here
         while True:
-            found = line.factor(self.damping, self.secant if self.curved else None, self._least_damping)
-            if found is None:
+            secant = self.secant if state.use_secant else None
+            damped = model.damped_factor(state.damping, secant, self._least_damping)
+            if damped is None:
                 return None
-            solution = solve(*found, here, limits, self.active)
-            before, self.held = self.held, bool(solution.active.any() or limits.rows.equal.any())
-            if before or not self.held:
-                return *found, solution
+            solution = solve(*damped, here, self.limits, state.active_set)
+            held_before = state.limits_hold
+            state.limits_hold = bool(solution.active.any() or self.limits.rows.equal.any())
+            if held_before or not state.limits_hold:
+                break
+        state.active_set = solution.active  # kept even if the step is rejected
+        step = solution.apply_to(here, self.limits) - here
+        plain = model.predicted_reduction(step)
+        with_secant = plain if self.secant is None else plain - self.secant.curvature(step)
+        reductions = (with_secant, plain) if state.use_secant else (plain, with_secant)
+        return _Proposal(*damped, solution, step, *reductions)
 
-    def _stuck(self, line: GaussNewtonModel, limits: LinearLimits, message: str) -> SolverResult:
-        """The end where damping leaves no step: at a minimum, or where all but the shortest steps lead astray."""
-        found = line.factor(LITTLE_DAMPING, floor=self._least_damping) if self.cost > SOLVED * self.first_cost else None
-        if found is not None and np.all(np.isfinite(found[1])):
-            step = solve(*found, self.at[line.movable], limits, self.active).step
-            if line.gain(step) > PROMISED * self.cost:
-                return self._end(
-                    "failed",
-                    "No step lowers the cost, though its slopes promise much: the values are too far from what the "
-                    "data ask for, or the model jumps. Start from other values, or give bounds.",
-                )
-        return self._end("converged", message)
+    def _is_rounding(self, model: GaussNewtonModel, reduction: float) -> bool:
+        """Return if residuals are all but rounding, by which r'r is uncertain by twice |r| times their error."""
+        size, rounding = float(np.sqrt(self.state.cost)), model.rounding
+        return size <= EXACT_FIT * rounding and reduction <= 2 * size * rounding
 
-    def _gains(self, line: GaussNewtonModel, step: Float) -> tuple[float, float]:
-        """Gain of a step predicted by the model in use, and by the other one."""
-        plain = line.gain(step)
-        curved = plain if self.secant is None else plain - self.secant.bend(step)
-        return (curved, plain) if self.curved else (plain, curved)
+    def _accelerate(self, model: GaussNewtonModel, proposal: _Proposal) -> QpSolution | None:
+        """Correct a Gauss-Newton step by half its geodesic acceleration; None if that is too large for the step."""
+        if not self.objective.supports_acceleration or self.state.use_secant:
+            return proposal.solution
+        acceleration = model.geodesic_acceleration(proposal.factor, proposal.step)
+        if not 2 * model.scaled_norm(acceleration) <= MAX_ACCELERATION * model.scaled_norm(proposal.step):
+            return None
+        corrected = proposal.free_step + 0.5 * acceleration
+        return solve(proposal.factor, corrected, self._here, self.limits, proposal.solution.active)
+
+    def _target(self, solution: QpSolution, free_step: Float) -> Float | None:
+        """Return the movable values after a step, or None if they violate rows.
+
+        A table that limits force to 0 becomes exactly 0: what the step leaves of it is rounding, which violates rows
+        between its values by as much as it is large.
+        """
+        here, limits = self._here, self.limits
+        target = solution.apply_to(here, limits)
+        if _keeps_rows(limits, here, target):
+            return target
+        vanished = limits.sizes(target) <= ZERO_TABLE * limits.sizes(free_step)
+        zeroed = np.where(vanished, limits.clip(np.zeros_like(target)), target)
+        return zeroed if vanished.any() and _keeps_rows(limits, here, zeroed) else None
+
+    def _evaluate(self, target: Float, proposal: _Proposal) -> _Trial:
+        state = self.state
+        values = state.values.copy()
+        values[self.movable] = target
+        cost = self.objective.cost(values)
+        state.evaluations += 1
+        reduction = state.cost - cost
+        finite = bool(np.isfinite(cost))
+        other_model_better = abs(reduction - proposal.other_reduction) < abs(reduction - proposal.reduction)
+        return _Trial(values, cost, reduction, finite and cost < state.cost, finite and bool(other_model_better))
+
+    def _accept(self, model: GaussNewtonModel, solution: QpSolution, trial: _Trial, ratio: float) -> None:
+        """Move to a trial and adapt the damping to the ratio of actual to predicted reduction (Nielsen 1999)."""
+        state = self.state
+        step = trial.values[self.movable] - self._here
+        if self.secant is not None:
+            state.pending_secant_pair = step, model.gradient.copy(), model.hessian_product(step)
+        relative = trial.reduction / state.cost if state.cost else 0.0
+        damping_limited = state.damping > 1.0 and ratio > self.settings.damping_limited_ratio
+        if relative >= self.settings.tolerance:
+            state.stalled_steps, state.limit_damping_dropped = 0, False
+        elif not damping_limited:
+            state.stalled_steps += 1
+        step_size = model.scaled_norm(step) / max(np.sqrt(trial.cost), 1e-300)
+        state.values, state.cost, state.active_set = trial.values, trial.cost, solution.active
+        state.iterations += 1
+        used = state.damping
+        if state.damping < state.limit_damping and ratio > self.settings.damping_limited_ratio:
+            state.limit_damping = max(0.1 * state.limit_damping, SLOW_LIMIT_DAMPING)
+        # lambda *= max(1/3, 1 - (2 rho - 1)^3)
+        state.damping = max(state.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), MIN_DAMPING)
+        state.damping_growth = 2.0
+        active = int(np.count_nonzero(solution.active))
+        self.report(Iteration(state.iterations, trial.cost, step_size, used, active), state.values)
+
+    def _increase_damping(self) -> None:
+        self.state.damping *= self.state.damping_growth
+        self.state.damping_growth *= 2.0
+        self.state.limit_damping = min(10 * self.state.limit_damping, LIMIT_DAMPING)
+
+    @property
+    def _here(self) -> Float:
+        """The movable values."""
+        return self.state.values[self.movable]
 
     @property
     def _least_damping(self) -> float:
-        """The floor of the damping where limits hold.
+        """Least damping while limits are active.
 
-        They tie values that no data inform to those that data do, and the smaller the curvature of the former, the
-        fewer digits are left of the latter. Where smoothness outweighs data that alone tell a slope, the same floor
-        makes steps tiny: it falls while they succeed, and rises again with the first that does not.
+        Limits tie values that are not determined by data to those that are, and the smaller the curvature of the
+        former, the fewer digits remain of the latter. If smoothness outweighs data that alone determine a slope, the
+        same damping makes steps tiny: it falls while they succeed and rises again with the first that does not.
         """
-        return self.floor if self.held else 0.0
+        return self.state.limit_damping if self.state.limits_hold else 0.0
 
-    def _harder(self) -> None:
-        self.damping *= self.growth
-        self.growth *= 2.0
-        self.floor = min(10 * self.floor, HELD)
-
-    def _accept(self, line: GaussNewtonModel, solution: QpSolution, trial: Float, cost: float, ratio: float) -> None:
-        relative = (self.cost - cost) / self.cost if self.cost else 0.0
-        held_back = self.damping > 1.0 and ratio > self.settings.trusted
-        if relative >= self.settings.tolerance:
-            self.calm, self.lowered = 0, False
-        elif not held_back:
-            self.calm += 1
-        size = line.length(trial[line.movable] - self.at[line.movable]) / max(np.sqrt(cost), 1e-300)
-        self.at, self.cost, self.active = trial, cost, solution.active
-        self.iterations += 1
-        used = self.damping
-        if self.damping < self.floor and ratio > self.settings.trusted:
-            self.floor = max(0.1 * self.floor, LEAST_HELD)
-        self.damping = max(self.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), 1e-15)
-        self.growth = 2.0
-        self.report(Iteration(self.iterations, cost, size, used, int(np.count_nonzero(solution.active))), self.at)
-
-    def _settled(self) -> SolverResult | None:
-        if self.calm < self.settings.patience:
+    def _end_if_stalled(self) -> SolverResult | None:
+        state = self.state
+        if state.stalled_steps < self.settings.patience:
             return None
-        if self.held and self.damping < self.floor and not self.lowered:
-            self.floor, self.lowered = LEAST_HELD, True
+        if state.limits_hold and state.damping < state.limit_damping and not state.limit_damping_dropped:
+            state.limit_damping, state.limit_damping_dropped = SLOW_LIMIT_DAMPING, True
             return None
-        return self._end("converged", "The cost no longer falls.")
+        return self._end("converged", "The cost no longer decreases.")
+
+    def _end_without_step(self, model: GaussNewtonModel, message: str) -> SolverResult:
+        """End as converged, or as failed if an almost undamped step promises to halve the cost."""
+        state, damped = self.state, None
+        if state.cost > SOLVED_SHARE * state.initial_cost:
+            damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
+        if damped is not None and np.all(np.isfinite(damped[1])):
+            step = solve(*damped, self._here, self.limits, state.active_set).step
+            if model.predicted_reduction(step) > PROMISED_SHARE * state.cost:
+                return self._end(
+                    "failed",
+                    "No step lowers the cost although the gradient predicts a large decrease. Likely causes: (a) the "
+                    "start is far from the solution; (b) the model is discontinuous. Try another start, or set bounds.",
+                )
+        return self._end("converged", message)
 
     def _end(self, status: Status, message: str) -> SolverResult:
-        return SolverResult(self.at, self.cost, status, message, self.iterations, self.evaluations)
+        state = self.state
+        return SolverResult(state.values, state.cost, status, message, state.iterations, state.evaluations)
+
+
+def _keeps_rows(limits: LinearLimits, here: Float, target: Float) -> bool:
+    """Return if a step keeps the rows; rounding is relative to the sizes at both of its ends."""
+    if limits.keeps(target):
+        return True
+    sizes = np.maximum(limits.sizes(here), limits.sizes(target))
+    return bool(np.all(limits.violations(target, sizes) <= TRIAL_TOLERANCE))

@@ -1,4 +1,4 @@
-"""What the values must keep at every iterate: bounds, and linear rows between values."""
+"""Bounds and linear rows that the values keep at every iterate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ __all__ = ["LinearLimits", "LinearRows"]
 class LinearRows:
     """Linear limits `lower <= A p <= upper`; equal sides make an equality. Each row of A touches few values.
 
-    `names` say in words what each row limits.
+    `names` are labels of the rows for messages.
     """
 
     columns: Int  # Int[rows, width]
@@ -25,19 +25,18 @@ class LinearRows:
 
     @classmethod
     def none(cls) -> "LinearRows":
-        """No rows."""
         return cls(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
     @classmethod
     def of(cls, matrix: Float, lower: Float, upper: Float, names: Sequence[str] = ()) -> "LinearRows":
-        """Rows of a full matrix."""
+        """Return the rows of a full matrix."""
         width = int(np.count_nonzero(matrix, axis=1).max(initial=0))
         columns = np.argsort(matrix == 0, axis=1, kind="stable")[:, :width]
         return cls(columns, np.take_along_axis(matrix, columns, axis=1), lower, upper, tuple(names))
 
     @classmethod
     def together(cls, parts: "Sequence[LinearRows]") -> "LinearRows":
-        """Several groups of rows, one after the other."""
+        """Concatenate groups of rows."""
         parts = [part for part in parts if part.count]
         if not parts:
             return cls.none()
@@ -53,33 +52,33 @@ class LinearRows:
 
     @property
     def count(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return self.lower.size
 
     @property
     def equal(self) -> Bool:
-        """Which rows are equalities."""
+        """Mask of the equalities, Bool[rows]."""
         equal: Bool = self.lower == self.upper
         return equal
 
     def times(self, values: Float) -> Float:
-        """A p."""
+        """Return A p."""
         product: Float = np.einsum("ij,ij->i", self.coefficients, values[self.columns])
         return product
 
     def size(self, values: Float) -> Float:
-        """|A| |p|: the size of what is summed in each row."""
+        """Return |A| |p|, the size of the terms of each row."""
         product: Float = np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns])
         return product
 
     def matrix(self, which: Int, values: int) -> Float:
-        """Some rows of A in full, shape (rows, values)."""
+        """Return some rows of A as a full matrix, Float[rows, values]."""
         full = np.zeros((which.size, values))
         np.add.at(full, (np.arange(which.size)[:, None], self.columns[which]), self.coefficients[which])
         return full
 
-    def narrowed(self, movable: Int, values: Float) -> "LinearRows":
-        """The rows as limits of the movable values, the others standing as they are; empty rows fall out."""
+    def restricted_to(self, movable: Int, values: Float) -> "LinearRows":
+        """Return the rows over the movable values with the others fixed; rows without movable values are dropped."""
         place = np.full(values.size, -1)
         place[movable] = np.arange(movable.size)
         columns = place[self.columns]
@@ -98,8 +97,8 @@ class LinearRows:
 class LinearLimits:
     """Bounds on each value, `lower <= p <= upper`, and linear rows.
 
-    `tables` numbers the table of each value, so that the scale of a row is that of its table and not of a value which
-    happens to be near zero; without it all values belong to one table.
+    `tables` is the number of the table of each value, so that a row has the scale of its table even if a value is near
+    zero; without it all values belong to one table.
     """
 
     lower: Float  # Float[values]
@@ -109,21 +108,21 @@ class LinearLimits:
 
     @classmethod
     def none(cls, size: int) -> "LinearLimits":
-        """No limits on `size` values."""
+        """Return no limits on `size` values."""
         return cls(np.full(size, -np.inf), np.full(size, np.inf))
 
     @property
     def movable(self) -> Bool:
-        """Which values may change."""
+        """Mask of the values that may change, Bool[values]."""
         return self.lower < self.upper
 
     def clip(self, values: Float) -> Float:
-        """The values put within their bounds, bit for bit."""
+        """Clip values to their bounds."""
         clipped: Float = np.clip(values, self.lower, self.upper)
         return clipped
 
     def violations(self, values: Float, size: Float) -> Float:
-        """How far each row is missed, relative to its scale for values of this typical size."""
+        """Return the violation of each row, relative to its scale for values of this typical size."""
         rows = self.rows
         sides = [np.where(np.isfinite(side), np.abs(side), 0.0) for side in (rows.lower, rows.upper)]
         scale = rows.size(size) + np.maximum(*sides) + 1e-300
@@ -132,16 +131,16 @@ class LinearLimits:
         return missed
 
     def violation(self, values: Float) -> float:
-        """The largest of the `violations`, for values of the size that their tables have."""
+        """Return the largest of the `violations`, for values of the size of their tables."""
         return float(np.max(self.violations(values, self.sizes(values)), initial=0.0))
 
     def keeps(self, values: Float) -> bool:
-        """Whether all rows hold to the last digit."""
+        """Return True if all rows hold exactly."""
         product = self.rows.times(values)
         return bool(np.all((product >= self.rows.lower) & (product <= self.rows.upper)))
 
     def sizes(self, values: Float) -> Float:
-        """For each value, the largest magnitude in its table."""
+        """Return for each value the largest magnitude in its table."""
         if not self.tables.size:
             return np.full(values.size, np.abs(values).max(initial=0.0))
         largest = np.zeros(int(self.tables.max()) + 1)
@@ -149,7 +148,10 @@ class LinearLimits:
         sizes: Float = largest[self.tables]
         return sizes
 
-    def narrowed(self, movable: Int, values: Float) -> "LinearLimits":
-        """The limits on the movable values, the others standing as they are."""
-        rows, tables = self.rows.narrowed(movable, values), self.tables[movable] if self.tables.size else self.tables
+    def restricted_to(self, movable: Int, values: Float) -> "LinearLimits":
+        """Return the limits on the movable values with the others fixed."""
+        rows, tables = (
+            self.rows.restricted_to(movable, values),
+            self.tables[movable] if self.tables.size else self.tables,
+        )
         return LinearLimits(self.lower[movable], self.upper[movable], rows, tables)

@@ -1,8 +1,8 @@
 """The convex quadratic program of one step: min 1/2 d'Hd + g'd within bounds and linear rows.
 
 H is factored once. If the free step violates limits, the violated ones, or those active before, enter a small dual
-problem with the matrix A H^-1 A', which the same factor gives (see `native.gram`); repeated until none is violated,
-which ends because limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
+problem with the matrix A H^-1 A', computed from the same factor (see `native.gram`). This is repeated until no limit is
+violated; it ends because limits are only added. Limits are rows a'd <= b; a bound is a row with a single entry.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 __all__ = ["QpSolution", "solve"]
 
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
-REFINEMENTS = 3  # corrections of the multipliers by what the step they give still misses
+REFINEMENTS = 3  # corrections of the multipliers by the remaining violation of their step
 
 
 @dataclass(frozen=True)
 class QpSolution:
-    """The step, and what holds it: +1 at an upper, -1 at a lower side, 0 free; bounds of the values first, then rows.
+    """The step and its active limits: +1 at an upper, -1 at a lower side, else 0; bounds first, then rows.
 
     Equalities, which always hold, are not marked.
     """
@@ -30,11 +30,11 @@ class QpSolution:
     step: Float
     active: Int
 
-    def reached(self, at: Float, limits: LinearLimits) -> Float:
-        """Where the step leads from `at`: within all bounds, and bit for bit on those that hold it.
+    def apply_to(self, at: Float, limits: LinearLimits) -> Float:
+        """Return the values after the step from `at`: within all bounds, and exactly at the active ones.
 
-        A value that rounding leaves next to its bound is free again in the next step; where it is a breakpoint at the
-        end of the data, that next step sees another slope.
+        A value next to its bound by rounding would be free in the next step, and see another derivative there if it is
+        a breakpoint at the end of the data.
         """
         held = self.active[: at.size]
         bound = np.where(held > 0, limits.upper, limits.lower)
@@ -42,28 +42,33 @@ class QpSolution:
 
 
 def solve(factor: Factor, free_step: Float, at: Float, limits: LinearLimits, guess: Int | None = None) -> QpSolution:
-    """The minimiser of the quadratic program at the point `at`.
+    """Minimise the quadratic program at the point `at`.
 
-    `factor` is that of H, `free_step` is -H^-1 g. `guess` are limits likely to be active.
+    Args:
+        factor: of H.
+        free_step: -H^-1 g, Float[values].
+        at: the values, Float[values].
+        limits: bounds and rows.
+        guess: limits likely to be active, Int[values + rows].
     """
-    room = _Room(at, limits)
+    room = _StepBounds(at, limits)
     equal = np.concatenate([np.zeros(at.size, dtype=bool), limits.rows.equal])
-    found = np.where(equal, 0, room.passed(free_step))
-    if not equal.any() and not found.any():
-        return QpSolution(free_step, found)
+    violated = np.where(equal, 0, room.passed(free_step))
+    if not equal.any() and not violated.any():
+        return QpSolution(free_step, violated)
     dual = _DualProblem(factor, free_step, limits, room, np.flatnonzero(equal))
-    dual.add(found if guess is None else np.where(equal, 0, guess))
+    dual.add(violated if guess is None else np.where(equal, 0, guess))
     for _ in range(2 * equal.size + 1):
         step = dual.step()
-        found = dual.new(np.where(equal, 0, room.passed(step)))
-        if not found.any():
+        violated = dual.new(np.where(equal, 0, room.passed(step)))
+        if not violated.any():
             break
-        dual.add(found)
+        dual.add(violated)
     return QpSolution(step, dual.active())
 
 
-class _Room:
-    """How far a step may go: the sides of all bounds, then of all rows, seen from a point."""
+class _StepBounds:
+    """Bounds of a step from a point: the sides of all bounds, then of all rows."""
 
     def __init__(self, at: Float, limits: LinearLimits) -> None:
         self.rows = limits.rows
@@ -76,11 +81,11 @@ class _Room:
         )
 
     def taken(self, step: Float) -> Float:
-        """How far a step goes along all bounds and rows."""
+        """Return the change of all values and rows over a step."""
         return np.concatenate([step, self.rows.times(step)])
 
     def passed(self, step: Float) -> Int:
-        """The limits that a step passes by more than rounding: +1 upper, -1 lower."""
+        """Return the limits that a step violates by more than rounding: +1 upper, -1 lower, else 0."""
         taken = self.taken(step)
         passed: Int = np.where(taken > self.upper, 1, np.where(taken < self.lower, -1, 0))
         if passed.any():
@@ -89,7 +94,7 @@ class _Room:
         return passed
 
     def rounding(self, step: Float) -> tuple[Float, Float]:
-        """What counts as rounding at the upper and at the lower sides, where a step leads."""
+        """Return the rounding error at the upper and the lower sides after a step."""
         moved = np.concatenate([np.abs(step), self.rows.size(step)])
         upper, lower = (FEASIBLE * (scale + moved) for scale in self.scales)
         return upper, lower
@@ -98,11 +103,11 @@ class _Room:
 class _DualProblem:
     """The limits under consideration, equalities first, as rows A of the dual program.
 
-    It is min 1/2 m'Sm - e'm with m >= 0, where S = A H^-1 A' and e is by how much the free step passes each limit; the
-    step is the free one less H^-1 A'm. Lower sides enter with the opposite sign.
+    It is min 1/2 m'Sm - e'm with m >= 0, where S = A H^-1 A' and e is the violation of each limit by the free step; the
+    step is the free one minus H^-1 A'm. Lower sides enter with the opposite sign.
     """
 
-    def __init__(self, factor: Factor, free_step: Float, limits: LinearLimits, room: _Room, equal: Int) -> None:
+    def __init__(self, factor: Factor, free_step: Float, limits: LinearLimits, room: _StepBounds, equal: Int) -> None:
         self.factor, self.free_step, self.limits, self.room, self.equal = factor, free_step, limits, room, equal
         self.taken = room.taken(free_step)
         self.gram = Gram(factor)
@@ -114,12 +119,12 @@ class _DualProblem:
         self.pressing = np.zeros(0, dtype=bool)
 
     def new(self, signs: Int) -> Int:
-        """Those of the limits that are not considered yet."""
+        """Return the limits that are not considered yet."""
         signs[self.which[signs[self.which] == self.signs]] = 0
         return signs
 
     def add(self, signs: Int) -> None:
-        """Limits where `signs` is not 0, and finite; with the first ones come the equalities."""
+        """Add finite limits with `signs` != 0; with the first ones, the equalities."""
         side = np.where(signs > 0, self.room.upper, self.room.lower)
         which = np.flatnonzero((signs != 0) & np.isfinite(side))
         if not self.which.size:
@@ -139,7 +144,7 @@ class _DualProblem:
         self.pressing = np.concatenate([self.pressing, np.ones(which.size, dtype=bool)])
 
     def _entries(self, which: Int) -> tuple[Int, Float]:
-        """Columns and coefficients of limits; a bound has a single 1."""
+        """Return columns and coefficients of limits; a bound has a single 1."""
         values, rows = self.free_step.size, self.limits.rows
         columns = np.zeros((which.size, self.columns.shape[1]), dtype=np.int64)
         coefficients = np.zeros(columns.shape)
@@ -151,7 +156,7 @@ class _DualProblem:
         return columns, coefficients
 
     def step(self) -> Float:
-        """The step for the limits considered."""
+        """Return the step for the limits considered."""
         if not self.excess.size:
             return self.free_step
         multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
@@ -159,10 +164,10 @@ class _DualProblem:
         return self._refined(multipliers)
 
     def _refined(self, multipliers: Float) -> Float:
-        """The step of these multipliers, corrected until it meets the limits that hold it.
+        """Return the step of these multipliers, corrected until it is on its active limits.
 
-        Along what neither data nor smoothness determine, H is nearly singular and its products A H^-1 A' lose the
-        digits that tie one such value to the next; what the step misses tells what was lost.
+        Along directions that neither data nor smoothness determine, H is nearly singular and A H^-1 A' loses the digits
+        that tie one such value to the next; the violation of the step restores them.
         """
         holding = self.pressing.copy()
         holding[: self.equal.size] = np.diag(self.gram.products)[: self.equal.size] > 0
@@ -177,13 +182,13 @@ class _DualProblem:
         return step
 
     def _pulled(self, multipliers: Float) -> Float:
-        """H^-1 A'm: how far multipliers pull the step back."""
+        """Return H^-1 A'm."""
         pulls = self.coefficients * multipliers[:, None]
         pull = np.asarray(np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size), dtype=np.float64)
         return self.factor.solve(pull)
 
     def _missed(self, step: Float) -> Float:
-        """How far a step passes each limit considered; below 0 where it keeps away from it."""
+        """Return the violation of each limit considered; < 0 if the step stays clear of it."""
         taken = self.room.taken(step)[self.which]
         missed: Float = self.signs * (taken - self._side(self.room.upper, self.room.lower))
         return missed
@@ -192,12 +197,12 @@ class _DualProblem:
         return self._side(*self.room.rounding(step))
 
     def _side(self, upper: Float, lower: Float) -> Float:
-        """Of what belongs to upper and lower sides, that of each limit considered."""
+        """Select for each limit considered the entry of its upper or lower side."""
         side: Float = np.where(self.signs > 0, upper[self.which], lower[self.which])
         return side
 
     def active(self) -> Int:
-        """What `Solution` tells of them."""
+        """Return `QpSolution.active`."""
         signs = np.zeros(self.taken.size, dtype=np.int64)
         pressing = self.pressing.copy()
         pressing[: self.equal.size] = False

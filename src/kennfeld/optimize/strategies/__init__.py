@@ -1,1 +1,1 @@
-"""Ways to a minimum: smoothed, global, with output limits, with free breakpoints."""
+"""Search strategies: smoothing continuation, global search, output limits, free breakpoints."""

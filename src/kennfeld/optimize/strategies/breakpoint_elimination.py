@@ -1,8 +1,8 @@
-"""Which breakpoints of a dense axis matter: backward elimination in a quadratic model of the cost.
+"""Backward elimination of the breakpoints of a dense axis in a quadratic model of the cost.
 
 A breakpoint is removed by making every line of its tables straight there, a linear equality between values. In the
 quadratic model the least increase of the cost under A z = 0 is (A z)' (A C A')^-1 (A z), where C is the inverse of its
-matrix, and both z and C under the equality follow in closed form. So the cheapest breakpoint goes, again and again.
+matrix, and both z and C under the equality follow in closed form. The cheapest breakpoint is removed repeatedly.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from kennfeld.arrays import Bool, Float, Int
 
 __all__ = ["DenseAxis", "eliminate_breakpoints"]
 
-ROUNDING = 1e-12  # of the largest variance, so that lines that cannot bend differently divide nothing by zero
+ROUNDING = 1e-12  # of the largest variance: avoids a division by zero for dependent lines
 
 
 @dataclass(frozen=True)
 class DenseAxis:
-    """An axis with more breakpoints than wanted.
+    """An axis with more breakpoints than `wanted`.
 
-    `columns` are the values at each breakpoint, those of one line of a table in one column of the array. `stays` marks
-    the breakpoints that must not be removed.
+    `columns` are the indices of the values at each breakpoint, one column per line of a table. `stays` marks the
+    breakpoints that must not be removed.
     """
 
     points: Float  # Float[points]
@@ -32,22 +32,28 @@ class DenseAxis:
 
 
 def eliminate_breakpoints(axes: Sequence[DenseAxis], values: Float, inverse: Float) -> tuple[list[Int], Float]:
-    """Breakpoints of each axis that are left, as many as wanted, and the values that are best with them.
+    """Remove breakpoints until each axis has as many as wanted.
 
-    `inverse` is the inverse of the model's matrix at its minimum `values`, 0 for values that cannot move.
+    Args:
+        axes: dense axes.
+        values: minimum of the quadratic model, Float[values].
+        inverse: inverse of its matrix, Float[values, values]; 0 for values that cannot move.
+
+    Returns:
+        Indices of the remaining breakpoints of each axis, and the best values with them.
 
     >>> hat = DenseAxis(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 3)
     >>> left, values = eliminate_breakpoints([hat], np.array([0.0, 1.0, 2.0, 0.0]), np.eye(4))
     >>> left[0].tolist(), values.round(6).tolist()
     ([0, 2, 3], [0.0, 1.0, 2.0, 0.0])
     """
-    work = _Eliminating(axes, values, inverse)
+    work = _Elimination(axes, values, inverse)
     while work.remove():
         pass
     return [np.array(kept) for kept in work.kept], work.values
 
 
-class _Eliminating:
+class _Elimination:
     """Values and their covariance under the equalities so far."""
 
     def __init__(self, axes: Sequence[DenseAxis], values: Float, inverse: Float) -> None:
@@ -57,7 +63,7 @@ class _Eliminating:
         self.kept = [list(range(axis.points.size)) for axis in axes]
 
     def remove(self) -> bool:
-        """Remove the cheapest breakpoint; False where nothing is left to remove."""
+        """Remove the cheapest breakpoint; False if none can be removed."""
         candidates = [
             (*self._cost(which, at), which, at)
             for which, axis in enumerate(self.axes)
@@ -67,20 +73,20 @@ class _Eliminating:
         ]
         if not candidates:
             return False
-        _, _, which, at = min(candidates, key=lambda found: found[:2])
+        _, _, which, at = min(candidates, key=lambda candidate: candidate[:2])
         self._straighten(*self._rows(which, at))
         del self.kept[which][at]
         return True
 
     def _rows(self, which: int, at: int) -> tuple[Int, Float]:
-        """Columns Int[lines, 3] and coefficients of the equalities that remove a breakpoint."""
+        """Return columns Int[lines, 3] and coefficients of the equalities that remove a breakpoint."""
         axis, three = self.axes[which], self.kept[which][at - 1 : at + 2]
         left, middle, right = axis.points[three]
         share = (middle - left) / (right - left)
         return axis.columns[three].T, np.array([share - 1, 1.0, -share])
 
     def _cost(self, which: int, at: int) -> tuple[float, float]:
-        """Least increase of the cost, and the distance of the neighbours where that is the same."""
+        """Return the least increase of the cost, and the distance of the neighbours to break ties."""
         columns, coefficients = self._rows(which, at)
         three = self.kept[which][at - 1 : at + 2]
         apart = float(np.ptp(self.axes[which].points[three]))
@@ -90,7 +96,7 @@ class _Eliminating:
         return float(bend @ _solved(spread, bend)), apart
 
     def _straighten(self, columns: Int, coefficients: Float) -> None:
-        """Values and covariance under further equalities."""
+        """Update values and covariance for additional equalities."""
         reach: Float = np.einsum("naj,j->na", self.inverse[:, columns], coefficients)
         spread = np.einsum("aib,i->ab", reach[columns], coefficients)
         gain = _solved(spread, reach.T)

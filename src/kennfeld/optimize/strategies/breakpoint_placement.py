@@ -1,11 +1,9 @@
-"""Where free breakpoints begin: chosen from a dense axis.
+"""Placement of free breakpoints by elimination from a dense axis.
 
-Moved one by one, breakpoints end wherever the next kink of the data catches them, and a descent from even ones often
-ends far above the best. So each free axis is first made several times as dense and stands still while all values are
-fitted; then the breakpoints that matter least are removed, until as many are left as there were (see `elimination`).
-From there they move. Because the dense axis holds the breakpoints it was made from, this can be repeated.
-
-Denser axes: the same surfaces over more breakpoints, which stand still.
+The cost has a kink wherever a breakpoint meets a sample, so a descent from even breakpoints often ends far above the
+best. Each free axis is therefore first made several times as dense, and fixed while all values are fitted; then the
+breakpoints that matter least are removed until the original number remains (see `breakpoint_elimination`). From there
+they move. The dense axis contains the breakpoints that it was made from, so this can be repeated.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -32,20 +30,20 @@ from kennfeld.parameters import Axis, Parameter
 
 __all__ = ["BreakpointPlacement", "axis_groups", "cell_divisions", "coarse", "subdivide", "with_dense_axes"]
 
-PARTS = 8  # cells that a cell of a free axis is cut into
-MOST_VALUES = 1000  # of the dense problem
-MOST_OF_ONE = 2000  # where a single axis is dense
+MAX_PARTS = 8  # into which a cell of a free axis is divided
+MAX_VALUES = 1000  # of the dense problem
+MAX_VALUES_SINGLE = 2000  # if a single axis is dense
+MAX_ROUNDS = 3
+MIN_GAIN = 1e-3  # relative decrease of the cost for another round
+RIDGE = 1e-4  # of each curvature: keeps directions that are not determined where the quadratic model is valid
+STIFFNESS = 1e-6  # of the mean curvature: ties values without data to their neighbours
+KINK_TOLERANCE = 1e-5  # relative change of the cost at which breakpoints only creep from one sample to the next
 
-ROUNDS = 3
-GAIN = 1e-3  # relative fall of the cost for which another round is worth its time
-RIDGE = 1e-4  # of each curvature: what no data can tell apart stays near, where the quadratic model holds
-STIFFNESS = 1e-6  # of the mean curvature: what ties values without data to their neighbours
-CREEP = 1e-5  # relative change of the cost at which moving breakpoints only creep from one sample to the next
 Report = Callable[[str, Iteration, Float, CompiledProblem], None]
 
 
 def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
-    """The free axes that are made dense together: all at once, or one after the other where that is too much."""
+    """Return the free axes that are made dense together: all at once, or one by one if that is too much."""
     together = tuple(problem.free_axes)
     if cell_divisions(problem, together):
         return [together]
@@ -53,20 +51,20 @@ def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
 
 
 def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey, Int]:
-    """Into how many parts to cut each cell of some axes, so that the dense problem stays moderate.
+    """Return the number of parts of each cell of some axes that keeps the dense problem moderate.
 
-    Empty where no cell can be cut.
+    Empty if no cell can be divided.
     """
-    for parts in range(PARTS, 1, -1):
-        found = {key: _parts(problem.free_axes[key].axis, parts) for key in keys}
-        most = MOST_OF_ONE if len(found) == 1 else MOST_VALUES
-        if sum(_size(problem, name, found) for name in problem.free_names) <= most:
-            return found if any((cells > 1).any() for cells in found.values()) else {}
+    for parts in range(MAX_PARTS, 1, -1):
+        divisions = {key: _parts(problem.free_axes[key].axis, parts) for key in keys}
+        most = MAX_VALUES_SINGLE if len(divisions) == 1 else MAX_VALUES
+        if sum(_size(problem, name, divisions) for name in problem.free_names) <= most:
+            return divisions if any((cells > 1).any() for cells in divisions.values()) else {}
     return {}
 
 
 def _parts(axis: Axis, most: int) -> Int:
-    """Parts of each cell, none narrower than breakpoints may be apart."""
+    """Return the parts of each cell, none narrower than the minimum distance of breakpoints."""
     room = np.diff(axis.breakpoints) / axis.least_distance * (1 + 1e-9)
     return np.clip(room, 1, most).astype(np.int64)
 
@@ -81,7 +79,7 @@ def _size(problem: Problem, name: str, parts: Mapping[AxisKey, Int]) -> int:
 
 
 def subdivide(points: Float, parts: Int) -> Float:
-    """Breakpoints with each cell cut into even parts; the given ones stay, bit for bit.
+    """Divide each cell into even parts; the given breakpoints are kept bit for bit.
 
     >>> subdivide(np.array([0.0, 1.0, 3.0]), np.array([1, 2])).tolist()
     [0.0, 1.0, 2.0, 3.0]
@@ -91,17 +89,17 @@ def subdivide(points: Float, parts: Int) -> Float:
 
 
 def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
-    """The problem on denser axes; the same surfaces, the same price of roughness. All axes stand still."""
+    """Return the problem on denser, fixed axes, with the same surfaces and the same roughness penalty."""
     tables: dict[str, Parameter] = {}
     smoothness = dict(problem.smoothness)
     for key, axis in problem.free_axes.items():
         cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
-        still = axis.axis.changed(breakpoints=subdivide(axis.axis.breakpoints, cells), free=False)
+        dense = axis.axis.changed(breakpoints=subdivide(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
             known = smoothness[name] if name in tables else problem.factors(name)
             factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
             factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
-            tables[name] = _on(tables.get(name, problem.parameters[name]), which, still)
+            tables[name] = _on(tables.get(name, problem.parameters[name]), which, dense)
             smoothness[name] = tuple(factors)
     return replace(
         problem,
@@ -112,7 +110,7 @@ def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
 
 
 def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
-    """A table on a denser axis; what lies between two locked values is locked, its bounds are the wider ones."""
+    """Interpolate a table onto a denser axis; values between two locked ones are locked, with the wider bounds."""
     place = position(axis.breakpoints, table.axes[which].breakpoints, "clip")
     weights, _ = cell_weights(place, len(table.axes[which]))
     left = np.floor(place).astype(np.int64)
@@ -132,18 +130,14 @@ def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
 
 
 def coarse(settings: SolverSettings) -> SolverSettings:
-    """Settings of a descent in which breakpoints move.
-
-    The cost has a crease wherever a breakpoint meets a sample. Between noisy samples these catch a descent, which then
-    creeps on in tiny steps that gain nothing but time.
-    """
-    return replace(settings, tolerance=max(settings.tolerance, CREEP), trusted=np.inf)
+    """Return the settings of a descent in which breakpoints move, which noisy samples slow down to tiny steps."""
+    return replace(settings, tolerance=max(settings.tolerance, KINK_TOLERANCE), damping_limited_ratio=np.inf)
 
 
 class BreakpointPlacement:
     """A search for the breakpoints of a problem; `exact` is its compiled form.
 
-    With `smoothed`, lookups on the dense axes are smoothed first where their coordinate depends on a free parameter.
+    With `smoothed`, lookups on the dense axes are smoothed first if their coordinate depends on a free parameter.
     """
 
     def __init__(self, problem: Problem, exact: CompiledProblem, *, smoothed: bool) -> None:
@@ -151,22 +145,20 @@ class BreakpointPlacement:
         self._objective = LeastSquaresObjective(exact)
 
     def descend(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
-        """The best end of several rounds, its values then fitted while the breakpoints stand still."""
+        """Place breakpoints in several rounds, then fit the values with fixed breakpoints."""
         best = self._rounds(start, limits, coarse(settings), report)
         if best.status == "stopped":
             return best
-        still = levenberg_marquardt(
+        fixed = levenberg_marquardt(
             self._objective,
             best.values,
-            self._standing(limits, best.values),
+            self._with_fixed_breakpoints(limits, best.values),
             settings,
             lambda line, values: report("still", line, values, self._exact),
         )
-        iterations, evaluations = best.iterations + still.iterations, best.evaluations + still.evaluations
-        return replace(still, iterations=iterations, evaluations=evaluations)
+        return fixed.with_effort_of([best, fixed])
 
-    def _standing(self, limits: LinearLimits, values: Float) -> LinearLimits:
-        """The limits with every breakpoint where it is."""
+    def _with_fixed_breakpoints(self, limits: LinearLimits, values: Float) -> LinearLimits:
         lower, upper = limits.lower.copy(), limits.upper.copy()
         for key, at in self._exact.values.moving.items():
             if at < self._exact.values.free:
@@ -175,22 +167,22 @@ class BreakpointPlacement:
         return replace(limits, lower=lower, upper=upper)
 
     def _rounds(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
-        """Rounds over all axes, while they are worth it."""
-        best = SolverResult(start, self._objective.cost(start), "converged", "The cost no longer falls.", 0, 1)
-        for _ in range(ROUNDS):
+        """Repeat rounds over all axes while they lower the cost."""
+        best = SolverResult(start, self._objective.cost(start), "converged", "The cost no longer decreases.", 0, 1)
+        for _ in range(MAX_ROUNDS):
             before = best.cost
             for keys in axis_groups(self._problem):
                 best = _better(best, self._round(best.values, keys, limits, settings, report))
                 if best.status == "stopped":
                     return best
-            if not best.cost < before * (1 - GAIN):
+            if not best.cost < before * (1 - MIN_GAIN):
                 break
         return best
 
     def _round(
         self, at: Float, keys: Collection[AxisKey], limits: LinearLimits, settings: SolverSettings, report: Report
     ) -> SolverResult:
-        """Dense fit, choice of breakpoints, and the descent from there; an infinite cost where that is not possible."""
+        """Fit on dense axes, choose breakpoints, and descend from there; the cost is infinite if that is impossible."""
         here = replace(self._problem, parameters=self._parameters(at))
         parts = cell_divisions(here, keys)
         nowhere = SolverResult(at, np.inf, "converged", "", 0, 0)
@@ -221,7 +213,7 @@ class BreakpointPlacement:
         return self._exact.values.unpack(full, self._problem.parameters)
 
     def _chosen(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
-        """Free values of the problem itself: the breakpoints that are left of the dense axes, and the values there."""
+        """Return the free values of the problem: the remaining breakpoints of the dense axes, and the values there."""
         axes = {key: dense.axis(here, key) for key in keys}
         left, fitted = eliminate_breakpoints(list(axes.values()), values, dense.inverse(values, list(axes.values())))
         kept = dict(zip(keys, left, strict=True))
@@ -241,12 +233,11 @@ class BreakpointPlacement:
 
 
 def _better(best: SolverResult, found: SolverResult) -> SolverResult:
-    """The lower of two ends, with the effort of both."""
+    """Return the lower of two ends, with the effort of both."""
     lower = found if found.cost < best.cost else best
     if found.status == "stopped":
         lower = replace(lower, status=found.status, message=found.message)
-    effort = {name: getattr(best, name) + getattr(found, name) for name in ("iterations", "evaluations")}
-    return replace(lower, **effort)
+    return lower.with_effort_of([best, found])
 
 
 class _Dense:
@@ -259,7 +250,7 @@ class _Dense:
         self.limits = linear_limits(problem, self.compiled.values)
 
     def descend(self, settings: SolverSettings, report: Report, *, smoothed: bool) -> SolverResult | None:
-        """The end from where the surfaces are; None where limits cannot be met."""
+        """Descend from the current surfaces; None if the limits cannot be satisfied."""
         begin, _ = project(self.objective.start, self.limits)
         if begin is None:
             return None
@@ -274,13 +265,12 @@ class _Dense:
         return levenberg_marquardt(self.objective, begin, self.limits, quick, told)
 
     def parameters(self, values: Float) -> ParameterSet:
-        """The tables with these free values."""
         full = self.compiled.start.copy()
         full[: values.size] = values
         return self.compiled.values.unpack(full, self.problem.parameters)
 
     def axis(self, here: Problem, key: AxisKey) -> DenseAxis:
-        """A dense axis and the values on it, to be thinned out to the breakpoints of `here`."""
+        """Return a dense axis and the values on it, to be reduced to the number of breakpoints in `here`."""
         axis = here.free_axes[key]
         table, direction = axis.places[0]
         points = self.problem.parameters[table].axes[direction].breakpoints
@@ -295,9 +285,9 @@ class _Dense:
         return DenseAxis(points, np.hstack(lines), stays, len(axis.axis))
 
     def inverse(self, values: Float, axes: Sequence[DenseAxis]) -> Float:
-        """The inverse of the matrix, 0 for values that cannot move.
+        """Return the inverse of the Gauss-Newton matrix, 0 for values that cannot move.
 
-        Values that no data inform are tied to their neighbours along the dense axes.
+        Values without data are tied to their neighbours along the dense axes.
         """
         _, matrix = self.objective.normal(values)
         whole, diagonal = matrix.copy(), np.diag(matrix)
@@ -308,6 +298,6 @@ class _Dense:
             np.add.at(whole, (three[:, :, None], three[:, None, :]), share * np.outer(bend, bend))
         whole[np.diag_indices(len(whole))] += RIDGE * np.maximum(np.diag(whole), 1e-6 * diagonal.mean()) + 1e-300
         movable = np.ix_(*[np.flatnonzero(self.limits.movable)] * 2)
-        found = np.zeros_like(whole)
-        found[movable] = np.linalg.inv(whole[movable])
-        return found
+        inverse = np.zeros_like(whole)
+        inverse[movable] = np.linalg.inv(whole[movable])
+        return inverse

@@ -1,16 +1,15 @@
-"""A search without gradients within limits of outputs: what keeps them comes first, whatever it costs.
+"""Global search without gradients, for discontinuous costs: CMA-ES within bounds, with restarts.
 
-Of two points that keep the limits the cheaper is better, of two that do not the one that exceeds them less, and what
-keeps them is better than what does not (K. Deb, An efficient constraint handling method for genetic algorithms, 2000).
+If the values of a model shift its events in time (a governor triggered by the crank, a relay, quantised code), its cost
+is a step function whose exact derivatives miss the steps. The covariance matrix adaptation evolution strategy
+(N. Hansen, A. Ostermeier: Completely Derandomized Self-Adaptation in Evolution Strategies, 2001) only compares costs.
+The first run begins at the start, later ones anywhere within the bounds with twice the population of the previous one
+(A. Auger, N. Hansen: A Restart CMA Evolution Strategy With Increasing Population Size, 2005). A descent from the best
+values ends the search.
 
-Search without gradients, for costs that jump: CMA-ES within bounds, started anew while that helps.
-
-A model whose events happen earlier or later with its values (a governor triggered by the crank, a relay, quantised
-code) has a cost of steps: its derivatives are exact and say nothing of them. The covariance matrix adaptation
-evolution strategy (N. Hansen, A. Ostermeier, Completely Derandomized Self-Adaptation in Evolution Strategies, 2001)
-compares costs and asks for nothing else. The first run begins at the start, the next ones anywhere within the bounds
-with twice the population of the one before (A. Auger, N. Hansen, A Restart CMA Evolution Strategy With Increasing
-Population Size, 2005). A descent from the best values ends the search.
+Under output limits, the lower cost wins between two feasible points, the smaller violation between two infeasible ones,
+and a feasible point over an infeasible one (K. Deb: An efficient constraint handling method for genetic algorithms,
+2000).
 """
 
 import time
@@ -23,10 +22,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.formatting import count_noun
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.gauss_newton_model import Objective
 from kennfeld.optimize.solver.levenberg_marquardt import (
+    STOPPED,
     Iteration,
     SolverResult,
     SolverSettings,
@@ -43,28 +44,27 @@ __all__ = ["FEW", "FeasibilityFirstCost", "GlobalSettings", "global_search", "po
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
-SETTLED = 1e-6  # relative differences of the cost at which a run ends
-BETTER = 1e-4  # relative decrease of the cost by which a run has to beat those before it
-PATIENCE = 2  # runs in a row that did not, and end the search
+CONVERGED = 1e-6  # relative differences of the cost at which a run ends
+MIN_GAIN = 1e-4  # relative decrease of the cost that makes a run a success
+PATIENCE = 2  # unsuccessful runs in a row that end the search
 PAUSE = 1.0  # s after which the best so far is reported within a generation
 SMALLEST = 1e-300  # of a cost, so that it has a logarithm
 REJECTED = 1e30  # in place of a cost that is not finite
+ABOVE = 1e200  # more than any cost
 
 Report = Callable[[Iteration, Float], None]
 
-ABOVE = 1e200  # any cost
-
 
 class CostFunction(Protocol):
-    """What is searched: a function of the values that may jump."""
+    """A function of the values, possibly discontinuous."""
 
     def cost(self, values: Float) -> float:
-        """The cost; not finite where the model fails."""
+        """Return the cost; not finite if the model fails."""
 
 
 @dataclass(frozen=True)
 class GlobalSettings:
-    """How long to search, and from which random numbers; 0 evaluations stand for 500 (values + 4).
+    """Budget and seed of a search; 0 evaluations stand for 500 (values + 4).
 
     The generation in which the evaluations run out is completed.
     """
@@ -73,7 +73,7 @@ class GlobalSettings:
     seed: int = 0
 
     def budget(self, values: int) -> int:
-        """Evaluations of the cost for so many values."""
+        """Return the evaluations of the cost for a number of values."""
         return self.max_evaluations or 500 * (values + 4)
 
 
@@ -84,11 +84,19 @@ def global_search(
     search: GlobalSettings,
     report: Report = lambda line, values: None,
 ) -> SolverResult:
-    """The lowest cost within finite bounds; never above that of `start`, which keeps the limits.
+    """Search for the lowest cost within finite bounds; the same seed gives the same search.
 
-    `report` hears of the best values after each generation; it may raise `Stop`. The same seed gives the same search.
+    Args:
+        objective: the cost.
+        start: values that keep the limits, Float[values].
+        limits: bounds, all finite, and linear rows.
+        search: budget and seed.
+        report: called with the best values after each generation; may raise `Stop`.
+
+    Returns:
+        The best values; their cost is never above that of `start`.
     """
-    return _Searching(objective, start, limits, search, report).run()
+    return _Search(objective, start, limits, search, report).run()
 
 
 def polish(
@@ -98,21 +106,22 @@ def polish(
     settings: SolverSettings,
     report: Report = lambda line, values: None,
 ) -> SolverResult:
-    """The better of the end of a search and the end of a descent from there, with the effort of both."""
+    """Descend from the end of a search; return the better of both ends."""
     if found.status in ("stopped", "failed"):
         return found
     end = levenberg_marquardt(objective, found.values, limits, settings, report)
-    effort = {name: getattr(found, name) + getattr(end, name) for name in ("iterations", "evaluations")}
     if end.status == "stopped":
-        return replace(end, **effort)
-    if not end.cost < found.cost:
-        return replace(found, message=f"{found.message} Derivatives lead no lower.", **effort)
-    lower = f"A descent from there lowered the cost by {1 - end.cost / found.cost:.2g} of it."
-    return replace(found, values=end.values, cost=end.cost, message=f"{found.message} {lower}", **effort)
+        best = end
+    elif not end.cost < found.cost:
+        best = replace(found, message=f"{found.message} A final gradient-based descent did not lower the cost.")
+    else:
+        remark = f"A final gradient-based descent lowered the cost by {1 - end.cost / found.cost:.2%}."
+        best = replace(found, values=end.values, cost=end.cost, message=f"{found.message} {remark}")
+    return best.with_effort_of([found, end])
 
 
-class _Searching:
-    """The running state of a search, in values scaled to [0, 1] between their bounds."""
+class _Search:
+    """A search over values scaled to [0, 1] between their bounds."""
 
     def __init__(
         self, objective: CostFunction, start: Float, limits: LinearLimits, search: GlobalSettings, report: Report
@@ -120,8 +129,8 @@ class _Searching:
         self.objective, self.limits, self.report = objective, limits, report
         self.start = self.best = start
         self.movable = np.flatnonzero(limits.movable)
-        self.low = limits.lower[self.movable]
-        self.range = limits.upper[self.movable] - self.low
+        self.lower = limits.lower[self.movable]
+        self.span = limits.upper[self.movable] - self.lower
         self.random = np.random.default_rng(search.seed)
         self.budget = search.budget(self.movable.size)
         self.cost = np.inf
@@ -135,28 +144,27 @@ class _Searching:
                 return self._end("converged", "No value is free to move.")
             return self._restarted()
         except (Stop, KeyboardInterrupt):
-            return self._end("stopped", "Stopped on request; these are the best values so far.")
+            return self._end("stopped", STOPPED)
 
     def _restarted(self) -> SolverResult:
-        first = (self.start[self.movable] - self.low) / self.range
-        idle = runs = 0
-        while idle < PATIENCE and self.evaluations < self.budget:
+        first = (self.start[self.movable] - self.lower) / self.span
+        runs_without_gain = runs = 0
+        while runs_without_gain < PATIENCE and self.evaluations < self.budget:
             before = self.cost
             origin = first if runs == 0 else self.random.uniform(size=first.size)
-            settled = self._one_run(origin, 2**runs)
-            idle = 0 if self.cost < (1 - BETTER) * before else idle + 1
-            runs += settled
+            converged = self._one_run(origin, 2**runs)
+            runs_without_gain = 0 if self.cost < (1 - MIN_GAIN) * before else runs_without_gain + 1
+            runs += converged
         if not np.isfinite(self.cost):
             return self._end("failed", f"The cost is not a finite number at any of {self.evaluations} points.")
         if runs == 0:
-            what = f"The search had not settled after {self.evaluations} evaluations; raise max_evaluations."
-            return self._end("max_iterations", what)
-        words = "one run, which settled" if runs == 1 else f"{runs} runs, which settled"
-        return self._end("converged", f"The search without gradients ended after {words}.")
+            message = f"The search had not converged after {self.evaluations} evaluations. Increase max_evaluations."
+            return self._end("max_iterations", message)
+        return self._end("converged", f"The global search ended after {count_noun(runs, 'converged run')}.")
 
-    def _one_run(self, origin: Float, larger: int) -> bool:
-        """One run of the strategy; whether it settled before the evaluations ran out."""
-        strategy = _strategy(origin, larger, self.random)
+    def _one_run(self, origin: Float, population_factor: int) -> bool:
+        """Run the strategy once; return True if it converged within the evaluations."""
+        strategy = _strategy(origin, population_factor, self.random)
         while self.evaluations < self.budget:
             if strategy.stop():
                 return True
@@ -167,7 +175,7 @@ class _Searching:
         return bool(strategy.stop())
 
     def _ranks(self, points: Sequence[Float], spread: float) -> list[float]:
-        """Logarithms of the costs: the strategy compares only, and its tolerances become relative ones."""
+        """Return the logarithms of the costs, which make the tolerances of the strategy relative."""
         ranks = []
         for point in points:
             cost = self._try(self._values(point))
@@ -178,11 +186,11 @@ class _Searching:
 
     def _values(self, point: Float) -> Float:
         values = self.start.copy()
-        values[self.movable] = self.low + np.clip(point[: self.movable.size], 0.0, 1.0) * self.range
+        values[self.movable] = self.lower + np.clip(point[: self.movable.size], 0.0, 1.0) * self.span
         return values
 
     def _try(self, values: Float) -> float:
-        """The cost of the nearest values that keep the limits, remembered where it is the lowest."""
+        """Evaluate the nearest values that keep the limits, and store them if they are the best."""
         kept, _ = project(values, self.limits)
         if kept is None:
             return np.inf
@@ -201,19 +209,19 @@ class _Searching:
         return SolverResult(self.best, self.cost, status, message, self.generations, self.evaluations)
 
 
-def _strategy(origin: Float, larger: int, random: "np.random.Generator") -> Any:
-    """A run of CMA-ES within [0, 1], silent and without files, drawing from `random` alone."""
+def _strategy(origin: Float, population_factor: int, random: "np.random.Generator") -> Any:
+    """Return a run of CMA-ES within [0, 1] that is silent, writes no files, and draws from `random` only."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it misses a plotting library
         from cma import CMAEvolutionStrategy
 
-    # a single value gets an idle companion: there is no covariance to adapt in one dimension
+    # a single value gets a dummy companion: there is no covariance to adapt in one dimension
     point = np.append(origin, 0.5) if origin.size == 1 else origin
     options = {
         "bounds": [0.0, 1.0],
-        "popsize": larger * (4 + int(3 * np.log(point.size))),
-        "tolfun": SETTLED,
-        "tolfunhist": SETTLED / 10,
+        "popsize": population_factor * (4 + int(3 * np.log(point.size))),
+        "tolfun": CONVERGED,
+        "tolfunhist": CONVERGED / 10,
         "tolx": 1e-9,
         "randn": partial(_normals, random),
         "seed": np.nan,
@@ -238,7 +246,7 @@ class FeasibilityFirstCost:
         self._objective, self._outputs, self._parameters_of = objective, outputs, parameters_of
 
     def cost(self, values: Float) -> float:
-        """The cost where the limits hold, else a number above any cost that grows with what exceeds them."""
+        """Return the cost if the limits are satisfied, else a number above any cost that grows with the violation."""
         cost = self._objective.cost(values)
         if not np.isfinite(cost):
             return cost
@@ -246,7 +254,7 @@ class FeasibilityFirstCost:
         return cost if self._outputs.largest(excess) <= FEASIBLE else ABOVE * sum(self._outputs.squares(excess))
 
     def search(self, start: Float, limits: LinearLimits, settings: GlobalSettings, report: Report) -> SolverResult:
-        """The lowest cost that keeps the limits; where nothing does, what exceeds them least."""
+        """Search for the lowest feasible cost, or else for the smallest violation."""
 
         def told(line: Iteration, values: Float) -> None:
             report(replace(line, cost=self._objective.cost(values)), values)
@@ -254,22 +262,21 @@ class FeasibilityFirstCost:
         found = global_search(self, start, limits, settings, told)
         return replace(found, cost=self._objective.cost(found.values)) if found.cost >= ABOVE else found
 
-    def polished(
+    def polish(
         self,
         found: SolverResult,
         limits: LinearLimits,
         settings: SolverSettings,
         report: Callable[[str, Iteration, Float], None],
     ) -> SolverResult:
-        """The better of the end of a search and a descent from there, both within the limits of outputs."""
-        if found.status in ("stopped", "failed") or not self._outputs.kept(self._parameters_of(found.values)):
+        """Descend from the end of a search; return the better of both ends, within the output limits."""
+        if found.status in ("stopped", "failed") or not self._outputs.is_satisfied(self._parameters_of(found.values)):
             return found
         end = descend_within(
             self._outputs, self._objective, found.values, limits, settings, self._parameters_of, report
         )
-        effort = {name: getattr(found, name) + getattr(end, name) for name in ("iterations", "evaluations")}
-        lower = end.cost < found.cost and self._outputs.kept(self._parameters_of(end.values))
+        lower = end.cost < found.cost and self._outputs.is_satisfied(self._parameters_of(end.values))
         best = replace(found, values=end.values, cost=end.cost) if lower else found
         if end.status == "stopped":
             best = replace(best, status=end.status, message=end.message)
-        return replace(best, **effort)
+        return best.with_effort_of([found, end])

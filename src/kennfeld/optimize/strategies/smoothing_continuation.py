@@ -1,9 +1,8 @@
-"""Kink continuation: descend on smoothed lookups first, sharpen them step by step, end with the exact model.
+"""Descents on smoothed lookups, sharpened stage by stage to the exact model.
 
-A chain of piecewise-linear lookups is full of creases at which gradient methods stop early. Each lookup whose
-coordinate depends on a free parameter is replaced by its convolution with a Gaussian, whose width shrinks stage by
-stage to nothing (homotopy by Gaussian smoothing; H. Mobahi and J. Fisher, A theoretical analysis of optimization by
-Gaussian continuation, 2015).
+A chain of piecewise-linear lookups is full of kinks at which gradient methods stop early. Each lookup whose coordinate
+depends on a free parameter is replaced by its convolution with a Gaussian, whose width shrinks to zero (H. Mobahi,
+J. Fisher: A theoretical analysis of optimization by Gaussian continuation, 2015).
 """
 
 from collections.abc import Callable
@@ -38,7 +37,7 @@ LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(8)), 1e-5)
 
 
 class Continuation:
-    """The smoothed form of a problem, ready to be descended."""
+    """The smoothed form of a problem; `exact` is its compiled form without smoothing."""
 
     def __init__(self, problem: Problem, exact: CompiledProblem) -> None:
         self._exact = LeastSquaresObjective(exact)
@@ -47,37 +46,39 @@ class Continuation:
 
     @classmethod
     def of(cls, problem: Problem, exact: CompiledProblem) -> "Continuation | None":
-        """None where no lookup can be smoothed. `exact` is the compiled problem."""
+        """Return the smoothed form; None if no lookup can be smoothed."""
         return cls(problem, exact) if smoothable(problem) else None
 
-    def moved(self, exact: CompiledProblem) -> "Continuation":
-        """The same for other values of the free parameters, those of the moved exact problem."""
+    def with_start(self, exact: CompiledProblem) -> "Continuation":
+        """Return the smoothed form of `exact`, which differs in the start of the free parameters only."""
         other = copy(self)
         other._exact = LeastSquaresObjective(exact)
-        other._smooth = self._smooth.moved(exact.problem)
+        other._smooth = self._smooth.with_start(exact.problem)
         other._objective = LeastSquaresObjective(other._smooth)
         return other
 
     def descend(
-        self, ladder: SmoothingSchedule, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report
+        self, schedule: SmoothingSchedule, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report
     ) -> SolverResult:
-        """The end of the last stage, that of the exact model; where one was cut short, the better of start and end."""
-        at, iterations, evaluations = start, 0, 0
-        stage_settings = replace(settings, tolerance=ladder.tolerance, patience=2)
-        for width in ladder.widths:
-            self._smooth.set_width(width)
-            found = levenberg_marquardt(
-                self._objective, at, limits, stage_settings, partial(report, f"smooth {width:g}")
-            )
-            iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
-            at = found.values
-            if found.status in ("stopped", "failed"):
-                cost, at = min(((self._cost(values), values) for values in (start, at)), key=lambda end: end[0])
-                return replace(found, values=at, cost=cost, iterations=iterations, evaluations=evaluations)
-        last = levenberg_marquardt(self._exact, at, limits, settings, partial(report, "exact"))
-        return replace(last, iterations=iterations + last.iterations, evaluations=evaluations + last.evaluations)
+        """Descend at each width, then on the exact model.
 
-    def _cost(self, values: Float) -> float:
-        """The cost of the exact model, infinite where it fails."""
+        Returns:
+            The end of the last descent; if a stage was cut short, the better of its end and the start.
+        """
+        stage_settings = replace(settings, tolerance=schedule.tolerance, patience=2)
+        stages: list[SolverResult] = []
+        values = start
+        for width in schedule.widths:
+            self._smooth.set_width(width)
+            stage_report = partial(report, f"smooth {width:g}")
+            stages.append(levenberg_marquardt(self._objective, values, limits, stage_settings, stage_report))
+            values = stages[-1].values
+            if stages[-1].status in ("stopped", "failed"):
+                cost, values = min(((self._exact_cost(v), v) for v in (start, values)), key=lambda end: end[0])
+                return replace(stages[-1], values=values, cost=cost).with_effort_of(stages)
+        last = levenberg_marquardt(self._exact, values, limits, settings, partial(report, "exact"))
+        return last.with_effort_of([*stages, last])
+
+    def _exact_cost(self, values: Float) -> float:
         cost = self._exact.cost(values)
         return cost if np.isfinite(cost) else np.inf

@@ -1,4 +1,4 @@
-"""What the data determine of a result, and what they leave open."""
+"""Uncertainty of a result: covariance, poorly determined directions, active limits."""
 
 from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.assessment import TrustAssessment

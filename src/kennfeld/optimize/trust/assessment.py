@@ -1,7 +1,4 @@
-"""Which samples count as training samples of a value.
-
-The end of a fit, from which its trust is computed when somebody asks for it.
-"""
+"""Assessment of the uncertainty at the end of a fit, computed when it is first used."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -10,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int, silent
+from kennfeld.arrays import Bool, Float, Int, ignore_floating_errors
 from kennfeld.criteria import Criterion
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
@@ -31,44 +28,23 @@ from kennfeld.threads import blas_threads
 
 __all__ = ["TrustAssessment"]
 
-MOST = 12  # directions that are named
-SETTLED = 0.05  # standard deviations that a value may still be from its best and count as there
-
-
-def touching_samples(compiled: CompiledProblem, full: Float) -> Int:
-    """For each free value, the scored samples that touch it; `full` are the free and the fixed values.
-
-    A sample that is only simulated, because of `where`, the warmup or a missing target, does not count. A steady-state
-    point that is held until the model has settled counts once, for all samples over which it is averaged.
-    """
-    bounds = compiled.problem.gathered
-    averaged = any(bound.hold is not None and bound.hold.window > 1 for bound in bounds)
-    parts = averaged and compiled.accumulator.stateful
-    return compiled.accumulator.touched(full, _owners(compiled, bounds) if parts else None)
-
-
-def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
-    """For each sample the scored one of which it is a part, -1 where there is none."""
-    samples = compiled.samples
-    owners = np.full(samples.count, -1, dtype=np.int64)
-    for piece in samples.pieces:
-        visits = np.arange(piece.first, piece.last)
-        scored = np.isfinite(samples.targets_of(visits)[piece.scores > 0]).any(axis=0)
-        owners[visits[scored]] = visits[scored]
-    end = 0
-    for bound in bounds:
-        first, end = end, end + bound.count
-        if bound.hold is not None:
-            points = owners[first:end].reshape(-1, bound.hold.samples)
-            points[:, -bound.hold.window :] = points[:, -1:]
-    return owners
+MAX_DIRECTIONS = 12
+NEGLIGIBLE_STEP = 0.05  # standard deviations
 
 
 class TrustAssessment:
-    """What is needed to tell the trust in the values of a fit.
+    """Computes the `Trust` of a fit on first use.
 
-    `values` are the free ones at the end, `informed` marks those that data or smoothness inform. What was compiled, and
-    the data with it, is kept until the trust is asked for; what is sent to another process is the trust alone.
+    The compiled problem and its data are kept until then. Pickling computes the trust and keeps nothing else.
+
+    Args:
+        problem: the problem that was fitted.
+        values: the free values at the end of the fit; shape (values,).
+        informed: values that data or smoothness determine, by parameter.
+        compiled: the compiled problem.
+        scorer: evaluates the model on datasets.
+        outputs: returns the output limits of the fit, if it has any.
+        status: status of the search.
     """
 
     def __init__(
@@ -89,39 +65,31 @@ class TrustAssessment:
 
     @cached_property
     def trust(self) -> Trust:
-        """The trust."""
-        with blas_threads(self.values.size), silent():
+        """The trust; without uncertainties if they cannot be computed."""
+        with blas_threads(self.values.size), ignore_floating_errors():
             try:
-                found = self._trust()
-            except (np.linalg.LinAlgError, ArithmeticError):  # a result is never lost over what is said about it
-                found = Trust(informed=self.informed)
+                trust = self._trust()
+            except (np.linalg.LinAlgError, ArithmeticError):  # never lose a result over its uncertainty
+                trust = Trust(informed=self.informed)
         del self.compiled, self.scorer, self.outputs
-        return found
+        return trust
 
     def _trust(self) -> Trust:
-        problem, compiled, scorer = self.problem, self.compiled, self.scorer
+        problem, compiled = self.problem, self.compiled
         full = compiled.start.copy()
         full[: self.values.size] = self.values
         parameters = compiled.values.unpack(full, problem.parameters)
-
-        def judged(values: Float) -> list[Group]:
-            there = full.copy()
-            there[: values.size] = values
-            moved = compiled.values.unpack(there, problem.parameters)
-            errors = [scorer.errors(bound, moved) for bound in problem.training]
-            return groups(problem.criteria, problem.training, errors, compiled.weighting)
-
         outputs = self.outputs()
         touched = None if outputs is None else outputs.touched(self.values, parameters)
-        found = estimate(compiled, linear_limits(problem, compiled.values), self.values, judged, touched)
-        if found is None:
+        limits = linear_limits(problem, compiled.values)
+        local = estimate(compiled, limits, self.values, self._residual_groups, touched)
+        if local is None:
             return Trust(informed=self.informed)
-        training, samples = found.groups, touching_samples(compiled, full)
-        deviation = found.deviation(error=True)
+        training, samples = local.groups, count_touching_samples(compiled, full)
+        deviation = local.deviation(error=True)
         split = _Split(problem, compiled)
         moved = self.values != compiled.start[: self.values.size]
-        seen = found.informed | moved
-        informed = {name: self.informed.get(name, also) for name, also in split(seen).items()}
+        informed = {name: self.informed.get(name, also) for name, also in split(local.informed | moved).items()}
         known = np.zeros(self.values.size, dtype=bool)
         for name, columns in split.columns.items():
             known[columns] = informed[name].ravel()
@@ -129,74 +97,112 @@ class TrustAssessment:
         words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes)
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
         return Trust(
-            noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, found.variances)),
+            noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, local.variances)),
             persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
-            freedom=found.freedom,
+            freedom=local.freedom,
             informed=informed,
             samples=split(samples),
             deviation=split(deviation),
-            scatter=split(found.deviation(error=False)),
-            by_smoothness=split(~found.met & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(found, split, informed, moved & ~found.informed, parameters, words),
-            null_space=null_space(found, split.columns, parameters, moving, words),
-            holdings=(*self._outputs_held(found, outputs, split), *self._distances(split, full)),
-            remark=self._remark(found),
-            estimate=found,
+            scatter=split(local.deviation(error=False)),
+            by_smoothness=split(~local.met & known & np.isfinite(deviation) & (deviation > 0)),
+            directions=self._directions(local, split, informed, moved & ~local.informed, parameters, words),
+            null_space=null_space(local, split.columns, parameters, moving, words),
+            holdings=(*self._active_output_limits(local, outputs, split), *self._distances(split, full)),
+            remark=self._remark(local),
+            estimate=local,
             columns={name: int(columns[0]) for name, columns in split.columns.items()},
         )
 
+    def _residual_groups(self, values: Float) -> list[Group]:
+        problem, compiled = self.problem, self.compiled
+        full = compiled.start.copy()
+        full[: values.size] = values
+        parameters = compiled.values.unpack(full, problem.parameters)
+        errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
+        return groups(problem.criteria, problem.training, errors, compiled.weighting)
+
     def _directions(
         self,
-        found: Estimate,
+        local: Estimate,
         split: "_Split",
         informed: Mapping[str, Bool],
         searched: Bool,
         parameters: ParameterSet,
         words: Describer,
     ) -> tuple[Direction, ...]:
-        """Values that nothing informs, and those only `searched`, table by table; then the weak directions."""
-        held = split(found.reduction.held)
-        open_values = {name: ~seen & ~held[name] for name, seen in informed.items()}
-        idle = [words.uninformed(name, where) for name, where in open_values.items() if where.any()]
-        blind = {name: where & ~held[name] for name, where in split(searched).items() if name not in split.axes}
-        idle += [words.searched(name, where) for name, where in blind.items() if where.any()]
+        """Describe undetermined values and those only `searched`, table by table; then the weak directions."""
+        held = split(local.reduction.held)
+        undetermined = {name: ~seen & ~held[name] for name, seen in informed.items()}
+        idle = [words.uninformed(name, where) for name, where in undetermined.items() if where.any()]
+        flat = {name: where & ~held[name] for name, where in split(searched).items() if name not in split.axes}
+        idle += [words.searched(name, where) for name, where in flat.items() if where.any()]
         tables = {name: where for name, where in held.items() if name not in split.axes}
         candidates = table_changes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
-        weak = weak_directions(found, candidates, changes, MOST) if found.seen.any() else []
-        told = [
-            words.named(w, split(w.change)) if w.amounts else words.nameless(w, split(w.change), split(w.weight))
+        weak = weak_directions(local, candidates, changes, MAX_DIRECTIONS) if local.seen.any() else []
+        described = [
+            words.named(w, split(w.change)) if w.amounts else words.by_points(w, split(w.change), split(w.weight))
             for w in weak
         ]
-        return (*idle, *told)
+        return (*idle, *described)
 
-    def _outputs_held(self, found: Estimate, outputs: OutputLimits | None, split: "_Split") -> Iterator[ActiveLimit]:
-        if outputs is not None and found.pressed is not None:
+    def _active_output_limits(
+        self, local: Estimate, outputs: OutputLimits | None, split: "_Split"
+    ) -> Iterator[ActiveLimit]:
+        if outputs is not None and local.pressed is not None:
             bounds = self.problem.training
-            yield from outputs_held(found.pressed, outputs.sides, bounds, split.columns, np.sqrt(found.own))
+            yield from outputs_held(local.pressed, outputs.sides, bounds, split.columns, np.sqrt(local.own))
 
     def _distances(self, split: "_Split", full: Float) -> Iterator[ActiveLimit]:
         names = {axis.key: name for name, axis in split.axes.items()}
         return distances(self.problem.free_axes, self.compiled.values, full, names)
 
-    def _remark(self, found: Estimate) -> str:
-        """A sentence on a search that did not come to its end."""
+    def _remark(self, local: Estimate) -> str:
         if self.status == "converged":
             return ""
-        far = found.distance
-        message = f"by {far:.2g} standard deviations" if far >= SETTLED else "by next to nothing"
+        step = local.distance
+        size = f"by up to {step:.2g} standard deviations" if step >= NEGLIGIBLE_STEP else "by a negligible amount"
         return (
-            f"The search ended as {self.status}. By the slopes at its end a value would still move {message}; "
-            "what is said of the values holds around that end."
+            f"The search ended with status {self.status}. The gradient suggests that values would still move {size}; "
+            "uncertainties refer to the last iterate."
         )
 
 
-class _Split:
-    """Cuts arrays over all free values into those of the parameters, and of the axes whose breakpoints are free.
+def count_touching_samples(compiled: CompiledProblem, full: Float) -> Int:
+    """Count the scored samples that influence each free value; `full` are the free and the fixed values.
 
-    An axis is called as elsewhere, `AxisSpeed` or `MapTorque.x`; where a parameter has that name, `axis AxisSpeed`.
+    Samples that are only simulated, because of `where`, the warmup or a missing target, do not count. A steady-state
+    point that is held until the model has settled counts once for all samples over which it is averaged.
+    """
+    bounds = compiled.problem.gathered
+    averaged = any(bound.hold is not None and bound.hold.window > 1 for bound in bounds)
+    parts = averaged and compiled.accumulator.stateful
+    return compiled.accumulator.touched(full, _owners(compiled, bounds) if parts else None)
+
+
+def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
+    """Return for each sample the scored sample in whose average it takes part, -1 if there is none."""
+    samples = compiled.samples
+    owners = np.full(samples.count, -1, dtype=np.int64)
+    for piece in samples.pieces:
+        visits = np.arange(piece.first, piece.last)
+        scored = np.isfinite(samples.targets_of(visits)[piece.scores > 0]).any(axis=0)
+        owners[visits[scored]] = visits[scored]
+    end = 0
+    for bound in bounds:
+        first, end = end, end + bound.count
+        if bound.hold is not None:
+            points = owners[first:end].reshape(-1, bound.hold.samples)
+            points[:, -bound.hold.window :] = points[:, -1:]
+    return owners
+
+
+class _Split:
+    """Splits arrays over all free values into one for each parameter and each axis with free breakpoints.
+
+    Axes are named `AxisSpeed` or `MapTorque.x`; `axis AxisSpeed` if a parameter has that name.
     """
 
     def __init__(self, problem: Problem, compiled: CompiledProblem) -> None:
@@ -212,32 +218,32 @@ class _Split:
         first |= {name: values.moving[axis.key] for name, axis in self.axes.items()}
         self.columns = {name: at + np.arange(int(np.prod(self._shapes[name]))) for name, at in first.items()}
 
-    def __call__(self, whole: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        return {name: whole[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
+    def __call__(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        return {name: array[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
 
 
 def _noises(criteria: Sequence[Criterion], training: Sequence[Group], variances: Sequence[float]) -> list[float]:
-    """The noise of each criterion in its target's unit, over all its groups."""
-    found = []
+    """Return the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
+    noises = []
     for i, criterion in enumerate(criteria):
         own = [(g, v / g.slope**2 / g.typical) for g, v in zip(training, variances, strict=True) if g.criterion == i]
         total = sum(group.count for group, _ in own)
         mean = sum(group.count * variance for group, variance in own) / total if total else float("nan")
-        found.append(criterion.scale * float(np.sqrt(mean)))
-    return found
+        noises.append(criterion.scale * float(np.sqrt(mean)))
+    return noises
 
 
 def _persistences(criteria: Sequence[Criterion], training: Sequence[Group]) -> list[float]:
-    found = []
+    persistences = []
     for i in range(len(criteria)):
         own = [group for group in training if group.criterion == i]
         total = sum(group.count for group in own)
-        found.append(sum(group.count * group.persistence for group in own) / total if total else 1.0)
-    return found
+        persistences.append(sum(group.count * group.persistence for group in own) / total if total else 1.0)
+    return persistences
 
 
 def _by_criterion(criteria: Sequence[Criterion], numbers: Sequence[float]) -> dict[str, float]:
-    """By the criterion's node; with its target where two have the same node."""
+    """Key numbers by the node of the criterion, with its target if several criteria have the same node."""
     nodes = [criterion.node for criterion in criteria]
     names = [c.node if nodes.count(c.node) == 1 else f"{c.node} against {c.target}" for c in criteria]
     return dict(zip(names, numbers, strict=True))

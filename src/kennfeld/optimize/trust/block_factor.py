@@ -1,7 +1,7 @@
-"""Block factorisation of a large sparse symmetric matrix, and entries of its inverse that cost no more than the factor.
+"""Block factorisation of a large sparse symmetric matrix, and selected entries of its inverse at the same cost.
 
-A table ties each value to its neighbours only. In a good order of the values the factor fills little more than a band,
-and the inverse inside that band follows from the factor, last block first, without the rest of the inverse (K.
+A table couples each value to its neighbours only. In a good order of the values the factor fills little more than a
+band, and the inverse within that band follows from the factor, last block first, without the rest of the inverse (K.
 Takahashi, J. Fagan, M.-S. Chin: Formation of a sparse bus impedance matrix and its application to short circuit study,
 1973; A. Erisman, W. Tinney: On computing certain elements of the inverse of a sparse matrix, Comm. ACM 18, 1975).
 The diagonal of H^-1 M H^-1 is the derivative of that of -H^-1 along M, and is computed by differentiating both passes.
@@ -67,7 +67,7 @@ class Layout:
 
     @property
     def work(self) -> float:
-        """What a factorisation costs, up to a factor."""
+        """Relative cost of a factorisation."""
         return float(np.sum(np.square(np.diff(self.start), dtype=np.float64)))
 
     def number(self, row: Int | int, column: Int | int) -> Int:
@@ -77,7 +77,7 @@ class Layout:
 
     @cached_property
     def below(self) -> list[Int]:
-        """The block rows below the diagonal that reach each block column."""
+        """Block rows below the diagonal that reach each block column."""
         reaching: list[list[int]] = [[] for _ in range(self.count)]
         for row, column in enumerate(self.first.tolist()):
             for each in range(column, row):
@@ -86,7 +86,7 @@ class Layout:
 
     @cached_property
     def squares(self) -> list[tuple[Int, Int, Int]]:
-        """For each block column the blocks among the rows below it: where they are stored, and which pair of rows."""
+        """For each block column the positions of the blocks among the rows below it, and their pairs of rows."""
         found = []
         for rows in self.below:
             high, low = np.tril_indices(rows.size)
@@ -142,7 +142,7 @@ class Layout:
 
 
 def _orders(pattern: Sparse) -> Iterator[Int]:
-    """Orders worth trying, the same as for an `Envelope`: values that most others touch come last, or do not."""
+    """Return candidate orders, as for an `Envelope`: with and without moving strongly coupled values to the end."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     degree = np.diff(pattern.indptr)
@@ -158,7 +158,7 @@ class BlockFactor:
 
     Args:
         matrix: H, a scipy.sparse array.
-        pattern: its non-zeros, and those of all matrices that `trace` and `sandwich` will be asked for.
+        pattern: its non-zeros, and those of all matrices in `trace` and `sandwich`.
     """
 
     @blas_threads(BLOCK)
@@ -207,7 +207,7 @@ class BlockFactor:
     @cached_property
     @blas_threads(BLOCK)
     def inverse(self) -> Float:
-        """The blocks of H^-1, where those of the factor are."""
+        """The blocks of H^-1 at the positions of those of the factor."""
         layout = self.layout
         found = np.zeros_like(self._left)
         for column, left, root, signs in reversed(list(self._columns())):

@@ -1,19 +1,19 @@
 """Covariance of the fitted values from the last linearisation.
 
-With H = H_data + S, the curvature of the data and of the smoothness, and M the variance of the gradient over
-repetitions of the measurement (M = phi H_data where all samples have one noise), the fitted values scatter with
+With H = H_data + S, the curvatures of data and smoothness, and M the variance of the gradient over repeated
+measurements (M = phi H_data if all samples have the same noise), the fitted values scatter with the covariance
 
     scatter = H^-1 M H^-1
 
-That is what repeated measurements would show. It says nothing of what smoothness bends away: a value held by smoothness
-alone hardly scatters and may be wrong all the same. So the error of a value is stated as
+which repeated measurements would show. It does not contain the bias from smoothness: a value determined by smoothness
+alone hardly scatters, but may be wrong. The error of a value is therefore stated as
 
     error = H^-1 (M + phi S) H^-1        (= phi H^-1 for one noise)
 
-the covariance for which the smoothness is as right on average as its factor claims (G. Wahba: Bayesian confidence
+the covariance if the smoothness is, on average, as correct as its factor implies (G. Wahba: Bayesian confidence
 intervals for the cross-validated smoothing spline, J. R. Statist. Soc. B 45, 1983; D. Nychka: Bayesian confidence
-intervals for smoothing splines, J. Am. Statist. Assoc. 83, 1988). Without smoothness the two are the same. The noise
-comes from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
+intervals for smoothing splines, J. Am. Statist. Assoc. 83, 1988). Without smoothness both are equal. The noise is
+estimated from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,20 +44,18 @@ from kennfeld.optimize.trust.noise import Group, rescored, variances
 
 __all__ = ["Estimate", "estimate"]
 
-PART = 1e-4  # relative part in undetermined directions that is not rounding
-
-ALONE = SolverSettings(
-    max_iterations=20, tolerance=1e-4
-)  # of the descent to where the data alone would have the values
-Judge = Callable[[Float], list[Group]]  # the groups of residuals at some values
+PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
+# of the descent to the values that fit the data without output limits
+DATA_ONLY = SolverSettings(max_iterations=20, tolerance=1e-4)
+Judge = Callable[[Float], list[Group]]  # returns the groups of residuals at some values
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is known of the values around the end of a fit.
+    """Covariance and related quantities of the values around the end of a fit.
 
-    Matrices are over the values that can move independently and that data or smoothness inform, sparse where these are
-    many. `noise` is M, None where all samples have one noise and it is phi H_data.
+    Matrices are over the independent values that data or smoothness determine, and sparse if these are many. `noise` is
+    M, or None if all samples have the same noise and M = phi H_data.
     """
 
     reduction: ConstraintElimination
@@ -76,29 +74,29 @@ class Estimate:
 
     @cached_property
     def error(self) -> Float:
-        """Covariance of the values' errors, the smoothness being as wrong as its factor claims."""
+        """Covariance of the errors of the values, H^-1 (M + phi S) H^-1."""
         inverse = self.spectrum.inverse.array
         if self.noise is None:
             return self.dispersion * inverse
-        found: Float = inverse @ self._claimed @ inverse
-        return found
+        covariance: Float = inverse @ self._claimed @ inverse
+        return covariance
 
     @cached_property
     def scatter(self) -> Float:
-        """Covariance of the values over repeated measurements."""
+        """Covariance of the values over repeated measurements, H^-1 M H^-1."""
         inverse = self.spectrum.inverse.array
-        found: Float = inverse @ self._noisy @ inverse
-        return found
+        covariance: Float = inverse @ self._noisy @ inverse
+        return covariance
 
     @property
     def met(self) -> Bool:
-        """Which of all values the data inform by themselves."""
-        found: Bool = self.own > 0
-        return found
+        """True for values that influence the data."""
+        met: Bool = self.own > 0
+        return met
 
     @property
     def distance(self) -> float:
-        """How far the linearised cost would still move a value to its least, in standard deviations of that value."""
+        """Largest step of a value to the minimum of the linearised cost, in standard deviations of that value."""
         step = np.abs(self.spectrum.inverse.times(self.gradient))
         sure = np.sqrt(np.maximum(self._variances(None, error=True), 0.0))
         known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
@@ -106,48 +104,48 @@ class Estimate:
 
     @property
     def _noisy(self) -> Matrix:
-        """The variance of the gradient, M."""
+        """M, the variance of the gradient."""
         return self.dispersion * self.data if self.noise is None else self.noise
 
     @property
     def _claimed(self) -> Matrix:
-        """M + phi S: the same, the smoothness being as wrong as its factor claims."""
+        """M + phi S."""
         return self._noisy + self.dispersion * self.smoothness
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom that the fit used up, trace(H^-1 H_data)."""
+        """Degrees of freedom used by the fit, trace(H^-1 H_data)."""
         return self.spectrum.inverse.trace(self.data)
 
     def expand(self, changes: Float) -> Float:
-        """Changes of all values, from those the matrices are over, in the last dimension."""
+        """Return changes of all values, given those that the matrices are over in the last dimension."""
         independent = np.zeros((*changes.shape[:-1], self.seen.size))
         independent[..., self.seen] = changes
         return self.reduction.expand(independent)
 
     def narrow(self, changes: Float) -> Float:
-        """The part of changes of all values that the matrices are over."""
-        found: Float = changes[..., self.reduction.independent[self.seen]]
-        return found
+        """Return the part of changes of all values that the matrices are over."""
+        part_seen: Float = changes[..., self.reduction.independent[self.seen]]
+        return part_seen
 
     @cached_property
     def undetermined(self) -> Bool:
-        """Which of all values nothing determines: not seen at all, or part of a direction that is not."""
+        """True for values that nothing determines, alone or in combination with others."""
         basis = self.spectrum.null / self.spectrum.scale[:, None]
         loose = ~self.seen
         loose[self.seen] = self.spectrum.loose
-        found = np.zeros(self.reduction.size, dtype=bool)
-        found[self.reduction.independent] = loose
+        undetermined = np.zeros(self.reduction.size, dtype=bool)
+        undetermined[self.reduction.independent] = loose
         follow = self.reduction.follow
         known = follow[:, self.seen]
-        moved = np.linalg.norm(known @ basis, axis=1) > PART * (np.abs(known) @ np.linalg.norm(basis, axis=1))
-        found[self.reduction.dependent] = moved | (follow[:, ~self.seen] != 0).any(axis=1)
-        return found
+        moved = np.linalg.norm(known @ basis, axis=1) > PART_TOLERANCE * (np.abs(known) @ np.linalg.norm(basis, axis=1))
+        undetermined[self.reduction.dependent] = moved | (follow[:, ~self.seen] != 0).any(axis=1)
+        return undetermined
 
     def open_values(self, preference: Float) -> tuple[Int, Int]:
-        """Return the numbers of values that nothing informs, and of a smallest set that determines all others if held.
+        """Return the numbers of values without information, and a smallest set that determines all others if fixed.
 
-        `preference` is a factor on the part of each of all values in what is undetermined, see `pivots`.
+        `preference` weights the part of each value in the undetermined directions, see `pivots`.
         """
         independent = self.reduction.independent
         known = independent[self.seen]
@@ -155,26 +153,26 @@ class Estimate:
 
     @property
     def by_smoothness(self) -> int:
-        """The number of independent changes of values that samples reach which smoothness alone determines."""
+        """Number of directions determined by smoothness alone, among values that influence the data."""
         if not self.smoothness.diagonal().any():
             return 0
         met = np.flatnonzero(self.data.diagonal() > 0)
         null = self.spectrum.null[met]
-        open_ones = int(np.linalg.matrix_rank(null, tol=PART)) if null.size else 0
-        return max(nullity(part(self.data, met)) - open_ones, 0)
+        undetermined = int(np.linalg.matrix_rank(null, tol=PART_TOLERANCE)) if null.size else 0
+        return max(nullity(part(self.data, met)) - undetermined, 0)
 
     def deviation(self, *, error: bool) -> Float:
-        """Standard deviation of all values, of their error or else of their scatter; inf where undetermined."""
+        """Return the standard deviations of the error or of the scatter of all values; inf for undetermined ones."""
         follow = self.reduction.follow[:, self.seen]
-        found = np.zeros(self.reduction.size)
-        found[self.reduction.independent[self.seen]] = self._variances(None, error=error)
-        found[self.reduction.dependent] = self._variances(follow, error=error)
-        found[self.undetermined] = np.inf
-        deviation: Float = np.sqrt(np.maximum(found, 0.0))
+        variances = np.zeros(self.reduction.size)
+        variances[self.reduction.independent[self.seen]] = self._variances(None, error=error)
+        variances[self.reduction.dependent] = self._variances(follow, error=error)
+        variances[self.undetermined] = np.inf
+        deviation: Float = np.sqrt(np.maximum(variances, 0.0))
         return deviation
 
     def _variances(self, functions: Float | None, *, error: bool) -> Float:
-        """The variance of linear functions of the values, given as rows; of the values themselves by default."""
+        """Return the variances of linear functions of the values, given as rows, or of the values themselves."""
         inverse = self.spectrum.inverse
         if error and self.noise is None:
             own = inverse.diagonal if functions is None else (inverse.times(functions) * functions).sum(axis=1)
@@ -186,32 +184,33 @@ class Estimate:
         return np.asarray((rows @ matrix * rows).sum(axis=1), dtype=np.float64)
 
     def covariance(self, *, scatter: bool) -> Float:
-        """Covariance of all values: of their error, or of their scatter."""
+        """Return the covariance matrix of the scatter or of the error of all values, shape (values, values)."""
         size = self.seen.size
         independent = np.zeros((size, size))
         independent[np.ix_(self.seen, self.seen)] = self.scatter if scatter else self.error
-        found: Float = self.reduction.expand(self.reduction.expand(independent).T)
-        return found
+        covariance: Float = self.reduction.expand(self.reduction.expand(independent).T)
+        return covariance
 
     def covariance_of(self, functions: Float) -> Float:
-        """Covariance of the errors of linear functions, given as rows over the values the matrices are over."""
+        """Return the covariance of the errors of linear functions, given as rows over the values of the matrices."""
         rows = self.spectrum.inverse.times(functions)
-        found: Float = self.dispersion * (rows @ functions.T) if self.noise is None else rows @ self._claimed @ rows.T
-        return found
+        if self.noise is None:
+            return np.asarray(self.dispersion * (rows @ functions.T), dtype=np.float64)
+        return np.asarray(rows @ self._claimed @ rows.T, dtype=np.float64)
 
     def leverage(self) -> Float:
-        """What each of all values takes of the degrees of freedom used: 1 where data alone decide, 0 where they do not.
+        """Return the share of each value in the degrees of freedom: 1 if the data alone determine it, 0 if they do not.
 
-        The diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies between 0
-        and 1 and sums up to trace(H^-1 H_data).
+        It is the diagonal of R H^-1 R, where R is the symmetric root of H_data in units of its diagonal. It lies
+        between 0 and 1, and its sum is trace(H^-1 H_data).
         """
         own = np.sqrt(self.data.diagonal())
         met = np.flatnonzero(own > 0)
         half = root(whole(scaled(part(self.data, met), 1 / own[met])))
         parts = np.einsum("ij,ij->i", half @ scaled(part(self.spectrum.inverse.array, met), own[met]), half)
-        found = np.zeros(self.reduction.size)
-        found[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
-        return found
+        leverage = np.zeros(self.reduction.size)
+        leverage[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
+        return leverage
 
 
 def estimate(
@@ -221,10 +220,17 @@ def estimate(
     judge: Judge,
     touched: NearActiveSamples | None = None,
 ) -> Estimate | None:
-    """The estimate at the values where a fit ended; None where a derivative of the model is not finite there.
+    """Return the estimate at the end of a fit; None if a derivative of the model is not finite there.
 
-    `touched` are the samples at which limits of outputs are met. What such a limit costs is no noise: where one
-    presses, the noise is that at the values which the data alone would have, at the end of a short descent without it.
+    Residuals that an active output limit causes are not noise. If `touched` has samples at which limits are reached,
+    the noise is therefore taken from the end of a short descent without the limits.
+
+    Args:
+        compiled: the compiled problem.
+        limits: bounds and linear limits of the free values.
+        values: the free values at the end of the fit; shape (values,).
+        judge: returns the groups of residuals at some values.
+        touched: samples at which limits of outputs are reached.
     """
     groups = judge(values)
     measured = _Measured(compiled, values, groups)
@@ -235,31 +241,31 @@ def estimate(
     if not np.isfinite(outputs).all():
         return None
     still = held(limits, values, measured.gradient, np.vstack([rows, outputs]))
-    found = _reduced(measured, ConstraintElimination.of(still, rows), groups)
-    if touched is None or not found.seen.any():
-        return found
-    beyond = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, ALONE).values
-    found = _reduced(measured, found.reduction, _noisy_as(groups, judge(beyond)))
-    moving = found.reduction.rows(outputs)[:, found.seen]
-    pressed = find_active_output_limits(touched, moving, found.spectrum.inverse, found.gradient, found.dispersion)
+    local = _estimate(measured, ConstraintElimination.of(still, rows), groups)
+    if touched is None or not local.seen.any():
+        return local
+    without_limits = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, DATA_ONLY).values
+    local = _estimate(measured, local.reduction, _with_noise_of(groups, judge(without_limits)))
+    moving = local.reduction.rows(outputs)[:, local.seen]
+    pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
     if not pressed.rows.size:
-        return replace(_reduced(measured, found.reduction, groups), pressed=pressed)
+        return replace(_estimate(measured, local.reduction, groups), pressed=pressed)
     tied = ConstraintElimination.of(still, np.vstack([rows, pressed.rows]))
-    return replace(_reduced(measured, tied, found.groups, found.variances), pressed=pressed)
+    return replace(_estimate(measured, tied, local.groups, local.variances), pressed=pressed)
 
 
-def _noisy_as(known: Sequence[Group], found: Sequence[Group]) -> Sequence[Group]:
-    """Groups with the noise of others, where these are of the same samples."""
-    if [group.count for group in known] != [group.count for group in found]:
-        return known
-    pairs = zip(known, found, strict=True)
+def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence[Group]:
+    """Return groups with the noise of others, if these are of the same samples."""
+    if [group.count for group in groups] != [group.count for group in others]:
+        return groups
+    pairs = zip(groups, others, strict=True)
     return [replace(group, squares=other.squares, persistence=other.persistence) for group, other in pairs]
 
 
-def _reduced(
+def _estimate(
     measured: "_Measured", reduction: ConstraintElimination, groups: Sequence[Group], known: Sequence[float] = ()
 ) -> Estimate:
-    """The estimate for the values that move independently, with the noise of the groups, or a known one."""
+    """Return the estimate for the independent values, with the noise of the groups or with known variances."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
     seen = data.diagonal() + smoothness.diagonal() > 0
     data, smoothness = part(data, seen), part(smoothness, seen)
@@ -270,13 +276,13 @@ def _reduced(
         spectrum = Spectrum.of_matrix(data + smoothness)
     else:
         spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
-    used = [spectrum.inverse.trace(one) for one in each]
-    found = known or variances(groups, used)
-    shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, found, strict=True)]
+    used = [spectrum.inverse.trace(matrix) for matrix in each]
+    by_group = known or variances(groups, used)
+    shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
     dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
     noise = None
     if len(groups) > 1:
-        noise = sum(share * one for share, one in zip(shares, each, strict=True))
+        noise = sum(share * matrix for share, matrix in zip(shares, each, strict=True))
     return Estimate(
         reduction=reduction,
         seen=seen,
@@ -286,7 +292,7 @@ def _reduced(
         noise=noise,
         dispersion=dispersion,
         groups=tuple(groups),
-        variances=tuple(found),
+        variances=tuple(by_group),
         gradient=reduction.vector(measured.gradient)[seen],
         own=measured.data.diagonal(),
         informed=measured.data.diagonal() + measured.smoothness.diagonal() > 0,
@@ -294,7 +300,7 @@ def _reduced(
 
 
 class _Measured:
-    """Curvatures over all free values, with the slopes of robust losses in place of their weights."""
+    """Curvatures over all free values, with the slopes psi' of robust losses instead of their weights."""
 
     def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
@@ -306,8 +312,8 @@ class _Measured:
         compiled.roughness.add(values, np.zeros(values.size), smoothness)
         self.rows: Float | None = None
         self._sparse = False
-        accumulator = self._bread()
-        if objective.small:
+        accumulator = self._slope_weighted()
+        if objective.uses_qr:
             _, jacobian = accumulator.rows(self._full)
             jacobian[:, self._faint] = 0.0
             data = jacobian.T @ jacobian
@@ -318,12 +324,12 @@ class _Measured:
         self.data, self.smoothness = self._kept(data), self._kept(smoothness)
 
     def whole(self, values: Float) -> Float:
-        """The free values and behind them the fixed ones."""
-        found = self._compiled.start.copy()
-        found[: values.size] = values
-        return found
+        """Return the free values followed by the fixed ones."""
+        full = self._compiled.start.copy()
+        full[: values.size] = values
+        return full
 
-    def _bread(self) -> Accumulator:
+    def _slope_weighted(self) -> Accumulator:
         if all(group.slope == group.weight for group in self._groups):
             return self._compiled.accumulator
         return self._rescored(self._groups)
@@ -334,19 +340,19 @@ class _Measured:
 
     @property
     def finite(self) -> bool:
-        """Whether the model has derivatives there."""
+        """True if all derivatives of the model are finite."""
         entries = self.data.data if self._sparse else self.data
         return bool(np.isfinite(entries).all() and np.isfinite(self.gradient).all())
 
     def _matrix(self, accumulator: Accumulator) -> Float:
-        """The curvature of some data; it holds until the next call."""
+        """Return the curvature of some data, valid until the next call."""
         matrix = accumulator.normal(self._full).matrix
         matrix[self._faint, :] = 0.0
         matrix[:, self._faint] = 0.0
         return matrix
 
     def _kept(self, matrix: Float) -> Matrix:
-        """The matrix in memory of its own, sparse where all of them are."""
+        """Return a copy of a matrix, sparse if all of them are."""
         if not self._sparse:
             return matrix.copy()
         from scipy.sparse import csr_array
@@ -355,5 +361,5 @@ class _Measured:
 
     @cached_property
     def parts(self) -> list[Matrix]:
-        """The curvature of each group's data."""
+        """The curvature of the data of each group."""
         return [self._kept(self._matrix(self._rescored([group]))) for group in self._groups]

@@ -1,8 +1,6 @@
-"""What limits leave free: the values that still move on their own, and how the others follow them.
+"""Analysis of an information matrix: elimination of active constraints, inverse, null space and weak directions.
 
-Bases of a space of changes that do not depend on how an eigenvalue routine happens to turn and sign them.
-
-What an information matrix determines: its inverse, and the directions in which it is small or nothing.
+Bases of null spaces and of repeated eigenvalues are chosen so that they do not depend on the eigenvalue routine.
 """
 
 from collections.abc import Callable
@@ -36,7 +34,7 @@ ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is t
 
 
 def held(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> Bool:
-    """Values that a lock holds, or a bound that the cost presses them against while the `rows` stay as they are."""
+    """Return True for values fixed by a lock, or by an active bound while `rows` are kept with equality."""
     low, high = values <= limits.lower, values >= limits.upper
     inside = limits.movable & ~low & ~high
     multipliers = np.linalg.lstsq(rows[:, inside].T, -gradient[inside], rcond=None)[0]
@@ -46,7 +44,7 @@ def held(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> B
 
 
 def active_rows(limits: LinearLimits, values: Float) -> Float:
-    """Rows a of the linear limits that are met with equality, a'p = b; shape (rows, values)."""
+    """Return the rows a of the linear limits that hold with equality, a'p = b; shape (rows, values)."""
     rows = limits.rows
     product, slack = rows.times(values), TOUCHING * rows.size(values)
     touching = rows.equal | (product <= rows.lower + slack) | (product >= rows.upper - slack)
@@ -55,7 +53,7 @@ def active_rows(limits: LinearLimits, values: Float) -> Float:
 
 @dataclass(frozen=True)
 class ConstraintElimination:
-    """Values p of which some are held, and others follow the `independent` ones through linear equalities.
+    """Values p of which some are fixed, and others follow the `independent` ones through linear equalities.
 
     A change q of the independent values changes the `dependent` ones by `follow @ q`, and the held ones not at all.
 
@@ -71,7 +69,7 @@ class ConstraintElimination:
 
     @classmethod
     def of(cls, held: Bool, rows: Float) -> "ConstraintElimination":
-        """Eliminate a value for each row, that of the largest coefficient; rows that say nothing new fall out."""
+        """Eliminate one value per row, that of the largest coefficient; redundant rows are dropped."""
         moving = np.flatnonzero(~held)
         work = np.array(rows[:, moving], dtype=np.float64)
         typical = np.abs(work).max(axis=1, initial=0.0)
@@ -93,21 +91,21 @@ class ConstraintElimination:
 
     @property
     def held(self) -> Bool:
-        """Values that do not change, whatever the independent ones do."""
+        """True for values that never change."""
         found = np.ones(self.size, dtype=bool)
         found[self.independent] = False
         found[self.dependent] = ~self.follow.any(axis=1)
         return found
 
     def expand(self, changes: Float) -> Float:
-        """Changes of all values, from those of the independent ones in the last dimension."""
+        """Return changes of all values, given those of the independent ones in the last dimension."""
         full = np.zeros((*changes.shape[:-1], self.size))
         full[..., self.independent] = changes
         full[..., self.dependent] = changes @ self.follow.T
         return full
 
     def matrix(self, matrix: Matrix) -> Matrix:
-        """Z'MZ, where Z expands changes of the independent values; M itself where all of them are."""
+        """Return Z'MZ, where Z expands changes of the independent values; M itself if all values are independent."""
         found = part(matrix, self.independent)
         if not self.dependent.size:
             return found
@@ -123,12 +121,12 @@ class ConstraintElimination:
         return csr_array(found + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow)
 
     def vector(self, vector: Float) -> Float:
-        """Z'v."""
+        """Return Z'v."""
         found: Float = vector[self.independent] + self.follow.T @ vector[self.dependent]
         return found
 
     def rows(self, rows: Float) -> Float:
-        """Rows over all values as rows over the independent ones."""
+        """Convert rows over all values to rows over the independent ones."""
         found: Float = rows[:, self.independent]
         return found + rows[:, self.dependent] @ self.follow if self.dependent.size else found
 
@@ -209,7 +207,7 @@ class Spectrum:
 
     @classmethod
     def of_matrix(cls, matrix: Float) -> "Spectrum":
-        """Of H itself; by its eigenvalues only where it is nearly singular: they cost five times an inverse."""
+        """Analyse H; by its eigenvalues only if it is nearly singular, since these cost five times an inverse."""
         scale = np.sqrt(np.diag(matrix))
         units = scaled(matrix, 1 / scale)
         inverse = _sound_inverse(units)
@@ -223,9 +221,9 @@ class Spectrum:
 
     @classmethod
     def of_sparse(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum":
-        """Of a sparse H, by its factor.
+        """Analyse a sparse H by its factor.
 
-        `pattern` has the non-zeros of H and of all matrices that the inverse will be asked about.
+        `pattern` has the non-zeros of H and of all matrices that will be multiplied with the inverse.
         """
         scale = np.sqrt(matrix.diagonal())
         none = np.zeros((scale.size, 0))
@@ -244,7 +242,7 @@ class Spectrum:
 
     @classmethod
     def of_rows(cls, rows: Float) -> "Spectrum":
-        """Of H = J'J, from J: it keeps the digits that the product squares away."""
+        """Analyse H = J'J from J, which avoids the loss of digits in the product."""
         scale = np.sqrt(np.einsum("ij,ij->j", rows, rows))
         triangle = np.linalg.qr(rows / scale, mode="r")
         missing = max(scale.size - len(triangle), 0)
@@ -261,7 +259,7 @@ class Spectrum:
 
     @property
     def loose(self) -> Bool:
-        """Values that take part in an undetermined direction."""
+        """True for values that take part in an undetermined direction."""
         found: Bool = np.sum(self.null**2, axis=1) > PART
         return found
 
@@ -269,14 +267,14 @@ class Spectrum:
     def directions(self) -> Float:
         """The least determined directions, in units of the values, worst first; shape (directions, values).
 
-        Those that nothing determines come first, at most `WEAKEST`, each the only one with a part in some value.
+        Undetermined ones come first, at most `WEAKEST`, each the only one with a part in some value.
         """
         found: Float = np.vstack([_spread(self.null, WEAKEST), _settled(self.weak, self.weakness).T]) / self.scale
         return found
 
 
 def _sound_inverse(matrix: Float) -> Float | None:
-    """The inverse of a symmetric matrix with a diagonal of ones, None where it may be singular."""
+    """Return the inverse of a symmetric matrix with unit diagonal, None if it may be singular."""
     try:
         inverse = _inverse_by_factor(matrix) if len(matrix) > LARGE else _inverse(matrix)
     except np.linalg.LinAlgError:
@@ -293,7 +291,7 @@ def _inverse(matrix: Float) -> Float:
 
 
 def _inverse_by_factor(matrix: Float) -> Float:
-    """The same in less than half the time and room, with functions of LAPACK that take 0.1 s to load."""
+    """Return the same as `_inverse` in half the time and memory, with LAPACK functions that take 0.1 s to load."""
     from scipy.linalg.lapack import dpotrf, dpotri
 
     factor, failed = dpotrf(matrix.T, lower=1, clean=0)
@@ -311,14 +309,14 @@ def _inverse_by_factor(matrix: Float) -> Float:
 
 
 def _weakest(solve: Callable[[Float], Float], size: int) -> tuple[Float, Float]:
-    """The smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
-    basis = _turned(solve, size, WEAKEST)
+    """Return the smallest eigenvalues of a matrix and their eigenvectors, by subspace iteration with its inverse."""
+    basis = _iterate_subspace(solve, size, WEAKEST)
     largest, turned = np.linalg.eigh(basis.T @ solve(basis))
     return 1 / largest[::-1], basis @ turned[:, ::-1]
 
 
-def _turned(solve: Callable[[Float], Float], size: int, count: int) -> Float:
-    """An orthonormal basis that iteration with the inverse of a matrix has turned to its smallest eigenvalues."""
+def _iterate_subspace(solve: Callable[[Float], Float], size: int, count: int) -> Float:
+    """Return an orthonormal basis that approximates the eigenvectors of the smallest eigenvalues."""
     basis = np.random.default_rng(0).standard_normal((size, min(count, size)))
     for _ in range(ROUNDS):
         basis, _ = np.linalg.qr(solve(basis))
@@ -326,10 +324,10 @@ def _turned(solve: Callable[[Float], Float], size: int, count: int) -> Float:
 
 
 def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
-    """Eigenvalues of a sparse matrix with a diagonal of ones that are 0, and the smallest others; and their vectors.
+    """Return the smallest eigenvalues of a sparse matrix with unit diagonal, their vectors, and the number of zeros.
 
-    By subspace iteration with a shifted inverse. The last number counts those that are 0. None where there are so many
-    that all eigenvalues cost no more.
+    Uses subspace iteration with a shifted inverse. Returns None if there are so many zeros that a full eigenvalue
+    decomposition costs no more.
     """
     from scipy.sparse import csr_array, eye_array
 
@@ -338,7 +336,7 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     largest = float(abs(matrix).sum(axis=1).max())  # no eigenvalue is above it
     count = 2 * WEAKEST
     while shifted.negative == 0 and count <= size // MANY:
-        basis = _turned(shifted.solve, size, count)
+        basis = _iterate_subspace(shifted.solve, size, count)
         values, turned = np.linalg.eigh(basis.T @ (matrix @ basis))
         null = int(np.sum(values <= NOTHING * largest))
         if null + WEAKEST <= count:
@@ -348,7 +346,7 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
 
 
 def _spread(basis: Float, most: int) -> Float:
-    """At most so many unit vectors of the space of some orthonormal columns, as rows, each with a value of its own."""
+    """Return unit vectors of the space of orthonormal columns, as rows, each with a pivot value of its own."""
     found = echelon(basis, pivots(basis), most).T
     found[np.abs(found) < PART] = 0.0
     unit: Float = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
@@ -356,7 +354,7 @@ def _spread(basis: Float, most: int) -> Float:
 
 
 def _settled(vectors: Float, values: Float) -> Float:
-    """Eigenvectors in which those of equal eigenvalues span the same space as before, but are no matter of chance."""
+    """Replace eigenvectors of equal eigenvalues by a basis of their space that is unique."""
     edges = np.flatnonzero(np.diff(values) > ALIKE * np.abs(values[1:])) + 1
     groups = np.split(np.arange(values.size), edges)
     parts = [vectors[:, g] if g.size == 1 else _spread(vectors[:, g], g.size).T for g in groups]
@@ -364,7 +362,7 @@ def _settled(vectors: Float, values: Float) -> Float:
 
 
 def root(matrix: Float) -> Float:
-    """The symmetric square root of a positive semidefinite matrix."""
+    """Return the symmetric square root of a positive semidefinite matrix."""
     values, vectors = np.linalg.eigh(matrix)
     found: Float = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return found

@@ -1,4 +1,4 @@
-"""The inverse of an information matrix, whole or known by its factor, and what is asked of it."""
+"""The inverse of an information matrix, as an array or by a sparse factor."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ __all__ = ["DenseInverse", "Inverse", "SparseInverse"]
 
 
 class Inverse(Protocol):
-    """The inverse of H, or its pseudo-inverse where H leaves directions undetermined."""
+    """The inverse of H, or its pseudo-inverse if H has undetermined directions."""
 
     @property
     def array(self) -> Float:
@@ -64,15 +64,15 @@ class DenseInverse:
 class SparseInverse:
     """The inverse of a sparse matrix H, from a factor of it.
 
-    Where H leaves directions N open (orthonormal in units of `scale`), as many values are held, so that the rest G of
-    H^-1 exists; then H^+ = P G P with the projection P = 1 - N N'. As M is 0 along N, so are its products with N.
+    If H has undetermined directions N (orthonormal in units of `scale`), as many values are fixed, so that the inverse
+    G over the other values exists; then H^+ = P G P with the projection P = 1 - N N'. M is 0 along N.
 
     Args:
         matrix: H.
-        pattern: the non-zeros of H and of the matrices that are asked for.
+        pattern: the non-zeros of H and of the matrices in `trace` and `sandwich`.
         scale: units of the values, the root of the diagonal of H.
         null: N, shape (values, dimension).
-        held: numbers of the values that are held, as many as N has columns.
+        held: numbers of the fixed values, as many as N has columns.
     """
 
     def __init__(self, matrix: Sparse, pattern: Sparse, scale: Float, null: Float, held: Int) -> None:

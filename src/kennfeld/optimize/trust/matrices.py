@@ -1,4 +1,4 @@
-"""Symmetric matrices over values, whole or, where they are large and mostly zeros, as sparse arrays."""
+"""Symmetric matrices over values, as arrays or, if they are large and mostly zero, as sparse arrays."""
 
 import numpy as np
 
@@ -7,19 +7,19 @@ from kennfeld.arrays import Bool, Float, Int, Sparse
 __all__ = ["Matrix", "compressed", "part", "scaled", "whole"]
 
 Matrix = Float | Sparse
-LARGE, FEW = 1000, 0.1  # rows from which a matrix may be kept sparse, and share of non-zeros up to which it is
+LARGE, FEW = 1000, 0.1  # rows above which a matrix may be sparse, and share of non-zeros up to which it is
 
 
 def compressed(matrix: Float, *others: Float) -> bool:
-    """Return whether matrices of these non-zeros are worth keeping sparse."""
+    """Return True if matrices with these non-zeros should be sparse."""
     filled = sum(np.count_nonzero(each) for each in (matrix, *others))
     return bool(len(matrix) > LARGE and filled <= FEW * matrix.size)
 
 
 def whole(matrix: Matrix) -> Float:
     """Return the matrix as an array."""
-    found: Float = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
-    return found
+    array: Float = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return array
 
 
 def part(matrix: Matrix, which: Int | Bool) -> Matrix:
@@ -33,9 +33,9 @@ def part(matrix: Matrix, which: Int | Bool) -> Matrix:
 def scaled(matrix: Matrix, units: Float) -> Matrix:
     """Return diag(units) M diag(units)."""
     if isinstance(matrix, np.ndarray):
-        found = matrix * units
-        found *= units[:, None]
-        return found
+        result = matrix * units
+        result *= units[:, None]
+        return result
     from scipy.sparse import csr_array, diags_array
 
     return csr_array(diags_array(units) @ matrix @ diags_array(units))

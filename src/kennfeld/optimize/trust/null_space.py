@@ -1,4 +1,4 @@
-"""The changes of values that nothing determines: how many there are, and which values to hold to determine them all."""
+"""Combinations of values that nothing determines: their number, and a smallest set of values to fix."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.constraints import Pin
+from kennfeld.optimize.trust.active_limits import combinations_of_values
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Describer, listed
 from kennfeld.parameter_set import ParameterSet
@@ -15,21 +16,21 @@ from kennfeld.parameters import Parameter
 
 __all__ = ["NullSpace", "Remedy", "null_space"]
 
-PREFERRED = 0.1  # part in the space that a value of a table needs, of what one of the next larger table needs
-LEAST = 1e-4  # the same between the smallest table and any other
+PREFERENCE_PER_SIZE = 0.1  # weight of the values of a table, relative to those of the next smaller table
+MIN_PREFERENCE = 1e-4  # relative to the smallest table
 
 Marks = Mapping[str, Bool]  # by parameter, of the shape of its values
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """Values to hold so that nothing stays undetermined.
+    """Values to fix so that nothing is undetermined.
 
-    `pins` are an argument of `calibrate`; with `locks` go parameters that have the fitted values already.
+    `pins` are an argument of `calibrate`; `locks` apply to parameters that have the fitted values already.
 
     Attributes:
-        pins: values to pin, at what the fit gave them; a value that is known serves as well.
-        locks: values to lock, marked by parameter, arrays of the shape of its values.
+        pins: values to pin, at their fitted values; known values can be pinned instead.
+        locks: values to lock, by parameter, as masks in the shape of its values.
         axes: axes whose breakpoints to fix.
     """
 
@@ -40,14 +41,14 @@ class Remedy:
 
 @dataclass(frozen=True)
 class NullSpace:
-    """The space of the changes of values that neither data, smoothness nor limits determine.
+    """The space of changes of values that neither data, smoothness nor limits determine.
 
     Attributes:
-        dimension: number of independent changes that nothing determines.
-        by_smoothness: number of further ones that smoothness alone determines, of values that samples reach.
-        remedy: values to hold so that `dimension` becomes 0; as few as possible.
-        sentence: the dimension, and whose values change; empty where the data determine every value.
-        advice: the remedy in words; empty where there is none.
+        dimension: number of independent combinations of values that nothing determines.
+        by_smoothness: number of further ones determined by smoothness alone, among values that samples influence.
+        remedy: as few values as possible to fix so that `dimension` becomes 0.
+        sentence: the dimension and the parameters concerned; empty if the data determine all values.
+        advice: the remedy in words; empty if there is none.
     """
 
     dimension: int = 0
@@ -79,19 +80,19 @@ def null_space(
     moving: Collection[str],
     words: Describer,
 ) -> NullSpace:
-    """Return what is undetermined at the end of a fit, with a smallest set of values that settles it.
+    """Return the undetermined combinations of values at the end of a fit, with a smallest set of values to fix.
 
-    Values of small tables are preferred: of a sum of a map and a curve, it is the curve that is held.
+    Values of small tables are preferred: of the sum of a map and a curve, the curve is fixed.
 
     Args:
-        estimate: what is known of the values around the end of the fit.
-        columns: the columns of each parameter among all values, and of each axis whose breakpoints are free.
-        parameters: the fitted ones.
-        moving: tables that lie on an axis whose breakpoints are free; no coordinate is fixed in them.
-        words: names the places of values.
+        estimate: covariance around the end of the fit.
+        columns: columns of each parameter and of each axis with free breakpoints among all values.
+        parameters: the fitted parameters.
+        moving: tables on an axis with free breakpoints; their values are locked, since a pin needs coordinates.
+        words: describes places of values.
     """
     idle, chosen = estimate.open_values(_preference(columns, parameters, estimate.reduction.size))
-    pinned, locked, axes = _held(columns, parameters, moving, (idle, chosen))
+    pinned, locked, axes = _values_to_fix(columns, parameters, moving, (idle, chosen))
     dimension, by_smoothness = idle.size + chosen.size, estimate.by_smoothness
     changed = [name for name, at in columns.items() if estimate.undetermined[at].any()]
     pins = tuple(pin for name, where in pinned.items() for pin in _pins(parameters[name], where))
@@ -105,21 +106,24 @@ def null_space(
 
 
 def _preference(columns: Mapping[str, Int], parameters: ParameterSet, size: int) -> Float:
-    """Prefer the values of small tables to those of large ones, and all of them to breakpoints."""
+    """Return weights that prefer values of small tables to those of large ones, and all of them to breakpoints."""
     sizes = sorted({at.size for name, at in columns.items() if name in parameters})
     preference = np.zeros(size)
     for name, at in columns.items():
-        table = name in parameters
-        preference[at] = max(PREFERRED ** sizes.index(at.size), LEAST) if table else LEAST * PREFERRED
+        if name in parameters:
+            preference[at] = max(PREFERENCE_PER_SIZE ** sizes.index(at.size), MIN_PREFERENCE)
+        else:
+            preference[at] = MIN_PREFERENCE * PREFERENCE_PER_SIZE
     return preference
 
 
-def _held(
+def _values_to_fix(
     columns: Mapping[str, Int], parameters: ParameterSet, moving: Collection[str], numbers: tuple[Int, Int]
 ) -> tuple[Marks, Marks, tuple[str, ...]]:
-    """Values to pin, values to lock, and axes to fix, of values that nothing informs and of those chosen among others.
+    """Return values to pin, values to lock, and axes to fix.
 
-    The former are locked. So are the latter where they have no coordinates that stand still.
+    `numbers` are those of values that nothing informs, which are locked, and of chosen other values, which are pinned,
+    or locked if they have no fixed coordinates.
     """
     pinned: dict[str, Bool] = {}
     locked: dict[str, Bool] = {}
@@ -147,16 +151,13 @@ def _pins(table: Parameter, where: Bool) -> Iterator[Pin]:
 def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[str]) -> str:
     parts = []
     if dimension:
-        some = f", {idle} of them of single values that no data inform" if 0 < idle < dimension else ""
-        parts.append(f"Nothing determines {_changes(dimension)} of {listed(changed)}{some}.")
+        some = f", {idle} of them single values without data" if 0 < idle < dimension else ""
+        count = combinations_of_values(dimension).capitalize()
+        parts.append(f"{count} of {listed(changed)} {'is' if dimension == 1 else 'are'} undetermined{some}.")
     if by_smoothness:
-        others = f"{by_smoothness} more" if dimension else f"{_changes(by_smoothness)} of the values"
+        others = f"{by_smoothness} more" if dimension else combinations_of_values(by_smoothness)
         parts.append(f"Smoothness alone determines {others}.")
     return " ".join(parts)
-
-
-def _changes(count: int) -> str:
-    return "one independent change" if count == 1 else f"{count} independent changes"
 
 
 def _advice(dimension: int, pinned: Marks, locked: Marks, axes: Sequence[str], words: Describer) -> str:
@@ -166,5 +167,5 @@ def _advice(dimension: int, pinned: Marks, locked: Marks, axes: Sequence[str], w
     parts += [f"fix the breakpoints of {name}" for name in axes]
     parts += [f"pin {words.places(name, where)}" for name, where in pinned.items()]
     several = sum(int(np.count_nonzero(where)) for where in pinned.values()) > 1
-    known = " to values that you know, or else to the fitted ones" if several else " to a value that you know"
+    known = " to known values, or else to the fitted ones" if several else " to a known value"
     return f"To determine {'it' if dimension == 1 else 'all of them'}, {'; '.join(parts)}{known if pinned else ''}."

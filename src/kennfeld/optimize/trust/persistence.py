@@ -1,15 +1,15 @@
-"""How many correlated samples in a row tell as much as one independent sample.
+"""Number of consecutive correlated samples that are worth one independent sample.
 
 The variance of a sum of n correlated errors is that of independent ones times
 
     1 + 2 sum_k w(k) r(k),    w(k) = pairs(k) / n
 
 over the lags k, where r is their autocorrelation and pairs(k) counts the pairs of known samples k apart in one piece.
-Two biases are taken care of. The estimates of r at long lags scatter about a sum that is -1/2 whatever r is, so the sum
-ends where pairs of neighbouring autocorrelations are no longer positive, and they must not rise (the initial monotone
-sequence of C. Geyer: Practical Markov Chain Monte Carlo, Statistical Science 7, 1992). And the mean that a fit takes
-off the errors takes their variance of the mean off each autocovariance, which is put back (F. H. C. Marriott and J. A.
-Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954).
+Two biases are corrected. The sum of the estimates of r over all lags is -1/2 whatever r is, so the sum ends at the
+first pair of neighbouring autocorrelations that is not positive, and pairs must not increase (the initial monotone
+sequence of C. Geyer: Practical Markov Chain Monte Carlo, Statistical Science 7, 1992). And subtracting the mean of the
+errors, as a fit does, lowers each autocovariance by the variance of the mean, which is added again (F. H. C. Marriott
+and J. A. Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954).
 """
 
 from collections.abc import Sequence
@@ -21,20 +21,20 @@ from kennfeld.arrays import Float, Int
 
 __all__ = ["inflation", "lagged_products", "persistence"]
 
-BLOCK = 65536  # samples transformed at once, so that memory does not grow with the data
-MOST_LAGS = 1 << 17
-FEWEST = 8  # samples from which anything can be told
-RARE = 0.05  # pairs per sample below which a lag says nothing
-NOISE = 2.0  # standard deviations of white noise's autocorrelation
-LARGEST = 4.0  # factor by which the mean's part may raise the sum
+SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
+MAX_LAGS = 1 << 17
+MIN_SAMPLES = 8
+MIN_PAIRS = 0.05  # per sample, for a lag to be used
+MIN_CORRELATION = 2.0  # at lag 1, in standard deviations of the autocorrelation of white noise
+MAX_MEAN_FACTOR = 4.0  # by which the correction for the mean may raise the sum
 
 
 def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[float, int]:
-    """Return the samples that count as one independent sample, and how many are known.
+    """Return the number of samples worth one independent sample, and the number of known samples.
 
     Args:
-        residual: of an evenly sampled recording, NaN where unknown, shape (samples,).
-        starts: the first sample of each piece; no pair crosses it.
+        residual: residuals of an evenly sampled recording, NaN if unknown; shape (samples,).
+        starts: first sample of each piece; no pair crosses it.
 
     >>> persistence(np.array([1.0, -1.0] * 50))
     (1.0, 100)
@@ -45,11 +45,11 @@ def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[fl
     edges = [*(int(start) for start in starts), residual.size]
     known = np.isfinite(residual)
     count = int(known.sum())
-    if count < FEWEST:
+    if count < MIN_SAMPLES:
         return 1.0, count
     centred = np.where(known, residual, 0.0)
     centred[known] -= residual[known].mean()
-    lags = min(max(b - a for a, b in pairwise(edges)) - 1, MOST_LAGS)
+    lags = min(max(b - a for a, b in pairwise(edges)) - 1, MAX_LAGS)
     sums, pairs = np.zeros((2, lags + 1))
     for a, b in pairwise(edges):
         reach = min(b - a, lags + 1)
@@ -59,19 +59,19 @@ def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[fl
 
 
 def inflation(sums: Float, pairs: Float) -> float:
-    """Return by how much correlation raises the variance of a sum, at least 1.
+    """Return the factor, at least 1, by which correlation raises the variance of a sum.
 
     Args:
-        sums: products of the centred errors some lags apart, added up, by lag from 0; shape (lags,).
-        pairs: how many products each sum has.
+        sums: sums of products of centred errors, by lag from 0; shape (lags,).
+        pairs: number of products in each sum; shape (lags,).
     """
     count = float(pairs[0])
-    usable = pairs >= RARE * count
+    usable = pairs >= MIN_PAIRS * count
     if usable.sum() < 2 or not sums[0] > 0:
         return 1.0
     weight = pairs[usable] / count
     correlation = sums[usable] / pairs[usable] / (sums[0] / count)
-    if correlation[1] * np.sqrt(pairs[usable][1]) < NOISE:
+    if correlation[1] * np.sqrt(pairs[usable][1]) < MIN_CORRELATION:
         return 1.0
     even = correlation.size // 2 * 2
     neighbours, weights = (each[:even].reshape(-1, 2) for each in (correlation, weight))
@@ -81,17 +81,17 @@ def inflation(sums: Float, pairs: Float) -> float:
     plain = 2 * float(share @ np.minimum.accumulate(together[:end])) - 1
     window = 2 * float(weights[:end].sum()) - 1
     # with the variance of the mean, m = whole / count of one error's: r = (1 - m) correlation + m
-    whole = plain / max(1 - (window - plain) / count, 1 / LARGEST)
+    whole = plain / max(1 - (window - plain) / count, 1 / MAX_MEAN_FACTOR)
     return max(whole, 1.0)
 
 
 def lagged_products(values: Float, lags: int) -> Float:
-    """Return the sums of values[i] values[i + k] for k from 0 to `lags`, blockwise by FFT."""
+    """Return the sums over i of values[i] values[i + k] for k from 0 to `lags`, blockwise by FFT."""
     total = np.zeros(lags + 1)
-    block = max(BLOCK, lags)
+    block = max(SAMPLES_PER_BLOCK, lags)
     for first in range(0, values.size, block):
         left, right = values[first : first + block], values[first : first + block + lags]
         size = 1 << int(left.size + max(right.size, lags + 1) - 1).bit_length()
-        found = np.fft.irfft(np.conj(np.fft.rfft(left, size)) * np.fft.rfft(right, size), size)
-        total += found[: lags + 1]
+        products = np.fft.irfft(np.conj(np.fft.rfft(left, size)) * np.fft.rfft(right, size), size)
+        total += products[: lags + 1]
     return total

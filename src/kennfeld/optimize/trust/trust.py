@@ -1,4 +1,4 @@
-"""How far the values of a result can be trusted."""
+"""Uncertainty of the values of a result."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,27 +21,28 @@ __all__ = ["Trust"]
 
 @dataclass(frozen=True, eq=False)
 class Trust:
-    """What the data determine of the free values; empty for a fit that failed, and where limits cannot be kept.
+    """Uncertainty of the free values of a fit; empty if the fit failed or its limits cannot be satisfied.
 
-    Mappings are by parameter, arrays of the shape of its values; those of the noise are by criterion. Breakpoints that
-    are fitted stand behind the parameters, by axis: `AxisSpeed` for a group axis, else `MapTorque.x`.
+    Mappings are by parameter, with arrays in the shape of its values; `noise` and `persistence` are by criterion.
+    Fitted breakpoints follow the parameters, by axis: `AxisSpeed` for a group axis, else `MapTorque.x`.
 
     Attributes:
-        noise: standard deviation of the residuals in the target's unit, for the degrees of freedom that the fit used;
-            under a robust loss, of the noise without outliers that would scatter the values as much; of samples with
-            weights of their own, that of a sample of mean weight.
-        persistence: samples in a row that count as one independent sample; 1 for steady-state data.
-        freedom: degrees of freedom that the fit used, in effect the number of values that the data decide.
-        informed: values that data or smoothness inform; the others keep their start.
-        samples: training samples that touch each value.
-        deviation: standard deviation of each value's error in its unit. 0 where a lock, a bound or a pin holds it, inf
-            where nothing determines it, NaN where there are too few samples to tell the noise.
-        scatter: the part of `deviation` that repeated measurements would show. Less than it where smoothness decides.
-        by_smoothness: values that no sample touches and that smoothness holds.
-        directions: common changes of values that the data do not see, or hardly; worst first.
-        null_space: how many independent changes nothing determines, and values to hold that settle all of them.
-        holdings: limits of outputs that are met, and what they hold; breakpoints at their least distance.
-        remark: a sentence where the search did not come to its end; else empty.
+        noise: standard deviation of the residuals in the unit of the target, for the degrees of freedom that the fit
+            used. With a robust loss, that of outlier-free noise which would scatter the values as much; with sample
+            weights, that of a sample of mean weight.
+        persistence: number of consecutive samples worth one independent sample; 1 for steady-state data.
+        freedom: degrees of freedom used by the fit, the effective number of values determined by the data.
+        informed: True for values determined by data or smoothness; the others keep their start values.
+        samples: number of training samples that influence each value.
+        deviation: standard deviation of the error of each value in its unit. 0 for values fixed by a lock, a bound or
+            a pin, inf for undetermined values, NaN if there are too few samples to estimate the noise.
+        scatter: the part of `deviation` that repeated measurements would show; smaller for values determined by
+            smoothness.
+        by_smoothness: True for values that no sample influences and smoothness determines.
+        directions: joint changes of values with no or almost no effect on the data, worst first.
+        null_space: number of undetermined combinations of values, and values to fix that determine all of them.
+        holdings: active limits of outputs and what they determine; breakpoints at their minimum distance.
+        remark: a sentence if the search did not converge, else empty.
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -61,62 +62,79 @@ class Trust:
 
     @cached_property
     def leverage(self) -> Mapping[str, Float]:
-        """What each value takes of `freedom`: 1 where the data alone decide, 0 where smoothness or a limit does.
+        """Share of each value in `freedom`: 1 if the data alone determine it, 0 if smoothness or a limit does.
 
-        Sums up to `freedom` over all values; see `Estimate.leverage`.
+        The sum over all values is `freedom`; see `Estimate.leverage`.
         """
         if self.estimate is None:
             return {}
         with blas_threads(self.estimate.seen.size):
-            whole = self.estimate.leverage()
-        return {name: whole[columns].reshape(self.deviation[name].shape) for name, columns in self._columns().items()}
+            leverage = self.estimate.leverage()
+        return {name: leverage[at].reshape(self.deviation[name].shape) for name, at in self._columns().items()}
 
     def covariance(self, names: Sequence[str] | None = None, *, scatter: bool = False) -> Float:
-        """Covariances between values, shape (values, values).
+        """Return the covariance matrix of the values.
 
-        The values come parameter by parameter, in the order of `names` or else of `deviation`, each in C order (the
-        last axis runs fastest). By default they are those of the errors, with `scatter` those that repeated
-        measurements would show. An undetermined value has inf on the diagonal and NaN beside it.
-        Raises `ArgumentError` for a name that is no free parameter.
+        Args:
+            names: parameters in the order of rows and columns, each in C order; by default the order of `deviation`.
+            scatter: return the covariance that repeated measurements would show instead of that of the errors.
+
+        Returns:
+            Array of shape (values, values), in the product of the units of the values. The row and the column of an
+            undetermined value are NaN, with inf on the diagonal.
+
+        Raises:
+            ArgumentError: a name is not a free parameter.
         """
         columns = self._chosen(names)
         if self.estimate is None:
             return np.zeros((0, 0))
         with blas_threads(self.estimate.seen.size):
-            found = self.estimate.covariance(scatter=scatter)[np.ix_(columns, columns)]
-        open_values = self.estimate.undetermined[columns]
-        found[open_values] = np.nan
-        found[:, open_values] = np.nan
-        found[open_values, open_values] = np.inf
-        return found
+            covariance = self.estimate.covariance(scatter=scatter)[np.ix_(columns, columns)]
+        undetermined = self.estimate.undetermined[columns]
+        covariance[undetermined] = np.nan
+        covariance[:, undetermined] = np.nan
+        covariance[undetermined, undetermined] = np.inf
+        return covariance
 
     def correlation(self, names: Sequence[str] | None = None, *, scatter: bool = False) -> Float:
-        """Correlations between values, in the order of `covariance`; NaN beside values held or undetermined."""
+        """Return the correlation matrix of the values, in the order of `covariance`.
+
+        Args:
+            names: see `covariance`.
+            scatter: see `covariance`.
+
+        Returns:
+            Array of shape (values, values), from -1 to 1; NaN for fixed and undetermined values.
+
+        Raises:
+            ArgumentError: a name is not a free parameter.
+        """
         covariance = self.covariance(names, scatter=scatter)
         deviation = np.sqrt(np.diag(covariance))
         usable = np.isfinite(deviation) & (deviation > 0)
         units = np.where(usable, deviation, np.nan)
-        found: Float = np.clip(covariance / np.outer(units, units), -1.0, 1.0)
-        np.fill_diagonal(found, 1.0)
-        return found
+        correlation: Float = np.clip(covariance / np.outer(units, units), -1.0, 1.0)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
 
     def __str__(self) -> str:
         values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
         noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
-        decided = [f"The data decide {self.freedom:.1f} of {values} values."] if values else []
+        freedom = [f"The data determine {self.freedom:.1f} of {values} values."] if values else []
         remark = [self.remark] if self.remark else []
-        whole = [str(self.null_space)] if self.null_space.sentence else []
-        return "\n".join([*remark, *noise, *decided, *map(str, self.holdings), *whole, *map(str, self.directions)])
+        null_space = [str(self.null_space)] if self.null_space.sentence else []
+        return "\n".join([*remark, *noise, *freedom, *map(str, self.holdings), *null_space, *map(str, self.directions)])
 
     def as_json(self) -> dict[str, Any]:
-        """What `result.json` tells of it; numbers that are not finite, or where nothing is known, are None."""
+        """Return the entry `trust` of `result.json`; numbers that are unknown or not finite are None."""
         known = self.estimate is not None
         return {
             "noise": {name: _finite(value) for name, value in self.noise.items()},
             "persistence": {name: _finite(value) for name, value in self.persistence.items()},
             "freedom": _finite(self.freedom) if known else None,
-            "undetermined": _counted(np.isinf(v) for v in self.deviation.values()) if known else None,
-            "by_smoothness": _counted(self.by_smoothness.values()) if known else None,
+            "undetermined": _count_true(np.isinf(v) for v in self.deviation.values()) if known else None,
+            "by_smoothness": _count_true(self.by_smoothness.values()) if known else None,
             "null_space": self.null_space.as_json() if known else None,
             "directions": [
                 {
@@ -139,12 +157,12 @@ class Trust:
         columns = self._columns()
         for name in names or ():
             if name not in columns:
-                raise ArgumentError(f"{name} is no free parameter of this result. {nearest(name, columns)}".strip())
+                raise ArgumentError(f"{name} is not a free parameter of this result. {nearest(name, columns)}".strip())
         parts = [columns[name] for name in (columns if names is None else names)]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
 
-def _counted(marks: Iterable[Bool]) -> int:
+def _count_true(marks: Iterable[Bool]) -> int:
     return sum(int(np.count_nonzero(each)) for each in marks)
 
 

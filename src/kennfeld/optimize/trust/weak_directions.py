@@ -1,9 +1,8 @@
-"""Directions that the data determine badly: named ones among few tables first, then whatever else there is.
+"""Directions that the data determine poorly: combinations of simple table changes first, then any others.
 
-A direction v is measured by the ratio v'Hv / v'Dv, where D is the diagonal of the data's curvature: what moving along
-it costs, against what the values would cost if each moved alone. A change that the data see well has a ratio near 1.
-
-Changes of whole tables that have a name: scaled, raised, stretched, moved along an axis, or like another table.
+A direction v is rated by v'Hv / v'Dv, where D is the diagonal of the curvature of the data: the cost of moving along
+it, relative to the cost if each value moved alone. A well-determined direction has a ratio near 1. The simple changes
+of a table are scaling, an offset, stretching, a shift along an axis, and a multiple of another table.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,33 +24,34 @@ from kennfeld.parameters import Axis, Parameter
 __all__ = ["TableChange", "WeakDirection", "table_changes", "weak_directions"]
 
 Kind = Literal["scale", "offset", "stretch", "shift", "follow"]
-FLAT = 1e-9  # relative spread of values from which a table counts as constant
+FLAT = 1e-9  # relative spread of values up to which a table counts as constant
 
-EXACT = 1e-9  # ratio below which the data do not see a direction at all
-ROUNDING = 1e-12  # ratio below which one direction is no worse than another
+EXACT = 1e-9  # ratio below which the data do not constrain a direction at all
+ROUNDING = 1e-12  # ratio below which differences are rounding
 OPEN = 1e-3  # share of a function that undetermined directions change, above rounding
-NEAR = (0.05, 0.05, 1e-3)  # ratio below which a named direction of one, two, three tables is badly determined
-MOVED = 0.2  # the same for a table shifted along what another one tells: but for the breakpoints, they are one thing
-VAGUE = 1e-3  # the same for one without a name, of which there are many
-NAMELESS = 2  # directions without a name that are worth a word
-SOFT = 0.5  # ratio below which the other values of two tables may adapt to a named direction
-ADAPTED = 4  # mixtures of two tables that are tried so
-ALIKE = 0.7  # share of an adapted direction that must still be the named one
+MAX_RATIOS = (0.05, 0.05, 1e-3)  # of poorly determined combinations of one, two, three table changes
+MAX_SHIFT_RATIO = 0.2  # the same for a table shifted along the output of another one, almost the same change
+MAX_OTHER_RATIO = 1e-3  # the same for directions that are no combination of table changes
+MAX_OTHERS = 2  # such directions in a result
+MAX_ADAPTABLE_RATIO = 0.5  # below which the other values of two tables may adapt to a combination
+MAX_ADAPTED = 4  # combinations of two tables that are tried so
+MIN_SIMILARITY = 0.7  # share of an adapted direction that must still be the combination
 SIMPLER = 30.0  # times the ratio that a direction of one table less may have
 PLAINER = 4.0  # times the ratio that a direction may have that shifts one table less, or lets one less follow another
-NEW = 0.2  # share of a named direction that those found before must not span
-MOSTLY_NEW = 0.8  # the same for one without a name
-RIDGE = 1e-12  # of the diagonal, so that adapted values exist where nothing determines them
-MANY = 48  # shapes from which only two are tried together
+MIN_NEW_SHARE = 0.2  # of a combination, outside the span of the directions before it
+MIN_NEW_SHARE_OTHERS = 0.8  # the same for other directions
+RIDGE = 1e-12  # of the diagonal, so that undetermined values can adapt
+MANY = 48  # table changes from which only two are combined
 
 
 @dataclass(frozen=True)
 class TableChange:
-    """A named change of one table, per unit of its amount.
+    """A simple change of one table, per unit of its amount.
 
-    `scale`: the values themselves; `offset`: ones; `stretch`: the distances from `about`, a value that is held;
-    `shift`: what moving the table along axis `axis` by one unit does; `follow`: the values of the table `other`, which
-    is looked up at the same place. `fed` are the tables from which the coordinate on a shifted axis comes.
+    The `change` is, for `scale`, the values; for `offset`, ones; for `stretch`, the differences from `about`, a fixed
+    value; for `shift`, the effect of moving the table along `axis` by one unit; for `follow`, the values of the table
+    `other`, which is looked up at the same coordinates. `fed` are the tables on which the coordinate of a shifted axis
+    depends.
     """
 
     kind: Kind
@@ -64,63 +64,63 @@ class TableChange:
 
 
 def table_changes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[TableChange]:
-    """The named changes of the tables in `held`, which marks values that cannot change; those that differ."""
+    """Return the distinct simple changes of all tables in `held`, which marks values that cannot change."""
     places = _places(graph)
-    found = []
+    changes = []
     fed = _fed(graph)
-    tables = [name for name in held if parameters[name].kind != "rbf"]  # an expansion is no table
+    tables = [name for name in held if parameters[name].kind != "rbf"]
     for name in tables:
-        found += _own(parameters[name], held[name], fed.get(name, []))
+        changes += _own_changes(parameters[name], held[name], fed.get(name, []))
         for other in tables:
             if other != name and places.get(name) and places.get(name) == places.get(other):
                 change = _resampled(parameters[other], parameters[name].index_axes)
                 if np.ptp(change) > FLAT * np.abs(change).max():
-                    found.append(TableChange("follow", name, change, other=other))
-    return found
+                    changes.append(TableChange("follow", name, change, other=other))
+    return changes
 
 
 def _places(graph: Graph) -> Mapping[str, set[tuple[int, ...]]]:
-    """The coordinates that each table is looked up with."""
-    found: dict[str, set[tuple[int, ...]]] = {}
+    """Return the coordinates with which each table is looked up."""
+    places: dict[str, set[tuple[int, ...]]] = {}
     for node in graph.nodes:
         if node.op == "lookup" and node.args:
-            found.setdefault(node.payload, set()).add(node.args)
-    return found
+            places.setdefault(node.payload, set()).add(node.args)
+    return places
 
 
 def _fed(graph: Graph) -> Mapping[str, list[frozenset[str]]]:
-    """For each axis of each table, the tables that its coordinate depends on within a step."""
+    """Return for each axis of each table the tables on which its coordinate depends within a step."""
     above: list[frozenset[str]] = []
-    found: dict[str, list[frozenset[str]]] = {}
+    by_table: dict[str, list[frozenset[str]]] = {}
     for node in graph.nodes:
         reached = frozenset[str]().union(*(above[at] for at in node.args))
         if node.op == "lookup":
-            axes = found.setdefault(node.payload, [frozenset()] * len(node.args))
-            found[node.payload] = [a | above[at] for a, at in zip(axes, node.args, strict=True)]
+            axes = by_table.setdefault(node.payload, [frozenset()] * len(node.args))
+            by_table[node.payload] = [a | above[at] for a, at in zip(axes, node.args, strict=True)]
             reached |= {node.payload}
         above.append(reached)
-    return found
+    return by_table
 
 
-def _own(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[TableChange]:
+def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[TableChange]:
     values = np.nan_to_num(table.values)
     largest = float(np.abs(values).max())
-    found = [TableChange("scale", table.name, values)] if largest > 0 else []
-    if not found or float(np.ptp(values)) > FLAT * largest:
-        found.append(TableChange("offset", table.name, np.ones(values.shape)))
+    changes = [TableChange("scale", table.name, values)] if largest > 0 else []
+    if not changes or float(np.ptp(values)) > FLAT * largest:
+        changes.append(TableChange("offset", table.name, np.ones(values.shape)))
     about = values[held]
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
-        found.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
+        changes.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
     for i, axis in enumerate(table.index_axes):
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
-                found.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
-    return found
+                changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
+    return changes
 
 
 def _resampled(table: Parameter, axes: Sequence[Axis]) -> Float:
-    """A table's values at the grid points of other axes."""
+    """Interpolate the values of a table at the grid points of other axes."""
     values = np.nan_to_num(table.values)
     for i, (own, wanted) in enumerate(zip(table.index_axes, axes, strict=True)):
         weights, _ = cell_weights(position(wanted.breakpoints, own.breakpoints, table.extrapolation), len(own))
@@ -130,53 +130,60 @@ def _resampled(table: Parameter, axes: Sequence[Axis]) -> Float:
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """A badly determined direction, as a change of all values.
+    """A poorly determined direction, as a change of all values.
 
-    `weight` is what each value's change does to the data, alone. `amounts` says how much of which shape the direction
-    is; empty for one without a name.
+    `weight` is the effect of the change of each value alone on the data. `amounts` are the table changes of which the
+    direction consists; empty for other directions.
     """
 
     change: Float  # Float[values]
     weight: Float  # Float[values]
     ratio: float  # of data and smoothness together
     seen: float  # of the data alone
-    deviation: float  # standard deviation of how far along it the values are, the worse ones given; inf where open
+    deviation: float  # standard deviation along it, conditional on worse directions; inf if undetermined
     amounts: tuple[tuple[TableChange, float], ...]
 
     @property
     def exact(self) -> bool:
-        """Whether the data say nothing about it."""
+        """True if the data do not constrain the direction at all."""
         return self.seen <= EXACT
 
 
 @dataclass(frozen=True)
 class _TrialDirection:
-    """A direction over the estimate's values: of shapes in some amounts, or without a name."""
+    """A direction over the values of the estimate: a combination of table changes, or another direction."""
 
     change: Float
     ratio: float
     seen: float
     shapes: tuple[int, ...] = ()
     amounts: tuple[float, ...] = ()
-    score: float = 0.0  # least for the direction that says most with fewest words
+    score: float = 0.0  # lower for poorly determined directions with a short description
 
 
 def weak_directions(
     estimate: Estimate, shapes: Sequence[TableChange], changes: Float, most: int
 ) -> list[WeakDirection]:
-    """At most so many directions, worst first; `changes` are the shapes as rows over all values."""
+    """Return at most `most` poorly determined directions, worst first.
+
+    Args:
+        estimate: curvatures and covariance around the end of a fit.
+        shapes: simple table changes.
+        changes: the same as rows over all values; shape (table changes, values).
+        most: maximum number of directions.
+    """
     search = _DirectionSearch(estimate, shapes, estimate.narrow(changes))
-    found: list[_TrialDirection] = []
+    trials: list[_TrialDirection] = []
     for trial in sorted(search.named(), key=lambda trial: trial.score):
-        if len(found) < most and search.news(found, trial.change) > NEW:
-            found.append(trial)
-    most = min(most, len(found) + NAMELESS)
+        if len(trials) < most and search.new_share(trials, trial.change) > MIN_NEW_SHARE:
+            trials.append(trial)
+    most = min(most, len(trials) + MAX_OTHERS)
     for trial in search.others(estimate.spectrum.directions):
-        if len(found) == most:
+        if len(trials) == most:
             break
-        if search.news(found, trial.change) > MOSTLY_NEW:
-            found.append(trial)
-    found.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
+        if search.new_share(trials, trial.change) > MIN_NEW_SHARE_OTHERS:
+            trials.append(trial)
+    trials.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
         WeakDirection(
             change=estimate.expand(trial.change),
@@ -186,17 +193,17 @@ def weak_directions(
             deviation=deviation,
             amounts=tuple((shapes[i], amount) for i, amount in zip(trial.shapes, trial.amounts, strict=True)),
         )
-        for trial, deviation in zip(found, search.deviations(found), strict=True)
+        for trial, deviation in zip(trials, search.deviations(trials), strict=True)
     ]
 
 
 def _rounded(ratio: float) -> float:
-    """A ratio in so few digits that rounding errors decide no order."""
+    """Round a ratio to so few digits that rounding errors decide no order."""
     return float(f"{ratio:.5e}")
 
 
 class _DirectionSearch:
-    """Ratios of directions, and the shapes among which to look."""
+    """Search for directions of low ratio among combinations of table changes."""
 
     def __init__(self, estimate: Estimate, shapes: Sequence[TableChange], rows: Float) -> None:
         self.data, self.total = estimate.data, estimate.data + estimate.smoothness
@@ -213,8 +220,8 @@ class _DirectionSearch:
         self.fed = [shapes[i].fed for i in self.numbers]
         self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
 
-    def news(self, known: Sequence[_TrialDirection], change: Float) -> float:
-        """The share of a direction that known ones do not span."""
+    def new_share(self, known: Sequence[_TrialDirection], change: Float) -> float:
+        """Return the share of a direction outside the span of known ones."""
         scaled = change * self.root
         if not known:
             return 1.0
@@ -223,10 +230,10 @@ class _DirectionSearch:
         return float(rest @ rest / (scaled @ scaled))
 
     def deviations(self, trials: Sequence[_TrialDirection]) -> list[float]:
-        """Standard deviations of how far along each direction the values are, those before it given.
+        """Return the standard deviation along each direction, conditional on those before it.
 
-        How far that is, v'D p / v'D v, is a linear function of the values; what the functions before it tell of its
-        variance is taken off by the Cholesky factor of their covariance.
+        The amount of a direction, v'D p / v'D v, is a linear function of the values. The diagonal of the Cholesky
+        factor of the covariance of these functions is their conditional standard deviation.
         """
         if not trials:
             return []
@@ -242,10 +249,7 @@ class _DirectionSearch:
         return [float(deviation) for deviation in given]
 
     def _settle(self, functions: Float) -> Bool:
-        """Which functions are not determined at all; they are taken off those that follow, so that these are, in place.
-
-        The functions that are not become 0.
-        """
+        """Mark undetermined functions, set them to 0, and subtract them from those that follow, in place."""
         basis = self.null / self.scale[:, None]
         found = np.zeros(len(functions), dtype=bool)
         for i, function in enumerate(functions):
@@ -258,33 +262,31 @@ class _DirectionSearch:
         return found
 
     def others(self, directions: Float) -> Iterator[_TrialDirection]:
-        """Weak directions without a name."""
-        trials = (self._measured(change) for change in directions)
-        return (trial for trial in trials if trial.ratio < VAGUE)
+        """Return poorly determined directions that are no combination of table changes."""
+        trials = (self._rate(change) for change in directions)
+        return (trial for trial in trials if trial.ratio < MAX_OTHER_RATIO)
 
     def named(self) -> Iterator[_TrialDirection]:
-        """Weak directions of one shape, or of two or three shapes of different tables."""
-        for count in range(1, (len(NEAR) if len(self.tables) <= MANY else 2) + 1):
+        """Return poorly determined combinations of one to three changes of different tables."""
+        for count in range(1, (len(MAX_RATIOS) if len(self.tables) <= MANY else 2) + 1):
             nearly: dict[tuple[str, ...], list[_TrialDirection]] = {}
             for group, weights in self._soft(count):
-                trial = self._mixed(group, weights)
-                if trial.seen <= EXACT or trial.ratio < self._near(group):
+                trial = self._rate_combination(group, weights)
+                if trial.seen <= EXACT or trial.ratio < self._max_ratio(group):
                     yield trial
                 elif count == 2:
                     nearly.setdefault(tuple(self.tables[i] for i in group), []).append(trial)
             for names, trials in nearly.items():
                 yield from self._adapted(names, trials)
 
-    def _mixed(self, group: Int, weights: Float) -> _TrialDirection:
-        """A mixture of shapes as they are."""
+    def _rate_combination(self, group: Int, weights: Float) -> _TrialDirection:
+        """Rate a combination of table changes."""
         part = np.ix_(group, group)
         both, data = (float(weights @ gram[part] @ weights) for gram in (self.whole_gram, self.gram))
         return self._trial(weights @ self.rows[group], both, data, group, weights)
 
-    def _measured(
-        self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None
-    ) -> _TrialDirection:
-        """Any change, perhaps one that began as a mixture of shapes."""
+    def _rate(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _TrialDirection:
+        """Rate any change, perhaps one adapted from a combination of table changes."""
         alone = float(change @ (self.diagonal * change))
         both, data = (float(change @ matrix @ change) / alone for matrix in (self.total, self.data))
         return self._trial(change, both, data, group, np.zeros(0) if weights is None else weights)
@@ -298,34 +300,34 @@ class _DirectionSearch:
         plain = _rounded(seen) if seen > EXACT else 1e-3 * EXACT
         return _TrialDirection(change, max(ratio, 0.0), max(seen, 0.0), shapes, amounts, plain * words)
 
-    def _near(self, group: Sequence[int] | Int) -> float:
-        """The ratio below which a mixture of shapes is worth naming."""
+    def _max_ratio(self, group: Sequence[int] | Int) -> float:
+        """Return the ratio below which a combination counts as poorly determined."""
         pairs = permutations(group, 2) if len(group) == 2 else ()
         moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self._raised(j) for i, j in pairs)
-        return MOVED if moved else NEAR[len(group) - 1]
+        return MAX_SHIFT_RATIO if moved else MAX_RATIOS[len(group) - 1]
 
     def _raised(self, shape: int) -> bool:
-        """Whether a shape changes all values of its table by the same."""
+        """Return True if a table change is the same for all values."""
         return self.kinds[shape] == "offset" or np.count_nonzero(self.rows[shape]) == 1
 
     def _soft(self, count: int) -> Iterator[tuple[Int, Float]]:
-        """For each group of shapes the mixture that the data see least, where they see little of it.
+        """Return for each group of table changes the combination of lowest ratio, if that is low.
 
-        Shapes of different tables are orthogonal, so the ratios are eigenvalues.
+        Changes of different tables are orthogonal, so the ratios are eigenvalues.
         """
         which = combinations(range(len(self.tables)), count)
         groups = np.array([g for g in which if len({self.tables[i] for i in g}) == count], dtype=np.int64)
         groups = groups.reshape(-1, count)
         ratios, vectors = np.linalg.eigh(self.gram[groups[:, :, None], groups[:, None, :]])
-        for k in np.flatnonzero(ratios[:, 0] < (SOFT if count == 2 else NEAR[count - 1])):
+        for k in np.flatnonzero(ratios[:, 0] < (MAX_ADAPTABLE_RATIO if count == 2 else MAX_RATIOS[count - 1])):
             yield groups[k], vectors[k][:, 0]
 
     def _adapted(self, names: Sequence[str], trials: Sequence[_TrialDirection]) -> Iterator[_TrialDirection]:
-        """The mixtures that are weak once the other values of these tables have adapted.
+        """Return the combinations that are poorly determined once the other values of these tables adapt.
 
-        That is the change w that minimises w'Hw among those with the same amount w'D s of each shape s of the mixture.
+        The adapted change w minimises w'Hw for the same amount w'D s of each table change s of the combination.
         """
-        best = sorted(trials, key=lambda trial: trial.score)[:ADAPTED]
+        best = sorted(trials, key=lambda trial: trial.score)[:MAX_ADAPTED]
         groups = [np.searchsorted(self.numbers, trial.shapes) for trial in best]
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
@@ -336,10 +338,10 @@ class _DirectionSearch:
             weights = np.array(trial.amounts) * self.length[group]
             change = np.zeros(where.size)
             change[where] = reach[:, at] @ np.linalg.solve(parts[at] @ reach[:, at], weights)
-            found = self._measured(change, group, weights)
-            alike = float(weights @ weights) / float(change @ (self.diagonal * change))
-            if found.ratio < self._near(group) and alike > ALIKE:
-                yield found
+            adapted = self._rate(change, group, weights)
+            similarity = float(weights @ weights) / float(change @ (self.diagonal * change))
+            if adapted.ratio < self._max_ratio(group) and similarity > MIN_SIMILARITY:
+                yield adapted
 
 
 def _adapted(matrix: Matrix, right: Float) -> Float:

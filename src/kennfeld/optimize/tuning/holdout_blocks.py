@@ -1,11 +1,8 @@
-"""How many of the samples are independent: errors in time resemble their neighbours.
+"""Held-out blocks of recordings for cross-validation, and the number of independent samples.
 
-A misfit of the model lasts longer than a sample. Counting every sample as new evidence would let tables follow it.
-
-Parts of recordings that are held back in turn, and what each contributes to the linearised problem.
-
-Errors in time resemble their neighbours, so only what is held back in one stretch tells how a fit meets other data. A
-fit without a block needs no data again: its matrix is that of all data less that of the block.
+Errors of a model in time are correlated. Counting every sample as independent would let tables follow them, and only
+data held out in contiguous blocks show how a fit generalises. A fit without a block does not need the data again: its
+matrix is that of all data minus that of the block.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,16 +20,16 @@ from kennfeld.preprocessing.binding import BoundDataset
 
 __all__ = ["BLOCKS", "FEWEST", "NEVER", "HoldoutBlock", "HoldoutBlocks", "independent_samples"]
 
-BLOCKS = 20  # in all, about
-FEWEST = 3
-NUMBERS = 25_000_000  # that all matrices together may hold, 200 MB
-NEVER = -1  # the block of a sample that is not held back
+BLOCKS = 20  # approximate number of blocks
+FEWEST = 3  # blocks
+MAX_ENTRIES = 25_000_000  # of all matrices together, 200 MB
+NEVER = -1  # block number of samples that are never held out
 
 
 def correlation_time(pieces: Sequence[Float]) -> float:
-    """1 + 2 sum of the autocorrelation, in samples, up to the lag where that is largest; NaN is not counted.
+    """Return 1 + 2 sum of the autocorrelation in samples, up to the lag where it is largest; NaN is ignored.
 
-    The variance of a mean of n correlated samples is that of n over this many independent ones.
+    The variance of a mean of n correlated samples is that of n / (this number) independent ones.
 
     >>> correlation_time([np.array([1.0, -1.0] * 50)])
     1.0
@@ -54,9 +51,10 @@ def correlation_time(pieces: Sequence[Float]) -> float:
 def independent_samples(
     problem: Problem, errors: Callable[[BoundDataset, ParameterSet], Float], parameters: ParameterSet
 ) -> float:
-    """Scored training samples of all criteria; those of data with time over their correlation time.
+    """Return the effective number of scored training samples of all criteria.
 
-    `errors` gives those of a bound dataset, of shape (criteria, kept samples).
+    Samples of data with time are divided by their correlation time. `errors` returns the errors of a bound dataset,
+    shape (criteria, samples).
     """
     return sum(
         _independent(bound, row)
@@ -76,7 +74,7 @@ def _independent(bound: BoundDataset, errors: Float) -> float:
 
 @dataclass(frozen=True)
 class HoldoutBlock:
-    """What the samples of a block add: misfit(p + d) = misfit + 2 gradient'd + d'matrix d; `share` of the samples."""
+    """Contribution of a block with a `share` of the samples: misfit(p + d) = misfit + 2 gradient'd + d'matrix d."""
 
     misfit: float
     gradient: Float  # Float[values]
@@ -86,7 +84,7 @@ class HoldoutBlock:
 
 @dataclass(frozen=True, eq=False)
 class HoldoutBlocks:
-    """The block of each sample of a compiled problem, `NEVER` for those that are always fitted."""
+    """The block number of each sample of a compiled problem, `NEVER` for samples that are always fitted."""
 
     compiled: CompiledProblem
     numbers: Int  # Int[samples], as the data come
@@ -94,20 +92,20 @@ class HoldoutBlocks:
 
     @classmethod
     def of(cls, compiled: CompiledProblem) -> "HoldoutBlocks | None":
-        """Each recording cut into stretches of about as many scored samples, about `BLOCKS` in all.
+        """Divide the recordings into about `BLOCKS` blocks with similar numbers of scored samples.
 
-        Many short recordings are held back whole, neighbouring ones together. Steady points are never held back. None
-        where that leaves fewer than `FEWEST` blocks.
+        Many short recordings are held out whole, neighbouring ones together. Steady-state points are never held out.
+        Returns None if there are fewer than `FEWEST` blocks.
         """
-        most = min(BLOCKS, NUMBERS // max(compiled.values.free**2, 1))
+        most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1))
         problem = compiled.problem
         known = np.concatenate([_scored(problem, bound) for bound in problem.gathered])
         places = [(a, b) for a, b in _recordings(problem) if known[a:b].any()]
         numbers = np.full(known.size, NEVER, dtype=np.int64)
         if len(places) > most:
-            _grouped(numbers, known, places, most)
+            _number_groups(numbers, known, places, most)
         elif places:
-            _cut(numbers, known, places, max(most // len(places), 1))
+            _number_parts(numbers, known, places, max(most // len(places), 1))
         held = numbers[known & (numbers != NEVER)]
         used, sizes = np.unique(held, return_counts=True)
         if used.size < FEWEST:
@@ -117,20 +115,20 @@ class HoldoutBlocks:
 
     @property
     def count(self) -> int:
-        """How many blocks there are."""
+        """Number of blocks."""
         return self.sizes.size
 
     def linearised(self, full: Float) -> Iterator[HoldoutBlock]:
-        """What each block adds at these values, fixed ones included."""
+        """Return the contribution of each block at the values `full`, fixed ones included."""
         shares = self.sizes / self.sizes.sum()
         held = self._in_time if self.compiled.kernel.line.states else self._anywhere
         for number, share in enumerate(shares):
             accumulator = Accumulator(self.compiled.kernel, held(number))
-            misfit, found = accumulator.cost(full), accumulator.normal(full)
-            yield HoldoutBlock(misfit, found.gradient.copy(), found.matrix.copy(), float(share))
+            misfit, equations = accumulator.cost(full), accumulator.normal(full)
+            yield HoldoutBlock(misfit, equations.gradient.copy(), equations.matrix.copy(), float(share))
 
     def _in_time(self, number: int) -> Samples:
-        """The recordings that a block has a part in, with its targets alone: states come from what went before."""
+        """Return the recordings that contain a block, with its targets only: states depend on the samples before."""
         samples = self.compiled.samples
         mine = np.flatnonzero(self.numbers == number)
         pieces = [p for p in samples.pieces if np.any((mine >= p.first) & (mine < p.last))]
@@ -139,7 +137,7 @@ class HoldoutBlocks:
         return Samples(samples.inputs.parts, list(targets), pieces)
 
     def _anywhere(self, number: int) -> Samples:
-        """The samples of a block, in the order in which they are visited."""
+        """Return the samples of a block, in the order in which they are visited."""
         samples = self.compiled.samples
         order = np.arange(samples.count, dtype=np.uint32) if samples.order is None else samples.order
         mine: Bool = self.numbers[order] == number
@@ -150,7 +148,7 @@ class HoldoutBlocks:
 
 
 def _recordings(problem: Problem) -> Iterator[tuple[int, int]]:
-    """First and one past the last sample of each recording in time, over all training data."""
+    """Return the sample range of each recording in time, over all training data."""
     end = 0
     for bound in problem.gathered:
         starts = bound.starts if problem.graph.states else bound.dataset.starts
@@ -160,7 +158,7 @@ def _recordings(problem: Problem) -> Iterator[tuple[int, int]]:
 
 
 def _scored(problem: Problem, bound: BoundDataset) -> Bool:
-    """The samples at which a criterion counts."""
+    """Return the samples at which a criterion counts."""
     known = np.zeros(bound.count, dtype=bool)
     for criterion in problem.criteria:
         if criterion.weight > 0:
@@ -168,15 +166,15 @@ def _scored(problem: Problem, bound: BoundDataset) -> Bool:
     return known
 
 
-def _cut(numbers: Int, known: Bool, places: list[tuple[int, int]], parts: int) -> None:
-    """Number the parts of each recording, of about as many scored samples each."""
+def _number_parts(numbers: Int, known: Bool, places: list[tuple[int, int]], parts: int) -> None:
+    """Number the parts of each recording, with similar numbers of scored samples, in place."""
     for at, (first, last) in enumerate(places):
         counted = np.cumsum(known[first:last])
         numbers[first:last] = at * parts + np.minimum((counted - 1).clip(0) * parts // counted[-1], parts - 1)
 
 
-def _grouped(numbers: Int, known: Bool, places: list[tuple[int, int]], count: int) -> None:
-    """Number the groups of neighbouring recordings, of about as many scored samples each."""
+def _number_groups(numbers: Int, known: Bool, places: list[tuple[int, int]], count: int) -> None:
+    """Number groups of neighbouring recordings, with similar numbers of scored samples, in place."""
     counted = np.cumsum([np.count_nonzero(known[first:last]) for first, last in places])
     middles = counted - np.diff(counted, prepend=0) / 2
     for (first, last), middle in zip(places, middles, strict=True):

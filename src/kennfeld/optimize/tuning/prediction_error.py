@@ -1,15 +1,16 @@
-"""How large the error of a fit would be on data held back, as a function of its smoothness factors.
+"""Predicted error of a linearised fit on held-out data, as a function of its smoothness factors.
 
-Generalised cross-validation of the linearised fit, n D / (n - gamma F)^2, with D the misfit of n samples and F the
-values that the data determine, the trace of the influence matrix. Source: P. Craven and G. Wahba, Smoothing noisy data
-with spline functions, 1979; gamma above 1 guards small data against following noise (Y.-J. Kim and C. Gu, Smoothing
-spline Gaussian regression, 2004). Derivatives by the logarithms of the factors are exact, the second ones too.
+The criterion is generalised cross-validation (GCV), n D / (n - gamma F)^2, with D the misfit of n samples and F the
+effective number of values that the data determine, the trace of the influence matrix (P. Craven and G. Wahba, Smoothing
+noisy data with spline functions, 1979). A gamma above 1 guards small data sets against following noise (Y.-J. Kim and
+C. Gu, Smoothing spline Gaussian regression, 2004). First and second derivatives by the logarithms of the factors are
+exact.
 
-Where errors resemble their neighbours, blocks of the data are held back in turn as well: D_b is the misfit of block b
-by the linearised fit to all the others, and the mean of log D_b a second estimate of the logarithm of that error.
-Logarithms, since the model itself errs more in one block than in another, and the worst would decide alone. The
-criterion is then a mean of the two estimates: GCV is precise but for what the correlation time does not tell, and the
-blocks tell that but are few. Source of the second: S. N. Wood, On neighbourhood cross validation, 2024.
+If errors are correlated in time, blocks of the data are also held out in turn: with D_b the misfit of block b by the
+linearised fit to all other blocks, the mean of log D_b is a second estimate of the logarithm of the error (S. N. Wood,
+On neighbourhood cross validation, 2024). Logarithms keep a single block with large model errors from dominating. The
+criterion is then a weighted mean of both estimates: GCV is precise but relies on the estimated correlation time, the
+blocks do not but are few.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,14 +24,14 @@ from kennfeld.native import Cholesky, Factor
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
-__all__ = ["GAMMA", "HELD_BACK", "Linearised", "Prediction", "minimised"]
+__all__ = ["GAMMA", "HOLDOUT_SHARE", "Linearised", "Prediction", "minimise_prediction"]
 
 GAMMA = 1.2
-HELD_BACK = 0.75  # share of the estimate from blocks held back, where there are some
-RIDGE = 1e-8  # of the diagonal; what no data determine stays where it is
-LEAST_LEFT = 0.01  # share of the samples that a fit must leave undetermined
-STEP = 4.0  # most change of a logarithm in one Newton step
-FLAT = 0.02  # gain of the criterion below which the search has ended
+HOLDOUT_SHARE = 0.75  # of the estimate from held-out blocks in the mean
+RIDGE = 1e-8  # of the diagonal; keeps undetermined values where they are
+MIN_RESIDUAL_SHARE = 0.01  # of the samples that a fit must leave as residual degrees of freedom
+MAX_STEP = 4.0  # change of a logarithm in one Newton step
+MIN_GAIN = 0.02  # of the criterion in a step, for the search to continue
 
 Solve = Callable[[Float], Float]  # the inverse times a vector, or times each row of a matrix
 Misfit = tuple[float, Float, Float]  # its value, slope and curvature
@@ -38,10 +39,19 @@ Misfit = tuple[float, Float, Float]  # its value, slope and curvature
 
 @dataclass(frozen=True)
 class Linearised:
-    """A fit: misfit(p + d) = misfit + 2 gradient'd + d'matrix d, without roughness; `movable` values may change.
+    """A linearised fit: misfit(p + d) = misfit + 2 gradient'd + d'matrix d, without roughness.
 
-    `rows` are the directions that equalities hold. `samples` is the number of independent samples. `blocks` are parts
-    of the data to be held back in turn. `pull` and `toward` are a penalty whatever the factors are.
+    Attributes:
+        values: p.
+        misfit: cost of the data at p.
+        gradient: half the gradient of the misfit.
+        matrix: Gauss-Newton matrix of the misfit.
+        movable: values that may change.
+        rows: directions fixed by equalities.
+        samples: number of independent samples.
+        blocks: parts of the data to be held out in turn.
+        pull: weights of a quadratic penalty on p - toward that does not depend on the factors.
+        toward: its target.
     """
 
     values: Float  # Float[values]
@@ -58,7 +68,7 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Point:
-    """n times the logarithm of the criterion at some logarithms of the factors, and its derivatives."""
+    """n times the logarithm of the criterion, with its derivatives by the logarithms of the factors."""
 
     value: float
     slope: Float  # Float[blocks]
@@ -66,7 +76,13 @@ class Point:
 
 
 class Prediction:
-    """The criterion; `blocks` are roughnesses with a factor of 1, `given` those with the factor that they keep."""
+    """The criterion of a linearised fit.
+
+    Args:
+        fit: the linearised fit.
+        blocks: roughnesses with unit factor, whose factors are the variables.
+        given: roughnesses with fixed factors.
+    """
 
     def __init__(self, fit: Linearised, blocks: Sequence[Roughness], given: Sequence[Roughness] = ()) -> None:
         touched = np.diag(fit.matrix) > 0
@@ -80,7 +96,7 @@ class Prediction:
         self._cholesky = Cholesky(self._free.size) if fit.blocks else None
 
     def at(self, logarithms: Float) -> Point:
-        """The criterion where these are the logarithms of the factors, one a block."""
+        """Evaluate the criterion at the logarithms of the factors, shape (blocks,)."""
         factors = np.exp(logarithms)
         inverse = self._inverse(factors)
         influence = inverse @ self._data
@@ -88,18 +104,18 @@ class Prediction:
         misfit, d_misfit, dd_misfit = self._misfit(factors, self._fit.gradient, whole, lambda rows: rows @ inverse)
         freedom, d_freedom, dd_freedom = self._freedom(factors, inverse, influence)
         samples = self._fit.samples
-        left = samples - GAMMA * freedom
-        if left < LEAST_LEFT * samples:
+        residual = samples - GAMMA * freedom
+        if residual < MIN_RESIDUAL_SHARE * samples:
             return Point(np.inf, d_misfit, dd_misfit)
-        value = samples * (np.log(misfit) - 2 * np.log(left / samples))
-        slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / left)
+        value = samples * (np.log(misfit) - 2 * np.log(residual / samples))
+        slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / residual)
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
-        curvature += 2 * GAMMA * dd_freedom / left + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / left**2
+        curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
         point = Point(float(value), slope, samples * curvature)
-        return point if self._cholesky is None else _mean(point, self._held_back(factors, self._cholesky), HELD_BACK)
+        return point if self._cholesky is None else _mean(point, self._held_out(factors, self._cholesky), HOLDOUT_SHARE)
 
-    def _held_back(self, factors: Float, cholesky: Cholesky) -> Point:
-        """The mean logarithm of the misfit of each block by the fit to the others, times the samples."""
+    def _held_out(self, factors: Float, cholesky: Cholesky) -> Point:
+        """Return the samples times the mean of log D_b, with D_b the misfit of a block by the fit to the others."""
         count = len(self._blocks)
         value, slope, curvature = 0.0, np.zeros(count), np.zeros((count, count))
         matrix = self._penalised(factors)
@@ -118,11 +134,11 @@ class Prediction:
         return Point(float(samples * value), samples * slope, samples * curvature)
 
     def freedom(self, logarithms: Float) -> float:
-        """How many values the data determine, beside the roughness."""
+        """Return the effective number of values that the data determine."""
         return float(np.trace(self._inverse(np.exp(logarithms)) @ self._data))
 
     def _penalised(self, factors: Float) -> Float:
-        """Matrix plus penalty, of the values that may change."""
+        """Return matrix plus penalty over the free values."""
         matrix = self._fit.matrix.copy()
         for rows, factor in zip(self._blocks, factors, strict=True):
             rows.add(factor, matrix)
@@ -132,7 +148,7 @@ class Prediction:
         return matrix[np.ix_(self._free, self._free)]
 
     def _inverse(self, factors: Float) -> Float:
-        """The inverse of matrix plus penalty in the directions that may change."""
+        """Return the inverse of matrix plus penalty in the directions that equalities leave free."""
         matrix = self._penalised(factors)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         matrix *= scale[:, None] * scale
@@ -145,9 +161,10 @@ class Prediction:
         return inverse
 
     def _misfit(self, factors: Float, fitted: Float, scored: HoldoutBlock, solve: Solve) -> Misfit:
-        """The misfit of what is scored by the linearised fit with these factors, and its derivatives.
+        """Return the misfit of the `scored` data by the linearised fit with these factors, and its derivatives.
 
-        `fitted` is the gradient of the data that are fitted, `solve` the inverse of their matrix with the penalty.
+        `fitted` is the gradient of the fitted data, `solve` multiplies with the inverse V of their matrix plus penalty.
+        The fit moves by d = -V (g + sum of f_i P_i p), so that dd/dlog f_i = -f_i V P_i (p + d).
         """
         fit, free = self._fit, self._free
         data = self._data if scored.matrix is fit.matrix else scored.matrix[np.ix_(free, free)]
@@ -168,25 +185,25 @@ class Prediction:
         return misfit, slope, np.diag(slope) + 2 * moves @ data @ moves.T - 2 * (cross + cross.T)
 
     def _freedom(self, factors: Float, inverse: Float, influence: Float) -> tuple[float, Float, Float]:
-        """The trace of the influence matrix V H, and its derivatives: those of V are -V P V."""
+        """Return the trace of the influence matrix V H, and its derivatives, from dV/df_i = -V P_i V."""
         count = len(self._blocks)
         traces, squares = np.zeros(count), np.zeros((count, count))
         spread = self._spread(influence @ inverse)
         whole = self._spread(inverse)
-        for i, one in enumerate(self._blocks):
-            ours, theirs = self._spread(one.of(whole).T), self._spread(one.of(spread).T)
+        for i, rows in enumerate(self._blocks):
+            by_inverse, by_spread = self._spread(rows.of(whole).T), self._spread(rows.of(spread).T)
             for j, other in enumerate(self._blocks[: i + 1]):
-                product = other.of(theirs)
-                squares[i, j] = squares[j, i] = np.sum(other.of(ours) * product)
+                product = other.of(by_spread)
+                squares[i, j] = squares[j, i] = np.sum(other.of(by_inverse) * product)
             traces[i] = np.trace(product)
         slope = -factors * traces
         return float(np.trace(influence)), slope, np.diag(slope) + 2 * np.outer(factors, factors) * squares
 
     def _spread(self, rows: Float) -> Float:
-        """What is known of the free values, over all values."""
-        whole = np.zeros((self._fit.values.size, *rows.shape[1:]))
-        whole[self._free] = rows
-        return whole
+        """Extend rows of the free values by zeros to all values."""
+        extended = np.zeros((self._fit.values.size, *rows.shape[1:]))
+        extended[self._free] = rows
+        return extended
 
 
 def _solved(factor: Factor, scale: Float, rows: Float) -> Float:
@@ -194,91 +211,93 @@ def _solved(factor: Factor, scale: Float, rows: Float) -> Float:
 
 
 def _constrained(solve: Solve, held: Float) -> Solve:
-    """The inverse in the directions that equalities leave."""
+    """Return the product with the inverse in the directions that equalities leave free."""
     if not len(held):
         return solve
     across = solve(held)
     middle = np.linalg.pinv(across @ held.T)
 
-    def within(rows: Float) -> Float:
-        found: Float = solve(rows) - rows @ across.T @ middle @ across
-        return found
+    def solve_constrained(rows: Float) -> Float:
+        solution: Float = solve(rows) - rows @ across.T @ middle @ across
+        return solution
 
-    return within
+    return solve_constrained
 
 
-def _mean(one: Point, other: Point, share: float) -> Point:
-    """The mean of two estimates, the other with its share."""
+def _mean(first: Point, second: Point, share: float) -> Point:
+    """Return the mean of two points; `share` is the weight of the second."""
     return Point(
-        (1 - share) * one.value + share * other.value,
-        (1 - share) * one.slope + share * other.slope,
-        (1 - share) * one.curvature + share * other.curvature,
+        (1 - share) * first.value + share * second.value,
+        (1 - share) * first.slope + share * second.slope,
+        (1 - share) * first.curvature + share * second.curvature,
     )
 
 
 class _PenaltyRows:
-    """The second differences of a block in which a movable value takes part."""
+    """The second differences D of a block that involve a movable value; its penalty matrix is P = D'D."""
 
     def __init__(self, block: Roughness, movable: Bool) -> None:
         some = movable[block.columns].any(axis=1)
         self.columns, self.coefficients = block.columns[some], block.coefficients[some]
 
     def of(self, values: Float) -> Float:
-        """D v for a vector or for each column of a matrix."""
+        """Return D v for a vector or for each column of a matrix."""
         shape = (-1, *[1] * (values.ndim - 1))
         first, second, third = (self.coefficients[:, i].reshape(shape) * values[self.columns[:, i]] for i in range(3))
         result: Float = first + second + third
         return result
 
     def transposed(self, weights: Float, size: int) -> Float:
-        """D' w."""
+        """Return D' w."""
         terms = self.coefficients * weights[:, None]
         return np.bincount(self.columns.ravel(), terms.ravel(), minlength=size).astype(np.float64)
 
     def add(self, factor: float, matrix: Float) -> None:
-        """Add factor D'D."""
+        """Add factor D'D to a matrix, in place."""
         products = factor * self.coefficients[:, :, None] * self.coefficients[:, None, :]
         np.add.at(matrix, (self.columns[:, :, None], self.columns[:, None, :]), products)
 
 
-def minimised(prediction: Prediction, start: Float, lower: Float, upper: Float, iterations: int = 50) -> Float:
-    """The logarithms of the factors, within bounds, at which the criterion is least: Newton's method.
+def minimise_prediction(
+    prediction: Prediction, start: Float, lower: Float, upper: Float, iterations: int = 50
+) -> Float:
+    """Return the logarithms of the factors, within bounds, that minimise the criterion, by Newton's method.
 
-    A factor whose best value is infinite ends at its bound, or where the criterion has become flat.
+    A factor whose best value is infinite ends at its bound, or at the point from which the criterion is flat.
     """
-    at = np.clip(start, lower, upper)
-    here = prediction.at(at)
+    values = np.clip(start, lower, upper)
+    point = prediction.at(values)
     for _ in range(iterations):
-        inner = ~(((at <= lower) & (here.slope > 0)) | ((at >= upper) & (here.slope < 0)))
-        if not (inner.any() and np.isfinite(here.value)):
+        inner = ~(((values <= lower) & (point.slope > 0)) | ((values >= upper) & (point.slope < 0)))
+        if not (inner.any() and np.isfinite(point.value)):
             break
-        step = np.zeros(at.size)
-        step[inner] = _newton(here.slope[inner], here.curvature[np.ix_(inner, inner)])
-        found = _searched(prediction, at, here, step, lower, upper)
-        if found is None:
+        step = np.zeros(values.size)
+        step[inner] = _newton_step(point.slope[inner], point.curvature[np.ix_(inner, inner)])
+        accepted = _line_search(prediction, values, point, step, lower, upper)
+        if accepted is None:
             break
-        gain = here.value - found[1].value
-        at, here = found
-        if gain < FLAT:
+        gain = point.value - accepted[1].value
+        values, point = accepted
+        if gain < MIN_GAIN:
             break
-    return at
+    return values
 
 
-def _newton(slope: Float, curvature: Float) -> Float:
-    """A step downhill, of at most STEP in each logarithm."""
+def _newton_step(slope: Float, curvature: Float) -> Float:
+    """Return a descent step of at most MAX_STEP in each logarithm; negative curvatures count by their magnitude."""
     sizes, directions = np.linalg.eigh(curvature)
     bends = np.maximum(np.abs(sizes), 1e-3 * max(float(np.abs(sizes).max()), 1e-12))
     step: Float = -directions @ ((directions.T @ slope) / bends)
-    return step * min(1.0, STEP / max(float(np.abs(step).max()), 1e-300))
+    return step * min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-300))
 
 
-def _searched(
-    prediction: Prediction, at: Float, here: Point, step: Float, lower: Float, upper: Float
+def _line_search(
+    prediction: Prediction, values: Float, point: Point, step: Float, lower: Float, upper: Float
 ) -> tuple[Float, Point] | None:
-    """The first of ever shorter steps that lowers the criterion."""
-    for halved in range(12):
-        there = np.clip(at + step / 2**halved, lower, upper)
-        point = prediction.at(there)
-        if point.value < here.value - 1e-4 * abs(float(here.slope @ (there - at))):
-            return there, point
+    """Halve the step until it lowers the criterion; None if none does."""
+    for halvings in range(12):
+        trial = np.clip(values + step / 2**halvings, lower, upper)
+        trial_point = prediction.at(trial)
+        if trial_point.value < point.value - 1e-4 * abs(float(point.slope @ (trial - values))):
+            return trial, trial_point
     return None

@@ -1,14 +1,13 @@
-"""How clearly a lag stands out among the others, in words.
+"""Estimation of the time shift of recorded channels: the shift with which the model fits the data best.
 
-The lag of a recorded channel, found by the fit: the shift with which the model meets the data best.
+First whole samples: a short fit at every lag within a window, starting from the values at the neighbouring lag; the
+best few are fitted again from the start values. A full scan is needed since a fit at one lag does not show in which
+direction a better one lies: with points in arbitrary order, values that fit a wrong lag fit no other. All fits are
+scored on the same samples, those that every lag leaves available.
 
-First whole samples: a fit at every lag within a window, each from the values of the neighbouring one; the best few are
-fitted again from the start. A fit at one lag does not tell which other lag is better: with points in any order, the
-values that suit a wrong lag suit no other. All fits are judged on the same samples, those that every lag leaves.
-
-Then the least cost at the neighbouring lags: the search goes on where a neighbour is better, and the vertex of the
-parabola through the best three gives the fraction. No recorded value is interpolated for that, since interpolation
-averages noise away and so favours lags between samples.
+Then the neighbouring lags: the search continues while a neighbour is better, and the vertex of the parabola through the
+best three costs gives the fraction of a sample. Recorded values are not interpolated for that, since interpolation
+averages noise and so favours lags between samples.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,16 +30,16 @@ from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["moved", "with_shifts_found"]
+__all__ = ["apply_shifts", "estimate_shifts"]
 
-CLEAR = 10.0  # likelihood ratio, as a difference of -2 log L, from which another lag is ruled out
-APART = 2.0  # samples from a lag in time, within which others must be about as good
-NEAR_END = 0.6  # samples
+MIN_LIKELIHOOD_RATIO = 10.0  # as a difference of -2 log L, from which another lag is ruled out
+NEIGHBOURHOOD = 2.0  # samples around a lag in time within which others are about as good
+EDGE_DISTANCE = 0.6  # samples
 
 WINDOW = 20  # samples to either side
-ROUNDS = 3  # scans of a lag, where there are several
-LIKELY = 3  # lags that are fitted again from the start
-NEAR = 0.05  # of a sample; a whole lag this close is taken
+ROUNDS = 3  # scans of each lag, if there are several
+CANDIDATES = 3  # lags that are fitted again from the start values
+WHOLE_LAG_TOLERANCE = 0.05  # of a sample
 ROUGH = SolverSettings(max_iterations=30, tolerance=1e-5, patience=2)
 SCAN = SolverSettings(max_iterations=5, tolerance=1e-2, patience=1)
 
@@ -49,10 +48,18 @@ Shifts = Mapping[str, Mapping[str, float]]  # by dataset and channel; s, for ste
 
 @dataclass(frozen=True)
 class Minimum:
-    """The lag of a channel, and the mean costs of fits at all lags of the window, in samples.
+    """The estimated lag of a channel, and the mean costs of the fits at all lags of the window.
 
-    `shift` is the lag in its `unit`: in s, for steady-state points in samples; `step` is that of a sample. So many
-    samples are `scored`.
+    Attributes:
+        channel: name of the channel.
+        dataset: name of its dataset.
+        shift: estimated shift in `unit`.
+        step: length of a sample in `unit`.
+        unit: s, or samples for steady-state data.
+        lag: estimated shift in samples.
+        most: half the width of the window in samples.
+        costs: mean cost by lag in samples.
+        scored: number of scored samples.
     """
 
     channel: str
@@ -67,64 +74,70 @@ class Minimum:
 
     @property
     def at_the_end(self) -> bool:
-        """Whether it lies at the end of the window."""
-        return abs(self.lag) > self.most - NEAR_END
+        """True if the lag is at the edge of the window."""
+        return abs(self.lag) > self.most - EDGE_DISTANCE
 
     @property
     def rival(self) -> float:
-        """The best of the other lags; of those in time, of the ones that are not its neighbours."""
-        near = 0.5 if self.unit == "samples" else APART
+        """The best of the other lags, without close neighbours in time."""
+        near = 0.5 if self.unit == "samples" else NEIGHBOURHOOD
         others = [lag for lag in self.costs if abs(lag - self.lag) > near] or list(self.costs)
         return min(others, key=lambda lag: self.costs[lag])
 
     @property
     def clear(self) -> bool:
-        """Whether the data rule out the rival, were all errors independent."""
+        """True if the data rule out the rival, assuming independent errors."""
         best, other = min(self.costs.values()), self.costs[self.rival]
         if not (np.isfinite(other) and best > 0):
             return not other <= best
-        return self.scored * float(np.log(other / best)) > CLEAR
+        return self.scored * float(np.log(other / best)) > MIN_LIKELIHOOD_RATIO
 
     def __str__(self) -> str:
         best, other = (float(np.sqrt(cost)) for cost in (min(self.costs.values()), self.costs[self.rival]))
-        where = f"{self.channel} in {self.dataset}"
+        name = f"{self.channel} in {self.dataset}"
         shift, rival = f"{self.shift:g} {self.unit}", f"{self.rival * self.step:g} {self.unit}"
+        errors = f"the error is {best:.4g} at {shift} and {other:.4g} at {rival}"
         if self.clear:
-            return f"The shift of {where}, {shift}, is clear: the error is {best:.4g} there, {other:.4g} at {rival}."
-        return (
-            f"The shift of {where} is not clear: the error is {best:.4g} at {shift} and {other:.4g} at {rival}. "
-            "Give it as a number."
-        )
+            return f"The estimated shift of {name} is {shift}: {errors}."
+        return f"The estimated shift of {name} is ambiguous: {errors}. Set it to a number."
 
 
-def sentence_on(minima: Sequence[Minimum]) -> str:
-    """Sentences on lags, those at the end of their window first."""
-    said = []
+def describe_shifts(minima: Sequence[Minimum]) -> str:
+    """Describe the estimated lags, those at the edge of their window first."""
+    sentences = []
     for most in sorted({m.most for m in minima if m.at_the_end}):
         names = ", ".join(f"{m.channel} in {m.dataset}" for m in minima if m.at_the_end and m.most == most)
-        said.append(
-            f"The shift of {names} reached the end of the window of {most} samples; shift it by a number first."
+        sentences.append(
+            f"The estimated shift of {names} is at the edge of the search window ({most} samples). "
+            "Set an approximate shift first."
         )
-    return " ".join([*said, *(str(m) for m in minima if not m.at_the_end)])
+    return " ".join([*sentences, *(str(m) for m in minima if not m.at_the_end)])
 
 
-def moved(problem: Problem, shifts: Shifts) -> Problem:
-    """The problem with channels of its datasets shifted."""
+def apply_shifts(problem: Problem, shifts: Shifts) -> Problem:
+    """Return the problem with channels of its datasets shifted by known times."""
     if not shifts:
         return problem
     datasets = tuple(shift_channels(data, shifts.get(data.name, {})) for data in problem.datasets)
     return replace(problem, datasets=datasets, unknown_shifts={})
 
 
-def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]], str]:
-    """The problem with the channels of `unknown_shifts` moved by their lags, these lags, and how clear they are.
+def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]], str]:
+    """Estimate the automatic shifts of a problem.
 
-    A lag is found for each training dataset that asks for it; a test dataset gets the median of these, so that it stays
-    unseen. Raises `InputError` where a channel plays no part in the problem, or only test data ask for it.
+    A shift is estimated for each training dataset that has it as automatic; test datasets get the median of these, so
+    that they remain unseen.
+
+    Returns:
+        The problem with the channels of `unknown_shifts` shifted; the shifts by dataset and channel in s, or in samples
+        for steady-state data; and sentences on how distinct they are.
+
+    Raises:
+        InputError: a channel is not used by the problem, or its shift is automatic in test data only.
     """
     sought = _checked(problem)
     search = _ShiftSearch(problem, sought)
-    lags = search.found()
+    lags = search.run()
     shifts: dict[str, dict[str, float]] = {}
     for at, lag in zip(sought, lags, strict=True):
         data = problem.datasets[at.dataset]
@@ -132,10 +145,10 @@ def with_shifts_found(problem: Problem) -> tuple[Problem, dict[str, dict[str, fl
     for data in problem.datasets:
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in shifts.get(data.name, {}):
-                known = [found[channel] for found in shifts.values() if channel in found]
+                known = [own[channel] for own in shifts.values() if channel in own]
                 shifts.setdefault(data.name, {})[channel] = float(np.median(known))
     minima = [search.minimum(i, lag, shifts) for i, lag in enumerate(lags)]
-    return moved(problem, shifts), shifts, sentence_on(minima)
+    return apply_shifts(problem, shifts), shifts, describe_shifts(minima)
 
 
 @dataclass(frozen=True)
@@ -147,7 +160,7 @@ class _Sought:
 
 
 def _checked(problem: Problem) -> list[_Sought]:
-    """The lags to be found on training data."""
+    """Return the channels whose lags are estimated on training data."""
     inputs = {problem.channels.get(name, name) for name in problem.model.graph.inputs}
     targets = {c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.name}
     used, findings, sought = inputs | targets, _same_names(problem), []
@@ -159,29 +172,33 @@ def _checked(problem: Problem) -> list[_Sought]:
                 findings.append(Finding(f"shift of dataset {data.name}", message, remedy))
             elif data.use == "training" and data.weight > 0:
                 sought.append(_Sought(number, channel))
-    found = {at.channel for at in sought}
+    estimated = {at.channel for at in sought}
     for data in problem.datasets:
         for channel in problem.unknown_shifts.get(data.name, ()):
-            if channel not in found and channel in used and channel in data:
-                message = f"the shift of {channel} is found on training data, and none asks for it"
-                findings.append(Finding(f"shift of dataset {data.name}", message, "Give a number."))
+            if channel not in estimated and channel in used and channel in data:
+                message = f'shift = "auto" for {channel} must be set on a training dataset'
+                findings.append(Finding(f"shift of dataset {data.name}", message, "Set it there, or use a number."))
     if findings:
         raise InputError(list(dict.fromkeys(findings)))
     return sought
 
 
 def _same_names(problem: Problem) -> list[Finding]:
-    """Training datasets whose shifts could not be told apart."""
+    """Return findings on training datasets of one name whose shifts could not be distinguished."""
     names = [d.name for d in problem.datasets if d.use == "training" and problem.unknown_shifts.get(d.name)]
     return [
-        Finding(f"dataset {name}", f"{names.count(name)} of them are to find a shift", "Give each a name of its own.")
+        Finding(
+            f"dataset {name}",
+            f"{names.count(name)} training datasets of this name have an automatic shift",
+            "Give each dataset a unique name.",
+        )
         for name in dict.fromkeys(names)
         if names.count(name) > 1
     ]
 
 
 class _ShiftSearch:
-    """The search for all lags, in samples; one after the other, again where another one has changed."""
+    """Searches for all lags in samples: one after the other, repeated if another one has changed."""
 
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
@@ -193,14 +210,15 @@ class _ShiftSearch:
         self.begin = self._begin()
 
     def _begin(self) -> ParameterSet:
-        """The start, moved off a saddle."""
+        """Return the start values, moved off a saddle point."""
         limits = linear_limits(self.problem, self.compiled.values)
         objective = LeastSquaresObjective(self.compiled)
-        kept, _ = project(objective.start, limits)
-        off = None if kept is None else departure(self.compiled, kept, limits)
+        projected, _ = project(objective.start, limits)
+        off = None if projected is None else departure(self.compiled, projected, limits)
         return self.problem.parameters if off is None else self._parameters(off.values, self.problem.parameters)
 
-    def found(self) -> list[float]:
+    def run(self) -> list[float]:
+        """Return the lags of all channels."""
         lags = [0.0] * len(self.sought)
         for _ in range(ROUNDS):
             before = list(lags)
@@ -209,21 +227,21 @@ class _ShiftSearch:
             if lags == before or len(lags) == 1:
                 break
         for i in range(len(lags)):
-            lags = self._climbed(i, lags)
+            lags = self._descend(i, lags)
         return [self._vertex(i, lags) for i in range(len(lags))]
 
     def _best(self, which: int, lags: Sequence[float]) -> list[float]:
-        """The lags with one of them at the best place within the window."""
+        """Return the lags with one of them at its best within the window."""
         costs = self._scan(which, lags)
         self.scans[which] = costs
-        likely = sorted(costs, key=lambda lag: (costs[lag], abs(lag)))[:LIKELY]
-        for lag in likely:
+        candidates = sorted(costs, key=lambda lag: (costs[lag], abs(lag)))[:CANDIDATES]
+        for lag in candidates:
             trial = _at(lags, which, lag)
             costs[lag] = min(costs[lag], self._fit(trial, self.begin, ROUGH)[0])
-        return _at(lags, which, min(likely, key=lambda lag: (costs[lag], abs(lag))))
+        return _at(lags, which, min(candidates, key=lambda lag: (costs[lag], abs(lag))))
 
     def _scan(self, which: int, lags: Sequence[float]) -> dict[float, float]:
-        """The cost of a fit at every whole lag of the window, from where the search is outwards."""
+        """Return the cost of a fit at every whole lag of the window, from the current lag outwards."""
         here, most = round(lags[which]), self.most[which]
         cost, parameters = self._fitted(_at(lags, which, here), self.begin, SCAN)
         costs = {float(here): cost}
@@ -233,8 +251,8 @@ class _ShiftSearch:
                 costs[float(lag)], near = self._fitted(_at(lags, which, lag), near, SCAN)
         return costs
 
-    def _climbed(self, which: int, lags: list[float]) -> list[float]:
-        """The lags with one of them moved to where no neighbour allows a better fit."""
+    def _descend(self, which: int, lags: list[float]) -> list[float]:
+        """Return the lags with one of them moved until no neighbour gives a better fit."""
         parameters = self._fitted(lags, self.begin, ROUGH)[1]
         for _ in range(WINDOW):
             sides = [_at(lags, which, lags[which] + step) for step in (-1.0, 1.0)]
@@ -246,7 +264,7 @@ class _ShiftSearch:
         return lags
 
     def _vertex(self, which: int, lags: list[float]) -> float:
-        """The vertex of the parabola through the costs at a lag and its neighbours; whole lags without time."""
+        """Return the vertex of the parabola through the costs at a lag and its neighbours; whole lags without time."""
         if self.problem.datasets[self.sought[which].dataset].time is None:
             return lags[which]
         parameters = self._fitted(lags, self.begin, ROUGH)[1]
@@ -254,10 +272,10 @@ class _ShiftSearch:
         before, here, after = (self._fitted(at, parameters, ROUGH)[0] for at in near)
         bend = before - 2 * here + after
         fraction = float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
-        return lags[which] + (fraction if abs(fraction) > NEAR else 0.0)
+        return lags[which] + (fraction if abs(fraction) > WHOLE_LAG_TOLERANCE else 0.0)
 
     def minimum(self, which: int, lag: float, shifts: Shifts) -> Minimum:
-        """What the scan says of a lag that was found."""
+        """Return the minimum of the scan of a channel."""
         at = self.sought[which]
         data = self.problem.datasets[at.dataset]
         shift = shifts[data.name][at.channel]
@@ -277,7 +295,7 @@ class _ShiftSearch:
     def _fitted(
         self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings
     ) -> tuple[float, ParameterSet]:
-        """The mean cost of a short fit, and its values; each set of lags is fitted once with each settings."""
+        """Return the mean cost and the values of a short fit, from a cache by settings and lags."""
         key = settings, tuple(lags)
         if key not in self.fits:
             self.fits[key] = self._fit(lags, start, settings)
@@ -300,26 +318,26 @@ class _ShiftSearch:
         return self.compiled.values.unpack(full, start)
 
     def _data(self, lags: Sequence[float]) -> tuple[Dataset, ...]:
-        """The datasets with their channels moved; only samples are scored that every lag of the window leaves."""
+        """Return the datasets with shifted channels; only samples that every lag leaves available are scored."""
         data = list(self.problem.datasets)
         for at, lag, most in zip(self.sought, lags, self.most, strict=True):
             own = data[at.dataset]
-            data[at.dataset] = _inner(shift_channels(own, {at.channel: lag * _step(own)}), most)
+            data[at.dataset] = _without_ends(shift_channels(own, {at.channel: lag * _step(own)}), most)
         return tuple(data)
 
 
 def _widest(data: Dataset) -> int:
-    """How many samples to either side a lag is sought."""
+    """Return the half width of the search window in samples."""
     longest = int(np.diff([*data.starts, data.samples]).max())
     return min(WINDOW, max(longest // 4, 1))
 
 
-def _inner(data: Dataset, margin: int) -> Dataset:
-    """The dataset with the ends of its pieces not scored; at least half of each piece is."""
+def _without_ends(data: Dataset, margin: int) -> Dataset:
+    """Exclude the ends of the pieces of a dataset from scoring, at most half of each piece."""
     inside = np.zeros(data.samples, dtype=bool)
     for piece in data.pieces:
-        left_out = min(margin, (piece.stop - piece.start) // 4)
-        inside[piece.start + left_out : piece.stop - left_out] = True
+        excluded = min(margin, (piece.stop - piece.start) // 4)
+        inside[piece.start + excluded : piece.stop - excluded] = True
     return replace(data, scored=inside if data.scored is None else inside & data.scored)
 
 
@@ -328,12 +346,12 @@ def _at(lags: Sequence[float], which: int, lag: float) -> list[float]:
 
 
 def _step(data: Dataset) -> float:
-    """S from sample to sample; 1 for steady-state data, which count in samples."""
+    """Return the sample time in s; 1 for steady-state data, which count in samples."""
     if data.time is None or data.samples < 2:
         return 1.0
     return float(np.median(np.delete(np.diff(data.time), data.starts[1:] - 1)))
 
 
 def _tidy(seconds: float) -> float:
-    """Without the noise of the last digits."""
+    """Round off the noise of the last digits."""
     return float(f"{seconds:.6g}") + 0.0

@@ -1,4 +1,4 @@
-"""Ready projects with their data, for a first look."""
+"""Example projects with generated data."""
 
 from kennfeld.project.demo.writing import NAMES, closing, prepare, projects, write
 

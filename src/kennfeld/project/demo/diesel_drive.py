@@ -1,4 +1,4 @@
-"""A drive: what the road and the traffic ask for, and a car with a driver that follows.
+"""A simulated drive: desired velocities on several roads, and a diesel car with a driver that follows them.
 
 The car is a mass with rolling resistance, drag and slope (L. Guzzella, A. Sciarretta: Vehicle Propulsion Systems,
 chapter 2). The driver closes the gap between actual and wanted speed in some seconds, as hard as his temper and the
@@ -49,19 +49,19 @@ PARTS = (
 
 
 def drag(speed: Float) -> Float:
-    """Friction, pumping and auxiliaries in Nm at `speed` in rpm."""
+    """Return the torque of friction, pumping and auxiliaries in Nm at `speed` in rpm."""
     result: Float = 16.0 + 4.5 * (speed / 1000) + 0.75 * (speed / 1000) ** 2
     return result
 
 
 def full_load(speed: Float) -> Float:
-    """Greatest injection quantity in mg/stk at `speed` in rpm: what the air allows without smoke."""
+    """Return the maximum injection quantity in mg/stk at `speed` in rpm, limited by smoke."""
     result: Float = 53.0 * np.exp(-(((speed - 2400.0) / 2700.0) ** 2)) * (1 - 0.5 * np.exp(-(speed - 700.0) / 450.0))
     return result
 
 
 def stroke_air(speed: Float, fuel: Float) -> Float:
-    """Air in mg/stk in a cylinder once the turbine has run up: filling, boost, and what recirculated gas displaces."""
+    """Return the steady-state air mass in mg/stk: filling, boost, less recirculated gas."""
     filling = 0.9 - 0.14 * ((speed - 2300.0) / 2300.0) ** 2
     boost = 1 + 1.25 * np.tanh(fuel / 38.0) / (1 + np.exp(-(speed - 1700.0) / 420.0))
     recirculated = 0.36 / (1 + np.exp((fuel - 19.0) / 4.0)) / (1 + np.exp((speed - 2700.0) / 350.0))
@@ -70,19 +70,19 @@ def stroke_air(speed: Float, fuel: Float) -> Float:
 
 
 def air_flow(speed: Float, air: Float) -> Float:
-    """Air mass flow in kg/h of `air` in mg/stk at `speed` in rpm."""
+    """Return the air mass flow in kg/h of `air` in mg/stk at `speed` in rpm."""
     result: Float = air * STROKES * speed * 60e-6
     return result
 
 
 def turbo_lag(speed: Float) -> Float:
-    """Time constant in s with which turbine and recirculation follow."""
+    """Return the time constant in s of turbine and recirculation."""
     result: Float = 0.25 + 1.1 * np.exp(-(speed - 800.0) / 900.0)
     return result
 
 
 def settled_temperature(speed: Float, fuel: Float) -> Float:
-    """Exhaust gas temperature in degC that constant `speed` in rpm and `fuel` in mg/stk lead to.
+    """Return the steady-state exhaust gas temperature in degC at `speed` in rpm and `fuel` in mg/stk.
 
     Of the fuel's heat one part leaves with the gas; the port and the pipe take a share of it that falls with the flow.
     """
@@ -96,13 +96,13 @@ def settled_temperature(speed: Float, fuel: Float) -> Float:
 
 
 def lag(flow: Float) -> Float:
-    """Time constant in s of pipe and sensor in an air mass flow in kg/h: heat transfer grows with flow^0.8."""
+    """Return the time constant in s of pipe and sensor; heat transfer grows with `flow`^0.8, in kg/h."""
     result: Float = 1.2 + 20.0 * (flow / 50.0) ** -0.8
     return result
 
 
 def drive(samples: int, seed: int) -> tuple[Float, Float, Float]:
-    """Time in s, engine speed in rpm and injection quantity in mg/stk of a drive of so many samples.
+    """Simulate a drive; return time in s, engine speed in rpm and injection quantity in mg/stk, each Float[samples].
 
     It goes through town, country and along a motorway, in turns.
     """
@@ -124,7 +124,7 @@ def drive(samples: int, seed: int) -> tuple[Float, Float, Float]:
 
 
 def _wishes(rng: np.random.Generator, samples: int) -> tuple[Float, Float]:
-    """The wanted velocity in m/s, and how hard the driver goes for it: 0 is gentle, 1 is all the engine gives."""
+    """Return the desired velocity in m/s, and the effort of the driver from 0 (gentle) to 1 (full load)."""
     wanted, temper = np.zeros(samples), np.zeros(samples)
     at, part, left = int(12 / STEP), 0, PARTS[0][3]
     while at < samples:
@@ -142,11 +142,11 @@ def _wishes(rng: np.random.Generator, samples: int) -> tuple[Float, Float]:
 
 
 def _waves(rng: np.random.Generator, time: Float, waves: Sequence[tuple[float, float]]) -> Float:
-    """A sum of slow waves of about these periods in s and heights: the road's slope, say."""
-    found = np.zeros(time.size)
+    """Return a sum of slow waves of about these periods in s and amplitudes, such as the slope of the road."""
+    total = np.zeros(time.size)
     for period, height in waves:
-        found += height * np.sin(2 * np.pi * time / (period * rng.uniform(0.8, 1.25)) + rng.uniform(0, 2 * np.pi))
-    return found
+        total += height * np.sin(2 * np.pi * time / (period * rng.uniform(0.8, 1.25)) + rng.uniform(0, 2 * np.pi))
+    return total
 
 
 class _Car:
@@ -170,7 +170,7 @@ class _Car:
         too_fast: float,
         too_slow: float,
     ) -> tuple[float, float]:
-        """Engine speed in rpm and injection quantity in mg/stk after the next `STEP`.
+        """Return engine speed in rpm and injection quantity in mg/stk after the next `STEP`.
 
         The driver wants the velocity `wish` in m/s and closes a share `eagerness` of the gap in a second, within the
         accelerations `hardest` and `strongest` in m/s^2; he shifts up above `too_fast` rpm, and at full load down below
@@ -199,7 +199,7 @@ class _Car:
         return self._moved(self.acceleration - missing / INERTIA, max(target, IDLE_SPEED), fuel, most)
 
     def _open(self, turning: float, losses: float, most: float, resistance: float) -> tuple[float, float]:
-        """The clutch is open: the governor holds the idle speed, or meets the speed of the next gear."""
+        """Return speed and fuel with the clutch open: the governor holds idle speed or matches the next gear."""
         target = max(IDLE_SPEED, turning) if self.shifting else IDLE_SPEED
         self.shifting = max(self.shifting - 1, 0)
         fuel = losses / TORQUE_PER_FUEL * (1.0 + 0.004 * (target - self.speed))

@@ -32,17 +32,17 @@ BOUNDS = {"MapSettled": (0.0, 1200.0), "CurveTimeConstant": (0.1, 100.0)}
 
 
 def training(seed: int = 0) -> Dataset:
-    """44 minutes at 10 Hz through town, country and along a motorway."""
+    """Return a drive of 44 minutes at 10 Hz: urban, rural and motorway."""
     return _recorded("drive", SAMPLES, seed, "training")
 
 
 def another(seed: int = 1) -> Dataset:
-    """20 minutes of another drive, which no fit has seen."""
+    """Return another drive of 20 minutes, for tests."""
     return _recorded("another", FEWER, seed, "test")
 
 
 def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
-    """What the control unit sees of a drive: channels as coarse as its bus, and a thermometer with noise."""
+    """Return a drive as recorded: channels with the resolution of the bus, temperature with noise."""
     time, speed, fuel = drive(samples, seed)
     settled = diesel_drive.stroke_air(speed, fuel)
     air = _lagged(settled, diesel_drive.turbo_lag(speed))
@@ -59,15 +59,15 @@ def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
 
 
 def _lagged(values: Float, constant: Float) -> Float:
-    """A first-order lag with a time constant in s that changes, from rest; exact for inputs held over a step."""
+    """Return a first-order lag with a variable time constant in s, from rest; exact for inputs held over a step."""
     share = -np.expm1(-STEP / constant)
     y = float(values[0])
-    found = [y := y + part * (x - y) for x, part in zip(values.tolist(), share.tolist(), strict=True)]
-    return np.array(found)
+    lagged = [y := y + part * (x - y) for x, part in zip(values.tolist(), share.tolist(), strict=True)]
+    return np.array(lagged)
 
 
 def start() -> ParameterSet:
-    """A calibration that knows nothing: one temperature everywhere, and one time constant."""
+    """Return an uninformed calibration: constant temperature and time constant."""
     speed = Axis(np.linspace(*SPEED, 12), input="Speed", unit="rpm")
     injection = Axis(np.linspace(*INJECTION, 12), input="Injection", unit="mg/stk")
     air = Axis(np.array(AIR_MASS), input="AirMass", unit="kg/h")

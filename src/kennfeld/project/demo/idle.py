@@ -1,4 +1,4 @@
-"""The idle speed governor of the paper: its gains, found on an engine that was learnt from recordings."""
+"""The idle speed governor of the paper: its gains are fitted with an engine model trained on recordings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +45,7 @@ overshoot[rpm] = direction * (n - n_set)
 
 
 def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Dataset:
-    """The engine on a bench: throttle and load jump at random, the speed is recorded with noise."""
+    """Simulate an engine on a bench: throttle and load change in random steps, the speed is recorded with noise."""
     rng, samples = np.random.default_rng(seed), round(60 * minutes / STEP)
     throttle, load = random_steps(rng, samples, THROTTLE, 10, 100), random_steps(rng, samples, LOAD, 50, 300)
     throttle, load = throttle.round(2), load.round(1)
@@ -59,7 +59,7 @@ def recording(name: str, minutes: float, seed: int, use: Use = "training") -> Da
 
 
 def set_values() -> Dataset:
-    """What the governor shall follow; the load changes with the set value."""
+    """Return the set values of the speed; the load changes with them."""
     each = round(6.0 / STEP)
     wanted, load = np.repeat(SET_VALUES, each), np.repeat(LOADS, each)
     return Dataset(
@@ -72,7 +72,7 @@ def _time(samples: int) -> Float:
 
 
 def start() -> ParameterSet:
-    """No governor at all."""
+    """Return the initial gains, 0."""
     return ParameterSet(
         [
             Scalar("Kp", 0.0, unit="deg/rpm", description="proportional gain"),
@@ -97,7 +97,7 @@ FILES = {
 
 
 def prepare(folder: Path, report: Callable[[str], None]) -> None:
-    """Train the engine from its recordings, where that is not done yet."""
+    """Train the engine on its recordings, unless that is done already."""
     target = folder / "engine.json"
     if target.exists():
         return
@@ -105,25 +105,25 @@ def prepare(folder: Path, report: Callable[[str], None]) -> None:
     from kennfeld.surrogate import write_surrogate
 
     report("An engine model from recordings (kennfeld surrogate train engine.toml):")
-    made = read_training(folder / "engine.toml").train()
-    write_surrogate(made, target)
-    report("\n".join(f"  {line}" for line in made.quality))
+    surrogate = read_training(folder / "engine.toml").train()
+    write_surrogate(surrogate, target)
+    report("\n".join(f"  {line}" for line in surrogate.quality))
     report("")
 
 
 def closing(folder: Path) -> list[list[str]]:
-    """What the gains do on the physical engine, which no calibration saw."""
+    """Return the quality of the gains on the physical engine, which no calibration has used."""
     rows = [["on the physical engine", "Kp", "Ki", "RMSE, rpm", "overshoot, rpm"]]
     for name, (_, results) in zip(("kennfeld.toml", "limited.toml"), PROJECTS, strict=True):
-        found = read_parameters(folder / results / "parameters.json")
-        kp, ki = (float(found[gain].values) for gain in ("Kp", "Ki"))
+        parameters = read_parameters(folder / results / "parameters.json")
+        kp, ki = (float(parameters[gain].values) for gain in ("Kp", "Ki"))
         miss, over = on_the_engine(kp, ki)
         rows.append([name, f"{kp:.4f}", f"{ki:.5f}", f"{np.sqrt(np.mean(miss**2)):.1f}", f"{over.max():.1f}"])
     return rows
 
 
 def on_the_engine(kp: float, ki: float) -> tuple[Float, Float]:
-    """The governor at work on the physical engine: set value less speed, and overshoot, each in rpm a sample."""
+    """Return control error and overshoot on the physical engine in rpm, both Float[samples]."""
     data = set_values()
     wanted, held = data["n_set"].values, REST
 

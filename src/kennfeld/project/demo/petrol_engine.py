@@ -1,6 +1,4 @@
-"""A published engine: the torque polynomial of Crossley and Cook (1991), as given in the Modelica Standard Library.
-
-A published engine at idle, simulated: throttle and load in, engine speed out.
+"""A published petrol engine: its torque polynomial, and a simulation at idle from throttle and load to speed.
 
 P. R. Crossley, J. A. Cook: A nonlinear engine model for drivetrain system development, IEE Conference Control 1991,
 with the values of the Modelica Standard Library (Modelica.Clocked.Examples.Systems.EngineThrottleControl, BSD-3).
@@ -34,7 +32,7 @@ Throttle = Callable[[int, float], float]  # its angle from the number of a sampl
 
 
 def torque(speed: Float, air: Float, spark: Float) -> Float:
-    """Torque in Nm at `speed` in rpm, relative air mass `air` in % and `spark` advance in degrees.
+    """Return the torque in Nm at `speed` in rpm, relative air mass `air` in % and `spark` advance in degrees.
 
     P. R. Crossley, J. A. Cook: A nonlinear engine model for drivetrain system development, IEE Conference Control 1991.
     """
@@ -42,27 +40,27 @@ def torque(speed: Float, air: Float, spark: Float) -> Float:
 
 
 def torque_of_charge(n: Number, charge: Number, spark: Number) -> Number:
-    """The same at `n` in rad/s and a `charge` of air in g."""
+    """Return the torque in Nm at `n` in rad/s and a `charge` of air in g."""
     mixture = 21.91 * AIR_FUEL_RATIO - 0.85 * AIR_FUEL_RATIO**2
     timing = spark * (0.26 + 0.00048 * n + 2.55 * charge) - spark**2 * (0.0028 + 0.05 * charge)
     return -181.3 + 379.36 * charge + mixture + timing + 0.027 * n - 0.000107 * n**2
 
 
 def best_spark(speed: Float, air: Float) -> Float:
-    """Spark advance in degrees at which the torque is greatest."""
+    """Return the spark advance in degrees with maximum torque."""
     n, charge = speed * (np.pi / 30), air * (FULL_CHARGE / 100)
     result: Float = (0.26 + 0.00048 * n + 2.55 * charge) / (2 * (0.0028 + 0.05 * charge))
     return result
 
 
 def drag(speed: Float) -> Float:
-    """Torque in Nm that turns the engine at `speed` in rpm while nothing burns in it: no charge, so no spark."""
+    """Return the torque in Nm to turn the engine at `speed` in rpm without combustion."""
     result: Float = -torque_of_charge(speed * (np.pi / 30), np.zeros_like(speed), np.zeros_like(speed))
     return result
 
 
 def efficiency(speed: Float, air: Float, distance: Float) -> Float:
-    """Share of the inner torque, torque plus drag, that is left at a `distance` in degrees from the best spark."""
+    """Return the inner torque (torque plus drag) at a `distance` in degrees from the best spark, over its maximum."""
     best = best_spark(speed, air)
     inner = torque(speed, air, best - distance) + drag(speed)
     result: Float = inner / (torque(speed, air, best) + drag(speed))
@@ -70,7 +68,7 @@ def efficiency(speed: Float, air: Float, distance: Float) -> Float:
 
 
 def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: float = 5e-4) -> Float:
-    """Engine speed in rpm at each sample, Float[samples].
+    """Simulate the engine; return its speed in rpm, Float[samples].
 
     `throttle` in degrees, which a governor may find, and `load` in Nm, Float[samples], are held over a `step` in s. The
     manifold and the crank are integrated by Euler steps of about `fine` s; the charge drawn in over 180 degrees of
@@ -82,10 +80,10 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
     speed, pressure = START_SPEED, START_PRESSURE
     charge = collected = START_CHARGE
     drawn, angle = 0.0, 0.0
-    made = np.empty(len(load))
+    speeds = np.empty(len(load))
     for k, brake in enumerate(load.tolist()):
-        made[k] = speed * RPM
-        angle_of_plate = governor(k, made[k])
+        speeds[k] = speed * RPM
+        angle_of_plate = governor(k, speeds[k])
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
             out = _pumped(speed, pressure)
@@ -97,7 +95,7 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
             if angle >= np.pi:
                 angle -= np.pi
                 charge, collected, drawn = collected, drawn, 0.0
-    return made
+    return speeds
 
 
 def _recorded(throttle: Float) -> Throttle:
@@ -106,20 +104,20 @@ def _recorded(throttle: Float) -> Throttle:
 
 
 def _sucked(pressure: float) -> float:
-    """How much of the flow at critical pressure passes the throttle; 1 bar ahead of it."""
+    """Return the flow through the throttle relative to critical flow, at an inlet pressure of 1 bar."""
     if pressure <= 0.5:
         return 1.0
     return 2 * math.sqrt(max(pressure - pressure**2, 0.0))
 
 
 def _pumped(speed: float, pressure: float) -> float:
-    """Air from the manifold into the cylinders in g/s."""
+    """Return the air flow from the manifold into the cylinders in g/s."""
     return -0.366 + 0.08979 * speed * pressure - 0.0337 * speed * pressure**2 + 0.0001 * speed**2 * pressure
 
 
 def random_steps(
     rng: np.random.Generator, samples: int, range_: tuple[float, float], shortest: int, longest: int
 ) -> Float:
-    """A signal that jumps to a random value within a range and stays there for a random number of samples."""
+    """Return a signal with steps to random values within a range, of random lengths in samples."""
     lengths = rng.integers(shortest, longest, size=samples // shortest + 1, endpoint=True)
     return np.repeat(rng.uniform(*range_, size=lengths.size), lengths)[:samples]

@@ -1,7 +1,7 @@
 """The engine torque problem of the paper, on data from a published engine with known noise.
 
-Points under load alone do not tell the drag from the inner torque. The demo therefore has a few motored points as well;
-`load-only.toml` beside it is the problem of the paper, without them.
+Points under load cannot distinguish drag from inner torque. The demo therefore includes a few motored points;
+`load-only.toml` is the problem of the paper, without them.
 """
 
 from pathlib import Path
@@ -52,7 +52,7 @@ PIN = ("CurveEtaDeltaSpark", (0.0,), 1.0)  # at the best ignition nothing is los
 
 
 def bench(seed: int = 0) -> Dataset:
-    """2812 points of a test bench: full factorial over speed, relative air mass and ignition, as recorded.
+    """Return 2812 points of a test bench: full factorial over speed, relative air mass and ignition, as recorded.
 
     A bench meets its set points nearly, not exactly. That matters: with four exact levels of ignition a constant map
     of the best ignition would turn the efficiency curve into a list of four unrelated numbers, which fits and is wrong.
@@ -68,14 +68,14 @@ def bench(seed: int = 0) -> Dataset:
 
 
 def fresh(count: int = 1000, seed: int = 1) -> Dataset:
-    """Points drawn evenly from the same range, which no fit has seen."""
+    """Return points with uniform distribution in the same range, for tests."""
     rng = np.random.default_rng(seed + 1_000_000)
     points = [rng.uniform(*span, count).round(1) for span in (SPEED, AIR, IGNITION)]
     return _measured("fresh", *points, seed=seed, use="test")
 
 
 def motored(seed: int = 0) -> Dataset:
-    """27 points with the fuel cut: the machine of the bench turns the engine, and measures the torque that it takes."""
+    """Return 27 points with the fuel cut: the bench turns the engine and measures the required torque."""
     rng = np.random.default_rng(seed + 3_000_000)
     levels = [np.linspace(*span, count) for span, count in zip((SPEED, AIR), MOTORED, strict=True)]
     speed, air = (
@@ -103,7 +103,7 @@ def _measured(name: str, speed: Float, air: Float, ignition: Float, *, seed: int
 
 
 def start() -> ParameterSet:
-    """A calibration as bad as the paper's: constant maps, and an efficiency that hardly falls."""
+    """Return the initial calibration of the paper: constant maps, and an almost constant efficiency."""
     eta = Axis(np.linspace(-15.0, 40.0, 12), input="deltaSpark", unit="deg")
     return ParameterSet(
         [
@@ -130,7 +130,7 @@ def _constant(name: str, shape: tuple[int, int], value: float, unit: str, descri
 
 
 def load_only() -> str:
-    """The project without the motored points."""
+    """Return the project file without the motored points."""
     return Path(__file__).with_name("torque_load_only.toml").read_text(encoding="utf-8")
 
 

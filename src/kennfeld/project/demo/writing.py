@@ -1,4 +1,4 @@
-"""Puts a demo project into a folder."""
+"""Writes a demo project into a folder."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -14,73 +14,72 @@ from kennfeld.parameter_set import ParameterSet
 
 __all__ = ["NAMES", "closing", "prepare", "projects", "write"]
 
-NAMES = ("torque", "exhaust", "idle")  # each a module beside this one, with its project file
+NAMES = ("torque", "exhaust", "idle")  # each a module of this package, with its project file
 PROJECT = "kennfeld.toml"
 
 
 def write(name: str, folder: str | Path) -> Path:
-    """Write the demo of that name into a folder and give the path of its project file.
+    """Write a demo into a folder and return the path of its project file.
 
-    A folder that holds the demo already is taken as it is, with all that was changed in it; only missing files are
-    added. Raises `InputError` for an unknown demo, for a folder that holds something else, and where nothing can be
-    written.
+    If the folder contains the demo already, only missing files are added; changed files are kept. Raises `InputError`
+    if the demo is unknown, or if the folder has other contents or cannot be written.
     """
     if name not in NAMES:
         remedy = nearest(name, NAMES) or f"The demos are: {', '.join(NAMES)}."
-        raise InputError.of("demo", f"there is no demo {name}", remedy)
+        raise InputError.of("demo", f"unknown demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
     try:
         _claim(target, settings.partition("\n")[0])
         _complete(target, name, settings)
     except OSError as error:
-        message = f"the demo cannot be written here: {error.strerror or error}"
+        message = f"the demo cannot be written: {error.strerror or error}"
         raise InputError.of(str(target), message, "Name another folder with --dir.") from None
     return target / PROJECT
 
 
 def projects(name: str) -> tuple[tuple[str, str], ...]:
-    """The project files of a demo in their order, each with the folder of its results."""
+    """Return the project files of a demo in order, each with the folder of its results."""
     return tuple(getattr(_module(name), "PROJECTS", ((PROJECT, "results"),)))
 
 
 def prepare(name: str, folder: Path, report: Callable[[str], None]) -> None:
-    """What has to be made before the first project can run; `report` hears of it."""
+    """Create what the first project needs; `report` receives lines on progress."""
     make = getattr(_module(name), "prepare", None)
     if make is not None:
         make(folder, report)
 
 
 def closing(name: str, folder: Path) -> list[list[str]]:
-    """A table of what the truth behind the data says of the results; of one cell, where a sentence does."""
+    """Return a table that compares the results with the truth behind the data; one cell for a sentence."""
     demo = _module(name)
     if hasattr(demo, "closing"):
         return list(demo.closing(folder))
-    return [[f"The sensor's noise is {demo.NOISE} {demo.UNIT}: on points it never saw, no model can come below that."]]
+    return [[f"The noise of the sensor is {demo.NOISE} {demo.UNIT}, a lower bound of the RMSE on unseen points."]]
 
 
 def _module(name: str) -> Any:
-    """What a demo is made of: `FILES` says for each file what makes its content, a text, a dataset or a parameter set.
+    """Import a demo: `FILES` has a function for each file that returns a text, a dataset or a parameter set.
 
-    `NOISE` and `UNIT` are those of its sensor. A demo of several projects has `PROJECTS`, and may `prepare` something
-    for them and have a `closing` of its own.
+    `NOISE` and `UNIT` are those of its sensor. A demo with several projects has `PROJECTS`, and optionally functions
+    `prepare` and `closing`.
     """
     return import_module(f"kennfeld.project.demo.{name}")
 
 
 def _claim(folder: Path, first_line: str) -> None:
-    """Make the folder; refuse one that holds anything but this demo."""
+    """Create the folder; refuse one with other contents than this demo."""
     folder.mkdir(parents=True, exist_ok=True)
     if not any(folder.iterdir()):
         return
     project = folder / PROJECT
     if not (project.is_file() and project.read_bytes().startswith(first_line.encode())):
-        message = "the folder is not empty, and what it holds is not this demo"
+        message = "the folder is not empty and does not contain this demo"
         raise InputError.of(str(folder), message, "Name another folder with --dir.")
 
 
 def _complete(folder: Path, name: str, settings: str) -> None:
-    """Write the files that are not there yet, each whole or not at all; the one that claims the folder comes first."""
+    """Write missing files, each completely or not at all; the project file, which identifies the demo, comes first."""
     contents = {PROJECT: lambda: settings} | _module(name).FILES
     for file, content in contents.items():
         if not (folder / file).exists():
@@ -95,7 +94,7 @@ def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
 
 
 def _csv(data: Dataset) -> str:
-    """Time, if any, and the channels of a dataset: a row of names, a row of units, a row a sample."""
+    """Return a dataset as CSV: a row of names, a row of units, a row per sample."""
     time = () if data.time is None else (Channel("time", data.time, "s"),)
     columns = (*time, *data.channels)
     heads = [",".join(c.name for c in columns), ",".join(c.unit for c in columns)]

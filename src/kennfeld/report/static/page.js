@@ -13,7 +13,7 @@
       host.dataset.drawn = "yes";
     } catch (error) {
       host.dataset.failed = error.stack;
-      host.textContent = `This picture could not be drawn: ${error.message}`;
+      host.textContent = `This figure could not be drawn: ${error.message}`;
     }
   };
   const hosts = [...document.querySelectorAll("[data-figure]")];

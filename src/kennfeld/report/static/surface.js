@@ -30,7 +30,7 @@ class Surface {
     };
     const entries = this.spec.before === null ? [] : [entry("before", "before", COLOUR.before)];
     entries.push(entry("after", this.spec.before === null ? "value" : "after", css(HEIGHTS[2])));
-    return make("div", { class: "legend" }, ...entries, make("span", { class: "hint" }, "drag to turn, double-click to turn back"));
+    return make("div", { class: "legend" }, ...entries, make("span", { class: "hint" }, "drag to rotate, double-click to reset"));
   }
 
   set(before, after, empty) {

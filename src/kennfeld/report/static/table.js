@@ -25,8 +25,8 @@ DRAW.parameter = (host, f) => {
     if (changed) lines.push([`before ${say(before, 6)}, change ${say(after - before, 4)}`]);
     if (f.deviation) lines.push([deviationText(f.deviation[at])]);
     if (f.samples) lines.push([f.samples[at] ? `${f.samples[at]} training samples` : "no training data"]);
-    if (f.bySmoothness && f.bySmoothness[at]) lines.push(["held by smoothness alone"]);
-    if (f.informed && !f.informed[at]) lines.push(["held by nothing: the start was kept"]);
+    if (f.bySmoothness && f.bySmoothness[at]) lines.push(["determined by smoothness alone"]);
+    if (f.informed && !f.informed[at]) lines.push(["undetermined: start kept"]);
     if (f.locked[at]) lines.push(["locked"]);
     if (f.bound[at]) lines.push([f.bound[at] > 0 ? "at the upper bound" : "at the lower bound"]);
     return lines;
@@ -62,7 +62,7 @@ DRAW.parameter = (host, f) => {
 function deviationText(value) {
   if (value === null) return "standard deviation: not known";
   if (value === -1) return "standard deviation: not determined";
-  return value === 0 ? "standard deviation 0: held by a limit" : `standard deviation ${say(value, 3)}`;
+  return value === 0 ? "standard deviation 0: fixed by a limit" : `standard deviation ${say(value, 3)}`;
 }
 
 function sliders(further, state, changed) {
@@ -204,7 +204,7 @@ function marks(f) {
   const entry = (names, text) => make("span", {}, make("i", { class: `sample ${names}` }), text);
   const found = [];
   if (f.samples && f.samples.includes(0)) found.push(entry("nodata", "no training data"));
-  if (f.informed && f.informed.includes(0)) found.push(entry("nodata kept", "held by nothing: the start was kept"));
+  if (f.informed && f.informed.includes(0)) found.push(entry("nodata kept", "undetermined: start kept"));
   if (f.bound.some((side) => side !== 0)) found.push(entry("bound", "at a bound"));
   if (f.locked.includes(1)) found.push(entry("locked", "locked"));
   return found.length ? [make("div", { class: "marks" }, ...found)] : [];

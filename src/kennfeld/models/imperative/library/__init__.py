@@ -1,4 +1,4 @@
-"""Functions that code may call, by family; importing them registers them in `LIBRARY`."""
+"""Library functions available to code, by family; importing this package registers them in `SYMBOLIC_FUNCTIONS`."""
 
 from kennfeld.models.imperative.library import (
     array_functions,

@@ -1,6 +1,6 @@
-"""The functions that code may call, each with how many arguments it takes.
+"""Registry of library functions, with the number of arguments each takes.
 
-A new function is a rule with `@function("name", least, most)` in a file of its family.
+A new function is a rule decorated with `@function("name", least, most)` in the module of its family.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from kennfeld.models.imperative.evaluation_errors import ProgramError
-from kennfeld.models.imperative.integer_types import IntegerType, word_named
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers, aligned
+from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, align_dimensions
 from kennfeld.models.imperative.symbolic_values import (
     DeferredValue,
     LogicalNodes,
@@ -48,19 +48,19 @@ Rule: TypeAlias = "Callable[[SymbolicArguments], SymbolicValue | tuple[SymbolicV
 
 
 def matlab_word(name: str) -> IntegerType | None:
-    """The integer type of a class of MATLAB, which rounds and keeps numbers within its limits; None of others."""
-    word = word_named(name)
+    """Return the integer type of a MATLAB class, which rounds and saturates; None for other classes."""
+    word = integer_type_named(name)
     return replace(word, rounding="Round", saturates=True) if word is not None else None
 
 
 def is_vector(array: Nodes) -> bool:
-    """Whether an array is one row or one column, which may be empty."""
+    """Return True if an array is one row or one column; it may be empty."""
     return array.ndim == 2 and 1 in array.shape
 
 
 @dataclass(frozen=True, eq=False)
 class SymbolicArguments:
-    """The arguments of a call, and how many results it should give."""
+    """The arguments of a call, and the number of results wanted."""
 
     name: str
     calls: "ExpressionEvaluator"
@@ -71,24 +71,24 @@ class SymbolicArguments:
         return len(self.held)
 
     def array(self, at: int) -> Nodes:
-        """An argument, counted from 0, as an array of nodes."""
+        """Return an argument, counted from 0, as an array of nodes."""
         return as_array(force(self.held[at]), f"argument {at + 1} of {self.name}")
 
     def vector(self, at: int) -> Nodes:
-        """An argument as a column; raises `CodeError` where it is a matrix."""
+        """Return an argument as a column; raises `ProgramError` if it is a matrix."""
         array = self.array(at)
         if array.size and not is_vector(array):
             raise self.refuse("of a matrix is not supported", "Call it for each column.")
         return array.reshape(-1, 1, order="F")
 
     def table(self, at: int) -> str:
-        """The name of the parameter that an argument is, where nothing has been taken of it yet; else empty."""
+        """Return the name of the parameter that an argument is, if it is not used yet; else ""."""
         held = self.held[at]
         return held.name if isinstance(held, DeferredValue) else ""
 
     def fits(self, *arrays: Nodes) -> None:
-        """Refuse arrays that grow beyond all bounds where they are expanded against each other."""
-        shape = np.broadcast_shapes(*(one.shape for one in aligned(*arrays)))
+        """Raise `ProgramError` if arrays broadcast against each other become too large."""
+        shape = np.broadcast_shapes(*(item.shape for item in align_dimensions(*arrays)))
         self.calls.context.room(float(np.prod(shape, dtype=np.float64)))
 
     @property
@@ -97,58 +97,58 @@ class SymbolicArguments:
         return [self.array(at) for at in range(len(self))]
 
     def numbers(self, at: int, message: str = "") -> Numbers:
-        """An argument as numbers that depend on no signal."""
+        """Return an argument as numbers that depend on no signal."""
         message = message or f"argument {at + 1} of {self.name}"
-        found = self.calls.context.numbers(self.array(at), message)
-        if found is None:
-            raise ProgramError(f"{message} depends on signals, where it must be fixed")
-        return found
+        numbers = self.calls.context.numbers(self.array(at), message)
+        if numbers is None:
+            raise ProgramError(f"{message} must not depend on signals")
+        return numbers
 
     def whole(self, at: int) -> int:
-        """An argument as one whole number that depends on no signal."""
-        found = self.numbers(at)
-        if found.size != 1 or not float(found.item()).is_integer():
-            raise ProgramError(f"argument {at + 1} of {self.name} is no whole number")
-        return int(found.item())
+        """Return an argument as an integer that depends on no signal."""
+        numbers = self.numbers(at)
+        if numbers.size != 1 or not float(numbers.item()).is_integer():
+            raise ProgramError(f"argument {at + 1} of {self.name} is not an integer")
+        return int(numbers.item())
 
     def wholes(self, at: int) -> list[int]:
-        """An argument as whole numbers that depend on no signal."""
-        found = self.numbers(at).ravel(order="F")
-        if not all(float(one).is_integer() for one in found):
-            raise self.refuse(f"argument {at + 1} is not made of whole numbers")
-        return [int(one) for one in found]
+        """Return an argument as integers that depend on no signal."""
+        result = self.numbers(at).ravel(order="F")
+        if not all(float(match).is_integer() for match in result):
+            raise self.refuse(f"argument {at + 1} must contain integers")
+        return [int(match) for match in result]
 
     def matrix(self, at: int) -> Nodes:
-        """An argument of two dimensions."""
+        """Return an argument of two dimensions."""
         array = self.array(at)
         if array.ndim > 2:
-            raise self.refuse(f"argument {at + 1} has {array.ndim} dimensions, where a matrix is needed")
+            raise self.refuse(f"argument {at + 1} must be a matrix, but has {array.ndim} dimensions")
         return array
 
     def text(self, at: int) -> str:
-        """An argument as a text."""
+        """Return an argument as a text."""
         held = self.held[at]
         if not isinstance(held, str):
-            raise ProgramError(f"argument {at + 1} of {self.name} is no text")
+            raise ProgramError(f"argument {at + 1} of {self.name} is not a text")
         return held
 
     def dimension(self, at: int, array: Nodes) -> int:
-        """Along which dimension an array is taken, from 0: as given, else the first that is longer than one."""
+        """Return the zero-based dimension to work along: as given, else the first that is longer than one."""
         if len(self) <= at:
             return next((axis for axis, size in enumerate(array.shape) if size != 1), 0)
-        found = self.whole(at) - 1
-        if not 0 <= found < 30:
-            raise ProgramError(f"{self.name} along the dimension {found + 1}")
-        return found
+        result = self.whole(at) - 1
+        if not 0 <= result < 30:
+            raise ProgramError(f"{self.name} along dimension {result + 1} is not supported")
+        return result
 
     def refuse(self, why: str, remedy: str = "") -> ProgramError:
-        """That the function is called in a way that is not supported."""
+        """Return the error that the function is called in an unsupported way."""
         return ProgramError(f"{self.name}: {why}", remedy) if remedy else ProgramError(f"{self.name}: {why}")
 
 
 @dataclass(frozen=True)
 class SymbolicFunction:
-    """One function."""
+    """A library function."""
 
     name: str
     least: int
@@ -158,29 +158,33 @@ class SymbolicFunction:
     def results(
         self, calls: "ExpressionEvaluator", held: Sequence[SymbolicValue], wanted: int
     ) -> tuple[SymbolicValue, ...]:
-        """What it gives for arguments."""
+        """Call the function with arguments."""
         if not self.least <= len(held) <= self.most:
             few = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
-            raise ProgramError(f"{self.name} gets {len(held)} arguments, not {few}")
+            raise ProgramError(f"{self.name} takes {few} arguments, got {len(held)}")
         try:
-            made = self.rule(SymbolicArguments(self.name, calls, self._arguments(held), wanted))
+            result = self.rule(SymbolicArguments(self.name, calls, self._arguments(held), wanted))
         except (ValueError, IndexError, np.exceptions.AxisError) as error:
-            raise ProgramError(f"{self.name}: its arguments do not fit each other ({str(error)[:100]})") from None
-        results = made if isinstance(made, tuple) else (made,)
-        word = word_of(*(one for one in held if isinstance(one, np.ndarray))) if self.name in KEEPS_INTEGERS else None
+            raise ProgramError(f"{self.name}: its arguments have incompatible sizes ({str(error)[:100]})") from None
+        results = result if isinstance(result, tuple) else (result,)
+        word = (
+            word_of(*(value for value in held if isinstance(value, np.ndarray)))
+            if self.name in KEEPS_INTEGERS
+            else None
+        )
         if word is None or not isinstance(results[0], np.ndarray) or isinstance(results[0], LogicalNodes):
             return results
         return (integers(results[0], word), *results[1:])
 
     def _arguments(self, held: Sequence[SymbolicValue]) -> Sequence[SymbolicValue]:
-        return held if self.name in TAKES_TABLES else [force(one) for one in held]
+        return held if self.name in TAKES_TABLES else [force(value) for value in held]
 
 
 SYMBOLIC_FUNCTIONS: dict[str, SymbolicFunction] = {}
 
 
 def function(*names: str, least: int = 1, most: int = 1) -> Callable[[Rule], Rule]:
-    """Enter a rule as functions of these names."""
+    """Register a rule as functions of these names."""
 
     def enter(rule: Rule) -> Rule:
         for name in names:

@@ -1,6 +1,6 @@
-"""Functions along a dimension of an array: sums, products, extremes, differences.
+"""Library functions of reductions along a dimension, and of linear algebra.
 
-Matrices: products, systems of equations by elimination with pivots, determinants, powers.
+Systems of equations are solved by elimination with partial pivoting; row exchanges are decisions.
 """
 
 import math
@@ -20,93 +20,93 @@ from kennfeld.models.imperative.symbolic_values import EMPTY, SymbolicValue, as_
 if TYPE_CHECKING:
     from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["checked_matrix_product", "combine", "matrix_divide", "matrix_power", "reduce_along", "transposed"]
+__all__ = ["checked_matrix_product", "combine", "matrix_divide", "matrix_power", "reduce_along", "transpose"]
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing"})
 
-_LARGEST: Final = 12  # rows of a system of equations: the choice of pivots grows with their cube
+_MAX_EQUATIONS: Final = 12  # rows of a system of equations: the choice of pivots grows with their cube
 
 
 def reduce_along(array: Nodes, axis: int, fold: Callable[[list[Nodes]], Nodes]) -> Nodes:
-    """What a function makes of the slices along a dimension, which is one long then."""
+    """Apply a function to the slices along a dimension, which then has length 1."""
     if axis >= array.ndim:
         return fold([np.asarray(array)])
     parts = [np.take(np.asarray(array), [at], axis=axis) for at in range(array.shape[axis])]
-    made = fold(parts)
-    if parts or made.size != 1:
-        return made
+    result = fold(parts)
+    if parts or result.size != 1:
+        return result
     rest = (*array.shape[:axis], 1, *array.shape[axis + 1 :])
-    return np.full(rest, made.item(), dtype=np.int64)
+    return np.full(rest, result.item(), dtype=np.int64)
 
 
-def along_default(given: SymbolicArguments, at: int, array: Nodes) -> tuple[Nodes, int]:
-    """An array and the dimension along which it is taken; without one `[]` counts as a row of no elements."""
-    array = array.reshape(1, 0) if len(given) <= at and array.shape == (0, 0) else array
-    return array, given.dimension(at, array)
+def along_default(args: SymbolicArguments, at: int, array: Nodes) -> tuple[Nodes, int]:
+    """Return an array and the dimension to work along; by default, `[]` is a row of no elements."""
+    array = array.reshape(1, 0) if len(args) <= at and array.shape == (0, 0) else array
+    return array, args.dimension(at, array)
 
 
 def combine(builder: GraphBuilder, op: str, empty: float, parts: list[Nodes]) -> Nodes:
-    """All slices taken together by an operation; `empty` of none."""
+    """Combine all slices by an operation; `empty` if there are none."""
     return reduce(lambda a, b: elementwise(builder, op, a, b), parts) if parts else constants(builder, empty)
 
 
 @function(*_SUMS, least=1, most=3)
-def reduced(given: SymbolicArguments) -> SymbolicValue:
-    """A sum, product, or whether any or all elements are not 0, along a dimension or of all elements."""
-    (op, empty), builder, array = _SUMS[given.name], given.calls.builder, given.array(0)
-    if given.name in ("any", "all"):
+def reduce_array(args: SymbolicArguments) -> SymbolicValue:
+    """Compute a sum, a product, any or all, along a dimension or of all elements."""
+    (op, empty), builder, array = _SUMS[args.name], args.calls.builder, args.array(0)
+    if args.name in ("any", "all"):
         array = elementwise(builder, "ne", array, constants(builder, 0.0))
-    words = {one for one in given.held[1:] if isinstance(one, str)}
+    words = {value for value in args.held[1:] if isinstance(value, str)}
     if not words <= _WORDS:
-        raise given.refuse(f"{min(words - _WORDS)!r} is not supported", "Leave elements out by a loop with if.")
+        raise args.refuse(f"{min(words - _WORDS)!r} is not supported", "Leave elements out by a loop with if.")
     if "all" in words:
         array = array.ravel(order="F").reshape(-1, 1)
-    given = replace(given, held=[one for one in given.held if not isinstance(one, str)])
-    if "all" in words and len(given) > 1:
-        raise given.refuse("'all' stands beside a dimension")
-    array, axis = along_default(given, 1, array)
-    made = reduce_along(array, axis, lambda parts: combine(builder, op, empty, parts))
-    return as_logical(made) if given.name in ("any", "all") else made
+    args = replace(args, held=[value for value in args.held if not isinstance(value, str)])
+    if "all" in words and len(args) > 1:
+        raise args.refuse("'all' and a dimension exclude each other")
+    array, axis = along_default(args, 1, array)
+    result = reduce_along(array, axis, lambda parts: combine(builder, op, empty, parts))
+    return as_logical(result) if args.name in ("any", "all") else result
 
 
 @function("cumsum", "cumprod", least=1, most=2)
-def running(given: SymbolicArguments) -> SymbolicValue:
-    """Sums or products up to each element."""
-    builder, array = given.calls.builder, given.array(0)
-    op, axis = "add" if given.name == "cumsum" else "mul", given.dimension(1, array)
+def accumulate(args: SymbolicArguments) -> SymbolicValue:
+    """Compute cumulative sums or products."""
+    builder, array = args.calls.builder, args.array(0)
+    op, axis = "add" if args.name == "cumsum" else "mul", args.dimension(1, array)
 
     def fold(parts: list[Nodes]) -> Nodes:
-        made = parts[:1]
+        result = parts[:1]
         for part in parts[1:]:
-            made.append(elementwise(builder, op, made[-1], part))
-        return np.concatenate(made, axis=axis) if made else array
+            result.append(elementwise(builder, op, result[-1], part))
+        return np.concatenate(result, axis=axis) if result else array
 
     return reduce_along(array, axis, fold)
 
 
 @function("mean", "rms", least=1, most=2)
-def mean(given: SymbolicArguments) -> SymbolicValue:
-    """The mean, or the root of the mean of squares."""
-    builder, array = given.calls.builder, given.array(0)
-    if given.name == "rms":
+def mean(args: SymbolicArguments) -> SymbolicValue:
+    """Compute the mean, or the root mean square."""
+    builder, array = args.calls.builder, args.array(0)
+    if args.name == "rms":
         array = elementwise(builder, "mul", array, array)
-    array, axis = along_default(given, 1, array)
+    array, axis = along_default(args, 1, array)
     count = constants(builder, float(array.shape[axis] if axis < array.ndim else 1))
-    made = elementwise(
+    result = elementwise(
         builder, "div", reduce_along(array, axis, lambda parts: combine(builder, "add", 0.0, parts)), count
     )
-    return elementwise(builder, "sqrt", made) if given.name == "rms" else made
+    return elementwise(builder, "sqrt", result) if args.name == "rms" else result
 
 
 @function("var", "std", least=1, most=3)
-def spread(given: SymbolicArguments) -> SymbolicValue:
-    """The variance or standard deviation, over n - 1 or, with a weight of 1, over n."""
-    builder = given.calls.builder
-    array, axis = along_default(given, 2, given.array(0))
-    weight = given.whole(1) if len(given) > 1 and given.array(1).size > 0 else 0
+def variance(args: SymbolicArguments) -> SymbolicValue:
+    """Compute the variance or standard deviation, with divisor n - 1 or, for a weight of 1, n."""
+    builder = args.calls.builder
+    array, axis = along_default(args, 2, args.array(0))
+    weight = args.whole(1) if len(args) > 1 and args.array(1).size > 0 else 0
     if weight not in (0, 1):
-        raise given.refuse(f"the weight {weight} is neither 0 nor 1")
+        raise args.refuse(f"the weight must be 0 or 1, got {weight}")
     count = array.shape[axis] if axis < array.ndim else 1
     if not count:
         return reduce_along(array, axis, lambda parts: constants(builder, math.nan))
@@ -115,59 +115,59 @@ def spread(given: SymbolicArguments) -> SymbolicValue:
     squares = reduce_along(
         elementwise(builder, "mul", away, away), axis, lambda parts: combine(builder, "add", 0.0, parts)
     )
-    made = elementwise(builder, "div", squares, constants(builder, float(count if weight else max(count - 1, 1))))
-    return elementwise(builder, "sqrt", made) if given.name == "std" else made
+    result = elementwise(builder, "div", squares, constants(builder, float(count if weight else max(count - 1, 1))))
+    return elementwise(builder, "sqrt", result) if args.name == "std" else result
 
 
 @function("diff", least=1, most=3)
-def differences(given: SymbolicArguments) -> SymbolicValue:
-    """The differences of neighbours, once or several times."""
-    builder, array = given.calls.builder, given.array(0)
-    times = given.whole(1) if len(given) > 1 and given.array(1).size else 1
+def differences(args: SymbolicArguments) -> SymbolicValue:
+    """Compute the differences of neighbours, once or several times."""
+    builder, array = args.calls.builder, args.array(0)
+    times = args.whole(1) if len(args) > 1 and args.array(1).size else 1
     if times < 1:
-        raise given.refuse(f"the order {times} is not a whole number from 1")
+        raise args.refuse(f"the order must be an integer >= 1, got {times}")
     for _ in range(times):
-        if array.size == 1 and len(given) < 3:
+        if array.size == 1 and len(args) < 3:
             return EMPTY
-        array = elementwise(builder, "sub", *_neighbours(array, given.dimension(2, array)))
+        array = elementwise(builder, "sub", *_neighbours(array, args.dimension(2, array)))
     return array
 
 
 def _neighbours(array: Nodes, axis: int) -> tuple[Nodes, Nodes]:
-    """All elements along a dimension but the first, and all but the last."""
+    """Return all elements along a dimension except the first, and all except the last."""
     whole = np.asarray(array).reshape(array.shape + (1,) * (axis + 1 - array.ndim))
     places = np.arange(whole.shape[axis])
     return np.take(whole, places[1:], axis=axis), np.take(whole, places[:-1], axis=axis)
 
 
 @function("min", "max", least=1, most=3)
-def extreme(given: SymbolicArguments) -> SymbolicValue | tuple[SymbolicValue, ...]:
-    """The smaller or larger of two arrays, or the smallest or largest along a dimension, with its place."""
-    builder = given.calls.builder
-    if len(given) == 2 or (len(given) == 3 and given.array(1).size):
-        pair = given.arrays[:2]
-        given.fits(*pair)
-        return elementwise(builder, given.name, *pair)
-    array = given.array(0)
+def extreme(args: SymbolicArguments) -> SymbolicValue | tuple[SymbolicValue, ...]:
+    """Return the smaller or larger of two arrays, or the extreme along a dimension with its index."""
+    builder = args.calls.builder
+    if len(args) == 2 or (len(args) == 3 and args.array(1).size):
+        pair = args.arrays[:2]
+        args.fits(*pair)
+        return elementwise(builder, args.name, *pair)
+    array = args.array(0)
     if array.size == 0:
-        return _of_nothing(given, array)
-    if given.wanted < 2:
-        return reduce_along(array, given.dimension(2, array), lambda parts: combine(builder, given.name, 0.0, parts))
-    return _placed(given, array)
+        return _empty_extreme(args, array)
+    if args.wanted < 2:
+        return reduce_along(array, args.dimension(2, array), lambda parts: combine(builder, args.name, 0.0, parts))
+    return _extreme_with_index(args, array)
 
 
-def _of_nothing(given: SymbolicArguments, array: Nodes) -> Nodes:
-    """The extreme of an empty array: one long where the others are none, else as empty as it was."""
-    axis = given.dimension(2, array)
+def _empty_extreme(args: SymbolicArguments, array: Nodes) -> Nodes:
+    """Return the extreme of an empty array: of length 1 if only other dimensions are empty, else unchanged."""
+    axis = args.dimension(2, array)
     if axis >= array.ndim or array.shape[axis] == 0:
         return array
     return np.take(array, [0], axis=axis)
 
 
-def _placed(given: SymbolicArguments, array: Nodes) -> tuple[SymbolicValue, ...]:
-    """The extreme and the first place where it is; what is not a number counts as such."""
-    builder, places = given.calls.builder, list[Nodes]()
-    worse = "ge" if given.name == "min" else "le"
+def _extreme_with_index(args: SymbolicArguments, array: Nodes) -> tuple[SymbolicValue, ...]:
+    """Return the extreme and its first index; NaN propagates."""
+    builder, places = args.calls.builder, list[Nodes]()
+    worse = "ge" if args.name == "min" else "le"
 
     def fold(parts: list[Nodes]) -> Nodes:
         best, place = parts[0], np.full(parts[0].shape, builder.const(1.0), dtype=np.int64)
@@ -183,67 +183,66 @@ def _placed(given: SymbolicArguments, array: Nodes) -> tuple[SymbolicValue, ...]
         places.append(place)
         return best
 
-    return reduce_along(array, given.dimension(2, array), fold), places[0]
+    return reduce_along(array, args.dimension(2, array), fold), places[0]
 
 
 @function("bounds")
-def bounds(given: SymbolicArguments) -> tuple[SymbolicValue, ...]:
-    """The smallest and the largest element along the first dimension."""
-    builder, array = given.calls.builder, given.array(0)
-    axis = given.dimension(1, array)
+def bounds(args: SymbolicArguments) -> tuple[SymbolicValue, ...]:
+    """Return the smallest and the largest element along the first dimension."""
+    builder, array = args.calls.builder, args.array(0)
+    axis = args.dimension(1, array)
     smallest = reduce_along(array, axis, lambda parts: combine(builder, "min", 0.0, parts))
     return smallest, reduce_along(array, axis, lambda parts: combine(builder, "max", 0.0, parts))
 
 
 @function("nnz")
-def count(given: SymbolicArguments) -> SymbolicValue:
-    """How many elements are not 0."""
-    builder = given.calls.builder
-    flat = elementwise(builder, "ne", given.array(0), constants(builder, 0.0)).reshape(-1, 1)
+def count(args: SymbolicArguments) -> SymbolicValue:
+    """Return the number of non-zero elements."""
+    builder = args.calls.builder
+    flat = elementwise(builder, "ne", args.array(0), constants(builder, 0.0)).reshape(-1, 1)
     return reduce_along(flat, 0, lambda parts: combine(builder, "add", 0.0, parts))
 
 
 @function("trapz", least=1, most=2)
-def area(given: SymbolicArguments) -> SymbolicValue:
-    """The area below lines through the points of an array along its first dimension, or through those of vectors."""
-    builder = given.calls.builder
-    if len(given) == 2:
-        x, y = given.vector(0), given.vector(1)
+def integrate(args: SymbolicArguments) -> SymbolicValue:
+    """Integrate by the trapezoidal rule along the first dimension, or over the points of two vectors."""
+    builder = args.calls.builder
+    if len(args) == 2:
+        x, y = args.vector(0), args.vector(1)
         if x.shape != y.shape:
-            raise given.refuse("its arguments have different sizes")
+            raise args.refuse("its arguments have different sizes")
         wide = elementwise(builder, "sub", x[1:], x[:-1])
         return reduce_along(
-            elementwise(builder, "mul", wide, _middles(given, y, 0)),
+            elementwise(builder, "mul", wide, _middles(args, y, 0)),
             0,
             lambda parts: combine(builder, "add", 0.0, parts),
         )
-    y, axis = along_default(given, 1, given.array(0))
-    return reduce_along(_middles(given, y, axis), axis, lambda parts: combine(builder, "add", 0.0, parts))
+    y, axis = along_default(args, 1, args.array(0))
+    return reduce_along(_middles(args, y, axis), axis, lambda parts: combine(builder, "add", 0.0, parts))
 
 
-def _middles(given: SymbolicArguments, array: Nodes, axis: int) -> Nodes:
-    """The means of neighbours along a dimension."""
-    builder = given.calls.builder
+def _middles(args: SymbolicArguments, array: Nodes, axis: int) -> Nodes:
+    """Return the means of neighbours along a dimension."""
+    builder = args.calls.builder
     return elementwise(builder, "mul", constants(builder, 0.5), elementwise(builder, "add", *_neighbours(array, axis)))
 
 
-def transposed(array: Nodes) -> Nodes:
-    """Rows as columns."""
+def transpose(array: Nodes) -> Nodes:
+    """Return the transposed matrix."""
     if array.ndim > 2:
         raise ProgramError(f"an array of {array.ndim} dimensions cannot be transposed", "Use permute.")
     return array.T
 
 
 def checked_matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
-    """The product of two matrices."""
     if left.ndim != 2 or right.ndim != 2 or left.shape[1] != right.shape[0]:
-        sizes = " and ".join("x".join(map(str, one.shape)) for one in (left, right))
+        sizes = " and ".join("x".join(map(str, item.shape)) for item in (left, right))
         raise ProgramError(f"matrices of {sizes} cannot be multiplied")
     return matrix_product(builder, left, right)
 
 
 def matrix_divide(builder: GraphBuilder, operator: str, left: Nodes, right: Nodes) -> Nodes:
-    r"""`left \ right` or `left / right`, of a square matrix."""
+    r"""Compute `left \ right` or `left / right` for a square matrix."""
     return (
         solve_linear_system(builder, left, right)
         if operator == "\\"
@@ -252,12 +251,12 @@ def matrix_divide(builder: GraphBuilder, operator: str, left: Nodes, right: Node
 
 
 def solve_linear_system(builder: GraphBuilder, matrix: Nodes, right: Nodes) -> Nodes:
-    """The solution of a system of equations, by elimination with partial pivots; rows change places by decisions."""
+    """Solve a system of equations by elimination with partial pivoting; row exchanges are decisions."""
     count = matrix.shape[0]
     if matrix.ndim != 2 or matrix.shape != (count, count) or right.shape[0] != count:
-        sizes = " and ".join("x".join(map(str, one.shape)) for one in (matrix, right))
-        raise ProgramError(f"a system of equations of {sizes}; only square ones are solved")
-    a, _ = _eliminated(builder, np.concatenate([np.asarray(matrix), np.asarray(right)], axis=1), count)
+        sizes = " and ".join("x".join(map(str, item.shape)) for item in (matrix, right))
+        raise ProgramError(f"a system of equations of {sizes} is not supported, only square ones")
+    a, _ = _eliminate(builder, np.concatenate([np.asarray(matrix), np.asarray(right)], axis=1), count)
     x: list[Nodes] = [a[0, count:]] * count
     for row in range(count - 1, -1, -1):
         rest = a[row, count:]
@@ -267,14 +266,14 @@ def solve_linear_system(builder: GraphBuilder, matrix: Nodes, right: Nodes) -> N
     return np.stack(x)
 
 
-def _eliminated(builder: GraphBuilder, matrix: Nodes, count: int) -> tuple[Nodes, int]:
-    """A matrix in triangular form, and the node of the sign that changes of rows give its determinant."""
-    if count > _LARGEST:
-        raise ProgramError(f"a system of {count} equations; {_LARGEST} is the most")
+def _eliminate(builder: GraphBuilder, matrix: Nodes, count: int) -> tuple[Nodes, int]:
+    """Return a matrix in triangular form, and the node of the determinant's sign due to row exchanges."""
+    if count > _MAX_EQUATIONS:
+        raise ProgramError(f"a system of {count} equations exceeds the maximum of {_MAX_EQUATIONS}")
     a, sign = matrix.copy(), builder.const(1.0)
     for at in range(count):
         for row in range(at + 1, count):
-            sign = _exchanged(builder, a, at, row, sign)
+            sign = _exchange_rows(builder, a, at, row, sign)
         for row in range(at + 1, count):
             share = elementwise(builder, "div", a[row, at].reshape(1), a[at, at].reshape(1))
             a[row, at + 1 :] = elementwise(
@@ -283,8 +282,8 @@ def _eliminated(builder: GraphBuilder, matrix: Nodes, count: int) -> tuple[Nodes
     return a, sign
 
 
-def _exchanged(builder: GraphBuilder, a: Nodes, at: int, row: int, sign: int) -> int:
-    """Let the larger of two candidates be the pivot."""
+def _exchange_rows(builder: GraphBuilder, a: Nodes, at: int, row: int, sign: int) -> int:
+    """Exchange two rows if that gives the larger pivot; return the sign."""
     larger = builder.call("gt", builder.call("abs", int(a[row, at])), builder.call("abs", int(a[at, at])))
     if builder.value(larger) == 0.0:
         return sign
@@ -297,12 +296,14 @@ def _exchanged(builder: GraphBuilder, a: Nodes, at: int, row: int, sign: int) ->
 
 
 def matrix_power(calls: "ExpressionEvaluator", left: Nodes, right: Nodes) -> Nodes:
-    """A square matrix to a fixed whole power."""
+    """Raise a square matrix to a constant integer power."""
     exponent = calls.context.numbers(right, "the power of a matrix")
     if exponent is None or exponent.size != 1 or left.ndim != 2 or left.shape[0] != left.shape[1]:
-        raise ProgramError("a power of or with a matrix that is not square or not fixed", "Use .^ element by element.")
+        raise ProgramError(
+            "a matrix power requires a square matrix and a constant exponent", "Use .^ element by element."
+        )
     if not float(exponent.item()).is_integer() or not -64 <= exponent.item() <= 64:
-        raise ProgramError(f"the power {exponent.item():g} of a matrix")
+        raise ProgramError(f"the exponent {exponent.item():g} of a matrix is not supported")
     times = int(exponent.item())
     unit = constants(calls.builder, np.eye(left.shape[0]))
     base = left if times >= 0 else solve_linear_system(calls.builder, left, unit)
@@ -310,27 +311,25 @@ def matrix_power(calls: "ExpressionEvaluator", left: Nodes, right: Nodes) -> Nod
 
 
 @function("mtimes", "mldivide", "mrdivide", "mpower", least=2, most=2)
-def operator(given: SymbolicArguments) -> SymbolicValue:
-    """An operator by its name."""
+def apply_operator(args: SymbolicArguments) -> SymbolicValue:
     signs = {"mtimes": "*", "mldivide": "\\", "mrdivide": "/", "mpower": "^"}
-    return given.calls.operation(signs[given.name], *given.arrays)
+    return args.calls.operation(signs[args.name], *args.arrays)
 
 
 @function("pinv")
-def pseudo_inverse(given: SymbolicArguments) -> SymbolicValue:
-    """The pseudoinverse of a matrix of constants; of one that depends on signals the inverse, which has to exist."""
-    builder, matrix = given.calls.builder, given.matrix(0)
+def pseudo_inverse(args: SymbolicArguments) -> SymbolicValue:
+    """Return the pseudoinverse of a constant matrix, or the inverse of one that depends on signals."""
+    builder, matrix = args.calls.builder, args.matrix(0)
     if all(builder.value(int(node)) is not None for node in matrix.ravel()):
-        if not np.isfinite(given.numbers(0)).all():
-            raise given.refuse("its numbers are not finite")
-        return constants(builder, np.linalg.pinv(given.numbers(0)))
+        if not np.isfinite(args.numbers(0)).all():
+            raise args.refuse("its numbers are not finite")
+        return constants(builder, np.linalg.pinv(args.numbers(0)))
     return _inverse(builder, matrix)
 
 
 @function("inv")
-def inverse(given: SymbolicArguments) -> SymbolicValue:
-    """The inverse of a square matrix."""
-    return _inverse(given.calls.builder, given.matrix(0))
+def inverse(args: SymbolicArguments) -> SymbolicValue:
+    return _inverse(args.calls.builder, args.matrix(0))
 
 
 def _inverse(builder: GraphBuilder, matrix: Nodes) -> Nodes:
@@ -338,61 +337,59 @@ def _inverse(builder: GraphBuilder, matrix: Nodes) -> Nodes:
 
 
 @function("det")
-def determinant(given: SymbolicArguments) -> SymbolicValue:
-    """The determinant of a square matrix."""
-    builder, matrix = given.calls.builder, given.matrix(0)
+def determinant(args: SymbolicArguments) -> SymbolicValue:
+    builder, matrix = args.calls.builder, args.matrix(0)
     if matrix.shape[0] != matrix.shape[1]:
-        raise given.refuse("its matrix is not square")
-    a, sign = _eliminated(builder, np.asarray(matrix), matrix.shape[0])
+        raise args.refuse("its matrix is not square")
+    a, sign = _eliminate(builder, np.asarray(matrix), matrix.shape[0])
     for at in range(matrix.shape[0]):
         sign = builder.call("mul", sign, int(a[at, at]))
     return np.array([[sign]], dtype=np.int64)
 
 
 @function("trace")
-def trace(given: SymbolicArguments) -> SymbolicValue:
-    """The sum of the diagonal."""
-    diagonal = np.diagonal(given.matrix(0)).reshape(-1, 1)
-    return reduce_along(diagonal, 0, lambda parts: combine(given.calls.builder, "add", 0.0, parts))
+def trace(args: SymbolicArguments) -> SymbolicValue:
+    diagonal = np.diagonal(args.matrix(0)).reshape(-1, 1)
+    return reduce_along(diagonal, 0, lambda parts: combine(args.calls.builder, "add", 0.0, parts))
 
 
 @function("dot", least=2, most=2)
-def dot(given: SymbolicArguments) -> SymbolicValue:
-    """The sum of the products of elements; of matrices along their columns."""
-    builder, (a, b) = given.calls.builder, given.arrays
+def dot(args: SymbolicArguments) -> SymbolicValue:
+    """Return the scalar product; of matrices, along their columns."""
+    builder, (a, b) = args.calls.builder, args.arrays
     if is_vector(a) and is_vector(b):
         a, b = a.reshape(-1, 1), b.reshape(-1, 1)
     if a.shape != b.shape:
-        raise given.refuse("its arguments have different sizes")
-    products, axis = along_default(given, 2, elementwise(builder, "mul", a, b))
+        raise args.refuse("its arguments have different sizes")
+    products, axis = along_default(args, 2, elementwise(builder, "mul", a, b))
     return reduce_along(products, axis, lambda parts: combine(builder, "add", 0.0, parts))
 
 
 @function("cross", least=2, most=2)
-def cross(given: SymbolicArguments) -> SymbolicValue:
-    """The cross product of two vectors of three elements."""
-    builder, (a, b) = given.calls.builder, given.arrays
+def cross(args: SymbolicArguments) -> SymbolicValue:
+    """Return the cross product of two vectors of three elements."""
+    builder, (a, b) = args.calls.builder, args.arrays
     if a.size != 3 or b.size != 3:
-        raise given.refuse("only vectors of three elements are supported")
+        raise args.refuse("only vectors of three elements are supported")
     x, y = a.ravel(), b.ravel()
     first = elementwise(builder, "mul", x[[1, 2, 0]], y[[2, 0, 1]])
     return elementwise(builder, "sub", first, elementwise(builder, "mul", x[[2, 0, 1]], y[[1, 2, 0]])).reshape(a.shape)
 
 
 @function("norm", least=1, most=2)
-def norm(given: SymbolicArguments) -> SymbolicValue:
-    """The length of a vector: of order 1, 2 or inf; of a matrix 1, inf or 'fro'."""
-    builder, array = given.calls.builder, given.array(0)
+def norm(args: SymbolicArguments) -> SymbolicValue:
+    """Return the norm of a vector of order 1, 2 or inf, or of a matrix of order 1, inf or 'fro'."""
+    builder, array = args.calls.builder, args.array(0)
     order: object = 2.0
-    if len(given) > 1:
-        order = given.held[1] if isinstance(given.held[1], str) else float(given.numbers(1).item())
-    vector = is_vector(given.matrix(0))
+    if len(args) > 1:
+        order = args.held[1] if isinstance(args.held[1], str) else float(args.numbers(1).item())
+    vector = is_vector(args.matrix(0))
     if order == "fro" or (vector and order == 2.0):
         flat = elementwise(builder, "mul", array, array).reshape(-1, 1)
         return elementwise(builder, "sqrt", reduce_along(flat, 0, lambda parts: combine(builder, "add", 0.0, parts)))
     size = elementwise(builder, "abs", array)
     if order not in (1.0, np.inf, "inf", "Inf"):
-        raise given.refuse(f"of order {order} is not supported")
+        raise args.refuse(f"of order {order} is not supported")
     largest = order != 1.0
     if vector:
         op = "max" if largest else "add"

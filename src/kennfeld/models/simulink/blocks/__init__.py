@@ -1,4 +1,4 @@
-"""Block handlers by the library of Simulink that has the block; importing them registers them."""
+"""Block handlers, grouped by Simulink library; importing a module registers its handlers."""
 
 from kennfeld.models.simulink.blocks import (
     bit_operations,

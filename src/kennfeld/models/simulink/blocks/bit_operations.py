@@ -1,10 +1,7 @@
-"""Which integer type a signal has, as far as the file says so: some results depend on the length of a word.
+"""Bit operations on integers, negative ones in two's complement.
 
-Operations on the bits of whole numbers, negative ones as their complement to two.
-
-A graph computes in doubles, where whole numbers up to 2^53 are exact. The bits are those of the number that the integer
-type of a signal holds; where the file does not say that type, those of the whole number below a value. Their derivative
-is 0.
+Graphs compute in doubles, in which integers up to 2^53 are exact. The bits are those of the number that the integer
+type of a signal stores; if the file does not specify the type, those of the value rounded down. Derivatives are 0.
 """
 
 from collections.abc import Iterator
@@ -19,128 +16,127 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
 
-__all__ = ["fitted", "stored"]
+__all__ = ["fit_to_type", "stored_integer"]
 
-_MOST = 2**53  # doubles know all whole numbers up to here
-_PAIRED = 32  # bits of numbers that are both signals
-_LEAST_SIGN = 2**7  # the bit of a sign in the shortest word
-_STATE = "Let the block that makes its input state an integer type, such as uint16, or bind it."
+_MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
+_MAX_SIGNAL_BITS = 32  # if both operands are signals
+_MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type
+_TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that feeds this input, or bind this block."
 
 
 @block("Bitwise Operator", linked=True, logicop="AND", UseBitMask="on", NumInputPorts="1",
        BitMask="bin2dec('11011001')", BitMaskRealWorld="Stored Integer")  # fmt: skip
-def bitwise_operator(site: BlockContext) -> SignalOrBus:
-    """A logical operation on the bits of the inputs, of the elements of a single one, or of the input and a mask.
+def bitwise_operator(block: BlockContext) -> SignalOrBus:
+    """Return a bitwise operation on the inputs, on the elements of a single input, or on the input and a mask.
 
-    The result has the type of the first input, and so has the mask: 217 in a word of 8 bits with a sign is -39.
+    The result and the mask have the type of the first input: the mask 217 as int8 is -39.
     """
-    kind = site.chosen("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
-    if not site.count:
+    kind = block.option("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
+    if not block.input_count:
         raise UnsupportedError("it has no input")
-    word = _shared(site, needed=kind in ("NOT", "NAND", "NOR"))
-    inputs = [stored(site, at, word) for at in range(site.count)]
+    word = _shared(block, needed=kind in ("NOT", "NAND", "NOR"))
+    inputs = [stored_integer(block, at, word) for at in range(block.input_count)]
     if kind == "NOT":
-        return _complement(site, inputs[0], word)
+        return _complement(block, inputs[0], word)
     op = {"NAND": "AND", "NOR": "OR"}.get(kind, kind)
-    if site.on("UseBitMask"):
-        made = _with_mask(site, op, inputs[0], _masks(site, word))
+    if block.is_on("UseBitMask"):
+        result = _with_mask(block, op, inputs[0], _masks(block, word))
     else:
-        made = _folded(site, op, inputs if len(inputs) > 1 else inputs[0].elements)
-    return made if kind == op else _complement(site, made, word)
+        result = _folded(block, op, inputs if len(inputs) > 1 else inputs[0].elements)
+    return result if kind == op else _complement(block, result, word)
 
 
-def _shared(site: BlockContext, needed: bool) -> IntegerType | None:
-    """The integer type that all inputs have to have, by the first of them that states one."""
-    words = (integer_type_of(site.source(at)) for at in range(site.count))
-    word = next((one for one in words if one is not None), None)
-    return _checked(word) if needed else word
+def _shared(block: BlockContext, needed: bool) -> IntegerType | None:
+    """Return the integer type that all inputs must have, that of the first input that specifies one."""
+    words = (integer_type_of(block.source(at)) for at in range(block.input_count))
+    word = next((integer_type for integer_type in words if integer_type is not None), None)
+    return _require_integer_type(word) if needed else word
 
 
-def stored(site: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:
-    """The whole number that is stored for an input, as the block that states its type rounds, wraps or limits it.
+def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:
+    """Return the integer stored for an input, rounded and wrapped or saturated by the block that specifies its type.
 
-    Where none states it, the type is `otherwise`.
+    If no block specifies a type, it is `otherwise`.
     """
-    x, word = site.input(index), integer_type_of(site.source(index)) or otherwise
-    return site.call("floor", x) if word is None else fitted(site, x, word)
+    x, word = block.input(index), integer_type_of(block.source(index)) or otherwise
+    return block.apply("floor", x) if word is None else fit_to_type(block, x, word)
 
 
-def fitted(site: BlockContext, x: Signal, word: IntegerType) -> Signal:
-    """A number as one of an integer type."""
-    return Signal(integer_types.fitted(site.builder, x.nodes, word), x.period)
+def fit_to_type(block: BlockContext, x: Signal, word: IntegerType) -> Signal:
+    """Return the signal rounded and wrapped or saturated to an integer type."""
+    return Signal(integer_types.fit_to_type(block.builder, x.nodes, word), x.period)
 
 
-def _checked(word: IntegerType | None) -> IntegerType:
-    """The integer type of an input; a complement and what a shift pushes out depend on it."""
+def _require_integer_type(word: IntegerType | None) -> IntegerType:
+    """Return the integer type of an input; complements and shifts depend on it."""
     if word is None:
         raise UnsupportedError(
-            "its result depends on the integer type of its input, which the file does not say", _STATE
+            "its result depends on the integer type of its input, which the file does not specify", _TYPE_REMEDY
         )
-    if word.bits > _PAIRED:
-        raise UnsupportedError(f"its input has {word.bits} bits, and doubles are exact up to 53")
+    if word.bits > _MAX_SIGNAL_BITS:
+        raise UnsupportedError(f"its input has {word.bits} bits, but doubles are exact only up to 53 bits")
     return word
 
 
-def _masks(site: BlockContext, word: IntegerType | None) -> list[int]:
-    """The masks as numbers of the integer type of the input."""
-    masks = [_whole(float(one)) for one in site.numbers("BitMask").ravel(order="F")]
+def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
+    masks = [_whole(float(mask)) for mask in block.numeric_array("BitMask").ravel(order="F")]
     if word is not None:
-        return [word.wrapped(one) for one in masks]
-    if any(not 0 <= one < _LEAST_SIGN for one in masks):
-        site.remark(
-            "takes its mask as it is written, since the file does not say the integer type of its input: where that "
-            "type has fewer bits than the mask, or a sign, the result wraps in Simulink. Let the block before it state "
-            "an integer type"
+        return [word.wrapped(number) for number in masks]
+    if any(not 0 <= number < _MIN_SIGN_BIT for number in masks):
+        block.remark(
+            "uses its mask as written because the file does not specify the integer type of its input: if that "
+            "type is signed or has fewer bits than the mask, the result wraps in Simulink. Specify an integer output "
+            "type on the block that feeds it"
         )
     return masks
 
 
-def _complement(site: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
+def _complement(block: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
     assert word is not None
     top = -1.0 if word.signed else 2.0**word.bits - 1
-    return site.call("sub", site.constant(top), x)
+    return block.apply("sub", block.constant(top), x)
 
 
-def _with_mask(site: BlockContext, op: str, x: Signal, masks: list[int]) -> Signal:
-    """An operation of each element with its mask; a single one counts for all."""
+def _with_mask(block: BlockContext, op: str, x: Signal, masks: list[int]) -> Signal:
+    """Apply an operation to each element and its mask; a single mask applies to all elements."""
     if len(masks) not in (1, x.size) and x.size != 1:
-        raise UnsupportedError(f"it has {len(masks)} masks for {x.size} elements")
+        raise UnsupportedError(f"it has {len(masks)} masks for {x.size} input elements")
     elements = x.elements * (len(masks) if x.size == 1 else 1)
     masks = masks * (len(elements) if len(masks) == 1 else 1)
-    made = [_masked(site, op, one, mask).flat[0] for one, mask in zip(elements, masks, strict=True)]
-    shape = x.shape if len(made) == x.size else (len(made),)
-    return Signal(np.array(made, dtype=np.int64).reshape(shape, order="F"), x.period)
+    nodes = [_masked(block, op, signal, mask).flat[0] for signal, mask in zip(elements, masks, strict=True)]
+    shape = x.shape if len(nodes) == x.size else (len(nodes),)
+    return Signal(np.array(nodes, dtype=np.int64).reshape(shape, order="F"), x.period)
 
 
 def _whole(value: float) -> int:
-    if not (value.is_integer() and abs(value) < _MOST):
-        raise UnsupportedError(f"its mask {value:g} is not a whole number below 2^53")
+    if not (value.is_integer() and abs(value) < _MAX_EXACT_INTEGER):
+        raise UnsupportedError(f"its mask must be an integer below 2^53 in magnitude, got {value:g}")
     return int(value)
 
 
-def _masked(site: BlockContext, op: str, x: Signal, mask: int) -> Signal:
-    """`x AND m`, from which the others follow: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
-    both = _and(site, x, mask) if mask >= 0 else site.call("sub", x, _and(site, x, -mask - 1))
-    return _from_and(site, op, x, site.constant(float(mask)), both)
+def _masked(block: BlockContext, op: str, x: Signal, mask: int) -> Signal:
+    """Apply a mask through `x AND m`: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
+    both = _and(block, x, mask) if mask >= 0 else block.apply("sub", x, _and(block, x, -mask - 1))
+    return _from_and(block, op, x, block.constant(float(mask)), both)
 
 
-def _from_and(site: BlockContext, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
+def _from_and(block: BlockContext, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
     if op == "AND":
         return both
-    taken = both if op == "OR" else site.call("mul", site.constant(2.0), both)
-    return site.call("sub", site.call("add", a, b), taken)
+    taken = both if op == "OR" else block.apply("mul", block.constant(2.0), both)
+    return block.apply("sub", block.apply("add", a, b), taken)
 
 
-def _and(site: BlockContext, x: Signal, mask: int) -> Signal:
-    """The bits of x at the ones of a mask that is not negative, one run of ones after the other."""
-    made = site.constant(0.0)
+def _and(block: BlockContext, x: Signal, mask: int) -> Signal:
+    """Return x AND mask for a mask >= 0, summed over the runs of ones in the mask."""
+    result = block.constant(0.0)
     for first, count in _runs(mask):
-        made = site.call("add", made, _field(site, x, first, count))
-    return Signal(made.nodes, x.period)
+        result = block.apply("add", result, _field(block, x, first, count))
+    return Signal(result.nodes, x.period)
 
 
 def _runs(mask: int) -> Iterator[tuple[int, int]]:
-    """The runs of ones in a mask: where each begins, and how long it is.
+    """Yield the runs of ones in a mask as (first bit, length).
 
     >>> list(_runs(0b11011))
     [(0, 2), (3, 2)]
@@ -155,105 +151,107 @@ def _runs(mask: int) -> Iterator[tuple[int, int]]:
         at += max(count, 1)
 
 
-def _field(site: BlockContext, x: Signal, first: int, count: int) -> Signal:
-    """Some bits of x in their places: 2^first mod(floor(x / 2^first), 2^count)."""
-    low, width = site.constant(2.0**first), site.constant(2.0**count)
-    return site.call("mul", low, site.call("mod", site.call("floor", site.call("div", x, low)), width))
+def _field(block: BlockContext, x: Signal, first: int, count: int) -> Signal:
+    """Return a bit field of x in place: 2^first mod(floor(x / 2^first), 2^count)."""
+    low, width = block.constant(2.0**first), block.constant(2.0**count)
+    return block.apply("mul", low, block.apply("mod", block.apply("floor", block.apply("div", x, low)), width))
 
 
-def _folded(site: BlockContext, op: str, parts: list[Signal]) -> Signal:
-    made = parts[0]
+def _folded(block: BlockContext, op: str, parts: list[Signal]) -> Signal:
+    result = parts[0]
     for part in parts[1:]:
-        a, b = site.spread(made, part)
-        nodes = [_paired(site, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
+        a, b = block.broadcast(result, part)
+        nodes = [_paired(block, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
         period = fastest_sample_time([a.period, b.period])
-        made = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
-    return made
+        result = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
+    return result
 
 
-def _paired(site: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
-    """An operation on two signals, bit by bit; on one and a constant by its mask. NaN beyond 32 bits and a sign."""
-    for one, other in ((a, b), (b, a)):
-        value = site.builder.value(one.flat[0])
+def _paired(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
+    """Apply an operation to two signals bit by bit, or to one and a constant mask; NaN beyond int32 and uint32."""
+    for signal, other in ((a, b), (b, a)):
+        value = block.builder.value(signal.flat[0])
         if value is not None:
-            return _masked(site, op, other, _whole(value))
-    zero, both = site.constant(0.0), site.constant(0.0)
-    for at in range(_PAIRED):
-        bit = site.call("mul", _field(site, a, at, 1), _field(site, b, at, 1))
-        both = site.call("add", both, site.call("div", bit, site.constant(2.0**at)))
-    signs = site.call("and", site.call("lt", a, zero), site.call("lt", b, zero))
-    both = site.call("sub", both, site.call("mul", site.constant(2.0**_PAIRED), signs))
-    fits = site.call("and", _fits(site, a), _fits(site, b))
-    return site.select(fits, _from_and(site, op, a, b, both), site.constant(float("nan")))
+            return _masked(block, op, other, _whole(value))
+    zero, both = block.constant(0.0), block.constant(0.0)
+    for at in range(_MAX_SIGNAL_BITS):
+        bit = block.apply("mul", _field(block, a, at, 1), _field(block, b, at, 1))
+        both = block.apply("add", both, block.apply("div", bit, block.constant(2.0**at)))
+    signs = block.apply("and", block.apply("lt", a, zero), block.apply("lt", b, zero))
+    both = block.apply("sub", both, block.apply("mul", block.constant(2.0**_MAX_SIGNAL_BITS), signs))
+    fits = block.apply("and", _fits(block, a), _fits(block, b))
+    return block.select(fits, _from_and(block, op, a, b, both), block.constant(float("nan")))
 
 
-def _fits(site: BlockContext, x: Signal) -> Signal:
-    edge = 2.0**_PAIRED
-    return site.call("and", site.call("ge", x, site.constant(-edge)), site.call("lt", x, site.constant(edge)))
+def _fits(block: BlockContext, x: Signal) -> Signal:
+    edge = 2.0**_MAX_SIGNAL_BITS
+    return block.apply("and", block.apply("ge", x, block.constant(-edge)), block.apply("lt", x, block.constant(edge)))
 
 
 @block("Bit Set", linked=True, iBit="0")
-def bit_set(site: BlockContext) -> SignalOrBus:
-    """The input with one of its bits set."""
-    x, bit, weight = _bit(site)
-    clear = site.call("sub", site.constant(1.0), _one_bit(site, x, bit))
-    return site.call("add", x, site.call("mul", site.constant(weight), clear))
+def bit_set(block: BlockContext) -> SignalOrBus:
+    """Return the input with one bit set."""
+    x, bit, weight = _bit(block)
+    clear = block.apply("sub", block.constant(1.0), _one_bit(block, x, bit))
+    return block.apply("add", x, block.apply("mul", block.constant(weight), clear))
 
 
 @block("Bit Clear", linked=True, iBit="0")
-def bit_clear(site: BlockContext) -> SignalOrBus:
-    """The input with one of its bits cleared."""
-    x, bit, weight = _bit(site)
-    return site.call("sub", x, site.call("mul", site.constant(weight), _one_bit(site, x, bit)))
+def bit_clear(block: BlockContext) -> SignalOrBus:
+    """Return the input with one bit cleared."""
+    x, bit, weight = _bit(block)
+    return block.apply("sub", x, block.apply("mul", block.constant(weight), _one_bit(block, x, bit)))
 
 
-def _one_bit(site: BlockContext, x: Signal, at: int) -> Signal:
-    """1 where a bit of x is set, else 0."""
-    return site.call("div", _field(site, x, at, 1), site.constant(2.0**at))
+def _one_bit(block: BlockContext, x: Signal, at: int) -> Signal:
+    """Return 1 if a bit of x is set, else 0."""
+    return block.apply("div", _field(block, x, at, 1), block.constant(2.0**at))
 
 
-def _bit(site: BlockContext) -> tuple[Signal, int, float]:
-    """The input, the place of the bit, and what it counts: the highest of a word with a sign counts negative."""
-    bit, word = site.whole("iBit", 0, 52), integer_type_of(site.source())
+def _bit(block: BlockContext) -> tuple[Signal, int, float]:
+    """Return the input, the bit number, and the weight of the bit, negative for a sign bit."""
+    bit, word = block.integer_field("iBit", 0, 52), integer_type_of(block.source())
     if word is not None and bit >= word.bits:
-        raise UnsupportedError(f"bit {bit} is beyond its input of {word.bits} bits")
-    if word is None and bit >= _LEAST_SIGN.bit_length() - 1:
-        site.remark(
-            f"takes bit {bit} as 2^{bit}, since the file does not say the integer type of its input: as a sign it "
-            "would count negative. Let the block before it state an integer type"
+        raise UnsupportedError(f"bit {bit} is outside its {word.bits}-bit input")
+    if word is None and bit >= _MIN_SIGN_BIT.bit_length() - 1:
+        block.remark(
+            f"uses bit {bit} as 2^{bit} because the file does not specify the integer type of its input: as a "
+            "sign bit it would be negative. Specify an integer output type on the block that feeds it"
         )
     is_sign = word is not None and word.signed and bit == word.bits - 1
-    return stored(site, 0), bit, -(2.0**bit) if is_sign else 2.0**bit
+    return stored_integer(block, 0), bit, -(2.0**bit) if is_sign else 2.0**bit
 
 
 @block("Shift Arithmetic", linked=True)
-def old_shift(site: BlockContext) -> SignalOrBus:
-    """As `shift`, in files before R2009b: to the right by a number of bits, to the left by a negative one."""
-    if site.number("nBinPtShiftRight"):
-        raise UnsupportedError("it shifts the binary point, and number types are left aside")
-    by = site.parameter("nBitShiftRight")
-    return _shifted(site, stored(site, 0), by, "Bidirectional", _checked(integer_type_of(site.source())))
+def old_shift(block: BlockContext) -> SignalOrBus:
+    """Shift as `shift` does, in files before R2009b: a positive number shifts right, a negative one left."""
+    if block.numeric_field("nBinPtShiftRight"):
+        raise UnsupportedError("it shifts the binary point, but data types are ignored")
+    by = block.parameter("nBitShiftRight")
+    return _shifted(
+        block, stored_integer(block, 0), by, "Bidirectional", _require_integer_type(integer_type_of(block.source()))
+    )
 
 
 @block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
-def shift(site: BlockContext) -> SignalOrBus:
-    """The input shifted by some bits: to the right by floor(u / 2^n), to the left by what of u 2^n fits a word."""
-    if site.number("BinPtShiftNumber"):
-        raise UnsupportedError("it shifts the binary point, and number types are left aside")
-    way = site.chosen("BitShiftDirection", "Left", "Right", "Bidirectional")
-    word = _checked(integer_type_of(site.source()))
-    x = stored(site, 0)
-    if site.chosen("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
-        return _shifted(site, x, site.parameter("BitShiftNumber"), way, word)
-    return _shifted(site, x, stored(site, 1), way, word)
+def shift(block: BlockContext) -> SignalOrBus:
+    """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""
+    if block.numeric_field("BinPtShiftNumber"):
+        raise UnsupportedError("it shifts the binary point, but data types are ignored")
+    path = block.option("BitShiftDirection", "Left", "Right", "Bidirectional")
+    word = _require_integer_type(integer_type_of(block.source()))
+    x = stored_integer(block, 0)
+    if block.option("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
+        return _shifted(block, x, block.parameter("BitShiftNumber"), path, word)
+    return _shifted(block, x, stored_integer(block, 1), path, word)
 
 
-def _shifted(site: BlockContext, x: Signal, by: Signal, way: str, word: IntegerType) -> Signal:
-    right = site.call("floor", site.call("div", x, site.call("pow", site.constant(2.0), by)))
-    if way == "Right":
+def _shifted(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:
+    right = block.apply("floor", block.apply("div", x, block.apply("pow", block.constant(2.0), by)))
+    if path == "Right":
         return right
-    left = by if way == "Left" else site.call("neg", by)
-    shifted = site.call("mul", x, site.call("pow", site.constant(2.0), left))
-    pushed = Signal(integer_types.wrapped(site.builder, shifted.nodes, word), shifted.period)
-    return pushed if way == "Left" else site.select(site.call("lt", by, site.constant(0.0)), pushed, right)
+    left = by if path == "Left" else block.apply("neg", by)
+    shifted = block.apply("mul", x, block.apply("pow", block.constant(2.0), left))
+    pushed = Signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
+    return pushed if path == "Left" else block.select(block.apply("lt", by, block.constant(0.0)), pushed, right)

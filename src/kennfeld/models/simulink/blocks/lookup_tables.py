@@ -1,10 +1,9 @@
-"""Natural cubic splines through the values of a table, which they are linear in: its derivatives stay exact.
+"""Lookup Tables library: curves, maps and cubes with shared breakpoints, and natural cubic splines.
 
-Between two breakpoints h apart, with s + p = 1, y = s yl + p yu + ((s^3 - s) Ml + (p^3 - p) Mu) h^2 / 6. The second
-derivatives M follow from the values by a matrix of the breakpoints alone; they are 0 at the ends. A table of several
-dimensions is a spline along its first one for each line, then one through what these give.
-
-Tables: each becomes a curve, map or cube; its breakpoints are shared where several tables name the same ones.
+A spline is linear in the table values, so its derivatives with respect to them are exact. In a cell of width h with s +
+p = 1: y = s yl + p yu + ((s^3 - s) Ml + (p^3 - p) Mu) h^2 / 6. The second derivatives M are a matrix of the breakpoints
+times the values, and 0 at the ends. In several dimensions, a spline along the first dimension for each line is followed
+by a spline through the results.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,15 +21,15 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
-    named_text,
     parameter_field,
+    variable_field,
 )
 from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time, size_text
 from kennfeld.models.simulink.variables.mask_scope import Variable
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["Method", "breakpoint_axis", "constant_curve", "lookup_field", "method_of", "numbered", "shape_of"]
+__all__ = ["Method", "breakpoint_axis", "constant_curve", "index_axes", "lookup_field", "method_of", "shape_of"]
 
 _LINEAR = (
     "Linear",
@@ -41,12 +40,12 @@ _LINEAR = (
 )
 _NEAREST = ("Nearest", "Use Input Nearest")
 _SPLINE = ("Cubic spline", "Cubic Spline")
-_LARGEST_SPLINE = 50_000  # nodes
+_MAX_SPLINE_NODES = 50_000  # nodes
 _FLAT = ("Flat", "None - Flat", "Use Input Below", "Below")
 
 
 def nodes_needed(shape: Sequence[int]) -> int:
-    """About how many nodes a spline through a table of a shape takes."""
+    """Estimate how many nodes a spline through a table of this shape takes."""
     lines = np.cumprod([1, *reversed(shape[1:])])[::-1]
     return sum(int(count) * size * (2 * size + 4) for count, size in zip(lines, shape, strict=True))
 
@@ -58,22 +57,30 @@ def spline(
     coordinates: Sequence[int],
     beyond: str,
 ) -> int:
-    """The node of a spline at coordinates. `value` gives the node of a grid point by its places.
+    """Build a spline interpolation.
 
-    `beyond` the ends it is clipped, or goes on as a line or as the cubic of the last cell ("linear", "cubic").
+    Args:
+        builder: graph under construction.
+        value: node of the table value at the indices of a grid point.
+        points: breakpoints of each dimension.
+        coordinates: node of the coordinate along each dimension.
+        beyond: extrapolation: "clip", "linear", or "cubic", which extends the outermost cell.
+
+    Returns:
+        Node of the interpolated value.
     """
     if not points:
         return value()
     last, x = points[-1], coordinates[-1]
-    made = [
+    nodes = [
         spline(builder, lambda *rest, at=at: value(*rest, at), points[:-1], coordinates[:-1], beyond)
         for at in range(len(last))
     ]
-    return _along(builder, made, last, x, beyond)
+    return _along(builder, nodes, last, x, beyond)
 
 
 def _along(builder: GraphBuilder, values: list[int], points: Numbers, x: int, beyond: str) -> int:
-    """A spline along one dimension."""
+    """Build a spline along one dimension."""
     low, high, first, second, at, width = _cell(builder, values, _bends(builder, values, points), points, x)
     call, const = builder.call, builder.const
     p = call("div", call("sub", x, at), width)
@@ -99,30 +106,30 @@ def _cubic(builder: GraphBuilder, p: int) -> int:
 
 
 def _cell(builder: GraphBuilder, values: list[int], bends: list[int], points: Numbers, x: int) -> tuple[int, ...]:
-    """What holds in the cell of x: values and bends at its ends, where it begins, how wide it is."""
+    """Select the cell of x: values and second derivatives at its ends, its start and its width."""
     begins = [builder.const(float(point)) for point in points]
     widths = [builder.const(float(width)) for width in np.diff(points)]
     rows = list(zip(values, values[1:], bends, bends[1:], begins, widths, strict=False))
-    made = rows[0]
+    selected = rows[0]
     for begin, row in zip(begins[1:], rows[1:], strict=False):
         within = builder.call("ge", x, begin)
-        made = tuple(builder.call("select", within, new, old) for new, old in zip(row, made, strict=True))
-    return made
+        selected = tuple(builder.call("select", within, new, old) for new, old in zip(row, selected, strict=True))
+    return selected
 
 
 def _bends(builder: GraphBuilder, values: list[int], points: Numbers) -> list[int]:
-    """The second derivatives at the breakpoints."""
-    made = []
+    """Return the second derivatives at the breakpoints."""
+    nodes = []
     for row in _matrix(points):
         terms = [
             builder.call("mul", builder.const(float(share)), v) for share, v in zip(row, values, strict=True) if share
         ]
-        made.append(reduce_nodes(builder, "add", terms))
-    return made
+        nodes.append(reduce_nodes(builder, "add", terms))
+    return nodes
 
 
 def _matrix(points: Numbers) -> Numbers:
-    """What makes the second derivatives of the values."""
+    """Return the matrix that maps values to second derivatives."""
     count, widths = len(points), np.diff(points)
     left, right = np.eye(count), np.zeros((count, count))
     for i, (before, after) in enumerate(pairwise(widths), 1):
@@ -132,7 +139,7 @@ def _matrix(points: Numbers) -> Numbers:
 
 
 class Method(NamedTuple):
-    """Between the breakpoints: linear, nearest, flat or spline; beyond them: clip, linear, or cubic for a spline."""
+    """Interpolation (linear, nearest, flat, spline) and extrapolation (clip, linear; cubic for a spline)."""
 
     between: str
     beyond: str
@@ -142,54 +149,54 @@ class Method(NamedTuple):
        ExtrapMethod="Linear", BreakpointsForDimension1="[10,22,31]", BreakpointsForDimension2="[10,22,31]",
        BreakpointsSpecification="Explicit values", DataSpecification="Table and breakpoints", TableSource="Dialog",
        BreakpointsForDimension3="[1:3]", UseOneInputPortForAllInputData="off", SampleTime="-1")  # fmt: skip
-def lookup_nd(site: BlockContext) -> SignalOrBus:
-    """A table of any number of dimensions."""
-    if site.chosen("DataSpecification", "Table and breakpoints", "Lookup table object") == "Lookup table object":
-        return _object(site)
-    site.chosen("TableSource", "Dialog", "Specify via dialog")
-    count = site.whole("NumberOfTableDimensions", 1, 30)
+def lookup_nd(block: BlockContext) -> SignalOrBus:
+    """Look up a table with any number of dimensions."""
+    if block.option("DataSpecification", "Table and breakpoints", "Lookup table object") == "Lookup table object":
+        return _object(block)
+    block.option("TableSource", "Dialog", "Specify via dialog")
+    count = block.integer_field("NumberOfTableDimensions", 1, 30)
     if count > 4:
-        raise UnsupportedError(f"its table has {count} dimensions; parameters have at most 4")
-    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
+        raise UnsupportedError(f"its table has {count} dimensions; at most 4 are supported")
+    method = method_of(block.field_text("InterpMethod"), block.field_text("ExtrapMethod"))
     names = [f"BreakpointsForDimension{i + 1}" for i in range(count)]
-    if site.chosen("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
-        axes = [_even(site, i + 1, size) for i, size in enumerate(shape_of(site, "Table", count))]
+    if block.option("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
+        axes = [_even(block, i + 1, size) for i, size in enumerate(shape_of(block, "Table", count))]
     else:
-        axes = _axes(site, "Table", names)
-    return lookup_field(site, "Table", axes, _coordinates(site, count), method)
+        axes = _axes(block, "Table", names)
+    return lookup_field(block, "Table", axes, _coordinates(block, count), method)
 
 
-def _object(site: BlockContext) -> SignalOrBus:
-    """A table whose values and breakpoints are in one variable."""
-    whole = site.text("LookupTableObject")
-    method = method_of(site.text("InterpMethod"), site.text("ExtrapMethod"))
-    if (given := calibrated_table(site, whole)) is not None:
-        axes = list(given.variable.axes)
-        return _looked_up(site, given, axes, _coordinates(site, len(axes)), method)
-    table = named_text(site, f"{whole}.Table")
+def _object(block: BlockContext) -> SignalOrBus:
+    """Look up a table whose values and breakpoints are one lookup table object."""
+    whole = block.field_text("LookupTableObject")
+    method = method_of(block.field_text("InterpMethod"), block.field_text("ExtrapMethod"))
+    if (field := calibrated_table(block, whole)) is not None:
+        axes = list(field.variable.axes)
+        return _looked_up(block, field, axes, _coordinates(block, len(axes)), method)
+    table = variable_field(block, f"{whole}.Table")
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
     axes = []
     for at in range(count):
-        points = named_text(site, f"{whole}.Breakpoints{at + 1}").values.ravel()
+        points = variable_field(block, f"{whole}.Breakpoints{at + 1}").values.ravel()
         try:
             axes.append(Axis(points))
         except ArgumentError as error:
             raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
-    return _looked_up(site, replace(table, name=whole), axes, _coordinates(site, count), method)
+    return _looked_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
 
 
 def method_of(between: str, beyond: str) -> Method:
-    """The method that the words of a block mean; raises `UnsupportedError` for others."""
+    """Return the method of a block's settings; raise `UnsupportedError` for unsupported ones."""
     kind = {**dict.fromkeys(_LINEAR, "linear"), **dict.fromkeys(_NEAREST, "nearest"), **dict.fromkeys(_FLAT, "flat")}
     if between in _SPLINE:
         return Method("spline", _beyond_spline(beyond))
     if between not in kind:
-        known = "Linear, nearest, flat and cubic splines are."
-        raise UnsupportedError(f"InterpMethod is {between!r}, which is not supported", known)
+        known = "Supported: linear, nearest, flat and cubic spline."
+        raise UnsupportedError(f"InterpMethod {between!r} is not supported", known)
     if kind[between] != "linear":
         return Method(kind[between], "clip")
     if beyond not in ("Clip", "None - Clip", "Linear"):
-        raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip and linear are.")
+        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", "Supported: clip and linear.")
     return Method("linear", "linear" if beyond == "Linear" else "clip")
 
 
@@ -197,202 +204,208 @@ def _beyond_spline(beyond: str) -> str:
     if beyond in _SPLINE:
         return "cubic"
     if beyond not in ("Clip", "None - Clip", "Linear"):
-        raise UnsupportedError(f"ExtrapMethod is {beyond!r}, which is not supported", "Clip, linear and cubic are.")
+        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", "Supported: clip, linear and cubic.")
     return "linear" if beyond == "Linear" else "clip"
 
 
-def _coordinates(site: BlockContext, count: int) -> list[Signal]:
-    if not site.on("UseOneInputPortForAllInputData"):
-        return [site.input(at) for at in range(count)]
-    u = site.input()
+def _coordinates(block: BlockContext, count: int) -> list[Signal]:
+    if not block.is_on("UseOneInputPortForAllInputData"):
+        return [block.input(at) for at in range(count)]
+    u = block.input()
     if u.size != count:
         raise UnsupportedError(f"its input has {u.size} elements for {count} dimensions")
     return u.elements
 
 
-def _even(site: BlockContext, number: int, size: int) -> Axis:
-    first = site.number(f"BreakpointsForDimension{number}FirstPoint", "1")
-    spacing = site.number(f"BreakpointsForDimension{number}Spacing", "1")
+def _even(block: BlockContext, number: int, size: int) -> Axis:
+    first = block.numeric_field(f"BreakpointsForDimension{number}FirstPoint", "1")
+    spacing = block.numeric_field(f"BreakpointsForDimension{number}Spacing", "1")
     return Axis(first + spacing * np.arange(size))
 
 
-def shape_of(site: BlockContext, name: str, count: int) -> tuple[int, ...]:
-    """The sizes of a table along its dimensions."""
-    found = site.numbers(name)
-    return (found.size,) if count == 1 else found.shape
+def shape_of(block: BlockContext, name: str, count: int) -> tuple[int, ...]:
+    """Return the size of a table along each dimension."""
+    numbers = block.numeric_array(name)
+    return (numbers.size,) if count == 1 else numbers.shape
 
 
-def _axes(site: BlockContext, table: str, names: list[str]) -> list[Axis]:
-    """The axes of a table: those of a calibration file, which come with its values, else the fields' breakpoints."""
-    own = parameter_field(site, table).variable.axes
-    return list(own) if len(own) == len(names) else [breakpoint_axis(site, name) for name in names]
+def _axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
+    """Return the axes of a table: those of the calibration file that gives its values, else the breakpoint fields."""
+    own = parameter_field(block, table).variable.axes
+    return list(own) if len(own) == len(names) else [breakpoint_axis(block, name) for name in names]
 
 
-def breakpoint_axis(site: BlockContext, name: str) -> Axis:
-    """The breakpoints of a dimension; a variable by its name, so that tables share it."""
-    found = parameter_field(site, name)
-    group = found.name if found.is_variable else ""
+def breakpoint_axis(block: BlockContext, name: str) -> Axis:
+    """Return the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
+    field = parameter_field(block, name)
+    group = field.name if field.is_variable else ""
     try:
-        return Axis(found.values.ravel(), name=group, unit=found.variable.unit)
+        return Axis(field.values.ravel(), name=group, unit=field.variable.unit)
     except ArgumentError as error:
         raise UnsupportedError(f"its {name}: {error}") from None
 
 
-def lookup_field(site: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method) -> Signal:
-    """The table of a field at coordinates, element by element."""
-    return _looked_up(site, parameter_field(site, table), axes, coordinates, method)
+def lookup_field(
+    block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
+) -> Signal:
+    """Look up the table of a field at coordinates, element by element."""
+    return _looked_up(block, parameter_field(block, table), axes, coordinates, method)
 
 
 def constant_curve(
-    site: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
+    block: BlockContext, field: str, x: Signal, points: Numbers, values: Numbers, method: Method
 ) -> Signal:
-    """A curve through points that no one fits, called by the field that they come from."""
-    held = Variable(values, source="a literal of the block")
+    """Look up a curve whose values are constants, named after the field they come from."""
+    variable = Variable(values, source="a literal of the block")
     return _looked_up(
-        site, ParameterField(f"{site.atom.path}:{field}", values, held, False), [Axis(points)], [x], method
+        block, ParameterField(f"{block.flat.path}:{field}", values, variable, False), [Axis(points)], [x], method
     )
 
 
 def _looked_up(
-    site: BlockContext, found: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
+    block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
 ) -> Signal:
-    table = found.name
-    values = _fitted(found.values, tuple(len(axis) for axis in axes), table)
+    table = field.name
+    values = _reshape_values(field.values, tuple(len(axis) for axis in axes), table)
     if any(len(axis) < 2 for axis in axes):
-        raise UnsupportedError(f"its {table} has a dimension with a single breakpoint")
-    locked = not (found.is_variable or found.name in site.compiler.declared.promoted)
-    axes = [axis.changed(input=_quantity(site, at)) if not axis.name else axis for at, axis in enumerate(axes)]
+        raise UnsupportedError(f"its {table} has a dimension with only one breakpoint")
+    locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
+    axes = [axis.changed(input=_quantity(block, at)) if not axis.name else axis for at, axis in enumerate(axes)]
     kept = method.beyond if method.between != "spline" else "clip"
-    made = site.compiler.declared.table(found.name, values, axes, found.variable, locked, kept)
-    spread = site.spread(*coordinates)
+    parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
+    spread = block.broadcast(*coordinates)
     if method.between == "spline":
-        return _splined(site, made, spread, method.beyond)
+        return _look_up_spline(block, parameter, spread, method.beyond)
     if method.between != "linear":
-        spread = [_snapped(site, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
-    columns = [one.nodes.ravel() for one in spread]
-    nodes = [site.builder.lookup(made.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)]
-    period = fastest_sample_time([one.period for one in spread])
+        spread = [_snap(block, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
+    columns = [signal.nodes.ravel() for signal in spread]
+    nodes = [
+        block.builder.lookup(parameter.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)
+    ]
+    period = fastest_sample_time([signal.period for signal in spread])
     return Signal(np.array(nodes, dtype=np.int64).reshape(spread[0].shape), period)
 
 
-def _splined(site: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
-    """A spline through the values of a table, element by element."""
+def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
+    """Look up a spline through the values of a table, element by element."""
     points = [axis.breakpoints for axis in table.axes]
     shape = [len(axis) for axis in points]
-    if nodes_needed(shape) > _LARGEST_SPLINE:
-        sizes = " x ".join(map(str, shape))
-        raise UnsupportedError(f"a spline through a table of {sizes} values is too large", "Linear lookups are not.")
-    builder = site.builder
+    if nodes_needed(shape) > _MAX_SPLINE_NODES:
+        sizes = size_text(shape)
+        raise UnsupportedError(
+            f"its table of {sizes} values is too large for spline interpolation", "Use linear interpolation."
+        )
+    builder = block.builder
 
     def value(*places: int) -> int:
         return builder.lookup(
             table.name, *(builder.const(float(axis[at])) for axis, at in zip(points, places, strict=True))
         )
 
-    columns = zip(*(one.nodes.ravel() for one in coordinates), strict=True)
+    columns = zip(*(signal.nodes.ravel() for signal in coordinates), strict=True)
     nodes = [spline(builder, value, points, [int(node) for node in place], beyond) for place in columns]
-    period = fastest_sample_time([one.period for one in coordinates])
+    period = fastest_sample_time([signal.period for signal in coordinates])
     return Signal(np.array(nodes, dtype=np.int64).reshape(coordinates[0].shape), period)
 
 
-def _quantity(site: BlockContext, at: int) -> str:
-    return site.atom.taken.get(at, "")
+def _quantity(block: BlockContext, at: int) -> str:
+    return block.flat.input_names.get(at, "")
 
 
-def _fitted(values: Numbers, shape: tuple[int, ...], table: str) -> Numbers:
-    """The table's values in the shape of its breakpoints."""
+def _reshape_values(values: Numbers, shape: tuple[int, ...], table: str) -> Numbers:
+    """Return the table values in the shape of the breakpoints."""
     if len(shape) == 1 and values.size == shape[0]:
         return values.ravel()
     if values.shape != shape:
-        sizes = " x ".join(map(str, values.shape))
-        raise UnsupportedError(f"its {table} of {sizes} does not fit its {' x '.join(map(str, shape))} breakpoints")
+        sizes = size_text(values.shape)
+        raise UnsupportedError(f"its {table} of size {sizes} does not match its {size_text(shape)} breakpoints")
     return values
 
 
-def _snapped(site: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
-    """The breakpoint that stands for a coordinate: the nearest one, the upper of two equally near, or the one below."""
+def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
+    """Round a coordinate to a breakpoint: the nearest (ties to the upper one), or the one below."""
     points = axis.breakpoints
-    made = site.constant(float(points[0]))
+    result = block.constant(float(points[0]))
     for low, high in pairwise(points):
-        limit = site.constant(float(high if how == "flat" else (low + high) / 2))
-        made = site.select(site.call("ge", x, limit), site.constant(float(high)), made)
-    return made
+        limit = block.constant(float(high if how == "flat" else (low + high) / 2))
+        result = block.select(block.apply("ge", x, limit), block.constant(float(high)), result)
+    return result
 
 
 @block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
-def lookup(site: BlockContext) -> SignalOrBus:
-    """A curve, as files before R2011a have it."""
-    table = "Table" if site.atom.block.value("Table") is not None else "OutputValues"
-    return lookup_field(site, table, _axes(site, table, ["InputValues"]), [site.input()], _old_method(site))
+def lookup(block: BlockContext) -> SignalOrBus:
+    """Look up a curve (block before R2011a)."""
+    table = "Table" if block.flat.block.value("Table") is not None else "OutputValues"
+    return lookup_field(block, table, _axes(block, table, ["InputValues"]), [block.input()], _old_method(block))
 
 
 @block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
-def lookup_2d(site: BlockContext) -> SignalOrBus:
-    """A map, as files before R2011a have it; the first input is along the rows."""
-    rows = "RowIndex" if site.atom.block.value("RowIndex") is not None else "x"
-    columns = "ColumnIndex" if site.atom.block.value("ColumnIndex") is not None else "y"
-    table = "Table" if site.atom.block.value("Table") is not None else "t"
-    return lookup_field(site, table, _axes(site, table, [rows, columns]), site.inputs[:2], _old_method(site))
+def lookup_2d(block: BlockContext) -> SignalOrBus:
+    """Look up a map (block before R2011a); the first input selects the row."""
+    rows = "RowIndex" if block.flat.block.value("RowIndex") is not None else "x"
+    columns = "ColumnIndex" if block.flat.block.value("ColumnIndex") is not None else "y"
+    table = "Table" if block.flat.block.value("Table") is not None else "t"
+    return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
 
 
-def _old_method(site: BlockContext) -> Method:
-    written = site.text("LookUpMeth")
+def _old_method(block: BlockContext) -> Method:
+    written = block.field_text("LookUpMeth")
     if written not in (*_LINEAR, *_NEAREST, *_FLAT):
-        raise UnsupportedError(f"LookUpMeth is {written!r}, which is not supported")
+        raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
     between = "linear" if written in _LINEAR else "nearest" if written in _NEAREST else "flat"
     return Method(between, "linear" if written == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
        Table="[4 5 6;16 19 20;10 18 23]", SampleTime="-1")  # fmt: skip
-def direct_lookup(site: BlockContext) -> SignalOrBus:
-    """An element or a column of a table by its places, counted from 0; those beyond the ends take the ends."""
-    wanted = site.chosen("InputsSelectThisObjectFromTable", "Element", "Column")
-    if site.on("TableIsInput"):
-        raise UnsupportedError("its table is an input", "Put a Selector in its place.")
-    count = site.whole("NumberOfTableDimensions", 1, 4)
-    shape = shape_of(site, "Table", count)
-    places = [site.call("floor", one) for one in site.inputs]
+def direct_lookup(block: BlockContext) -> SignalOrBus:
+    """Return an element or column of a table by indices from 0, clipped to the table."""
+    wanted = block.option("InputsSelectThisObjectFromTable", "Element", "Column")
+    if block.is_on("TableIsInput"):
+        raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
+    count = block.integer_field("NumberOfTableDimensions", 1, 4)
+    shape = shape_of(block, "Table", count)
+    places = [block.apply("floor", signal) for signal in block.inputs]
     if wanted == "Column":
-        places.insert(0, site.constant(*map(float, range(shape[0]))))
+        places.insert(0, block.constant(*map(float, range(shape[0]))))
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
-        raise UnsupportedError(f"its inputs do not choose an {wanted.lower()} of a table of {count} dimensions")
-    axes = numbered(site, "Table", shape)
-    return lookup_field(site, "Table", axes, places, Method("linear", "clip"))
+        raise UnsupportedError(f"its inputs do not select an {wanted.lower()} of a table of {count} dimensions")
+    axes = index_axes(block, "Table", shape)
+    return lookup_field(block, "Table", axes, places, Method("linear", "clip"))
 
 
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")
-def lookup_dynamic(site: BlockContext) -> SignalOrBus:
-    """A curve whose breakpoints and values are inputs."""
-    method = _old_method(site)
-    if site.count != 3:
-        raise UnsupportedError(f"it has {site.count} inputs, not one each for x, the breakpoints and the values")
-    x, xs, ys = (site.input(at) for at in range(3))
+def lookup_dynamic(block: BlockContext) -> SignalOrBus:
+    """Look up a curve whose breakpoints and values are inputs."""
+    method = _old_method(block)
+    if block.input_count != 3:
+        raise UnsupportedError(f"it must have three inputs (x, breakpoints and values), got {block.input_count}")
+    x, xs, ys = (block.input(at) for at in range(3))
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
-        raise UnsupportedError("only linear interpolation between two or more points is supported")
-    points = [one.elements for one in (xs, ys)]
-    made = _line(site, x, points, 0)
+        raise UnsupportedError("only linear interpolation between at least two points is supported")
+    points = [signal.elements for signal in (xs, ys)]
+    result = _line(block, x, points, 0)
     for at in range(1, xs.size - 1):
-        made = site.select(site.call("ge", x, points[0][at]), _line(site, x, points, at), made)
+        result = block.select(block.apply("ge", x, points[0][at]), _line(block, x, points, at), result)
     if method.beyond == "linear":
-        return made
-    low = site.select(site.call("lt", x, points[0][0]), points[1][0], made)
-    return site.select(site.call("gt", x, points[0][-1]), points[1][-1], low)
+        return result
+    low = block.select(block.apply("lt", x, points[0][0]), points[1][0], result)
+    return block.select(block.apply("gt", x, points[0][-1]), points[1][-1], low)
 
 
-def _line(site: BlockContext, x: Signal, points: list[list[Signal]], at: int) -> Signal:
-    (x0, x1), (y0, y1) = (one[at : at + 2] for one in points)
-    share = site.call("div", site.call("sub", x, x0), site.call("sub", x1, x0))
-    return site.call("add", y0, site.call("mul", share, site.call("sub", y1, y0)))
+def _line(block: BlockContext, x: Signal, points: list[list[Signal]], at: int) -> Signal:
+    (x0, x1), (y0, y1) = (signals[at : at + 2] for signals in points)
+    share = block.apply("div", block.apply("sub", x, x0), block.apply("sub", x1, x0))
+    return block.apply("add", y0, block.apply("mul", share, block.apply("sub", y1, y0)))
 
 
-def numbered(site: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
-    """Axes that count from 0; raises `UnsupportedError` where a calibration file gives the table others."""
+def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:
+    """Return axes 0, 1, 2, ...; raise `UnsupportedError` if a calibration file gives the table other breakpoints."""
     axes = [Axis(np.arange(size)) for size in shape]
-    own = parameter_field(site, table).variable.axes
+    own = parameter_field(block, table).variable.axes
     if own and not all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(own, axes, strict=False)):
-        message = f"the calibration file gives its {table} breakpoints, but the model looks it up by number"
-        raise UnsupportedError(message, "Give its values in a script or as a value block.")
+        message = f"the calibration file defines breakpoints for its {table}, but the model looks it up by index"
+        raise UnsupportedError(message, "Define its values in a script or as a value block.")
     return axes

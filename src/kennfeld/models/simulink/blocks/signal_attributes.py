@@ -1,11 +1,8 @@
-"""Conversions between units: a factor, for temperatures an offset as well.
+"""Signal Attributes library: rate transitions, probes, checks and unit conversions.
 
-Blocks that pass a signal on, tell of it, or check it.
-
-Signals passed on between sample times: held for a slower one, a hit late for a faster one.
-
-Where a transition need not be deterministic, a faster sample time sees what the slower one has left last: that of the
-same step in a single task, that of the step before where each sample time is a task of its own.
+A rate transition holds a signal for a slower task and delays it by one sample for a faster one. If it need not be
+deterministic, a faster task reads the last value of the slower one: that of the same step in single-tasking mode, of
+the previous step in multitasking mode.
 """
 
 import math
@@ -32,7 +29,7 @@ _POUND, _G = Fraction("0.45359237"), Fraction("9.80665")
 _FORCE = _POUND * _G
 _SLUG = _FORCE / _FOOT
 
-# what one unit is in the unit of the SI, by the block that converts it
+# units in SI units, by conversion block
 _SCALES: Final[Mapping[str, _Scale]] = {
     "Length": {"m": 1, "km": 1000, "ft": _FOOT, "in": _INCH, "mi": _MILE, "naut mi": 1852},
     "Velocity": {
@@ -60,286 +57,286 @@ _KELVIN = {
     "R": (5 / 9, 0.0),
 }  # K = factor x + offset
 
-_ASKED = ("ProbeWidth", "ProbeSampleTime", "ProbeComplexSignal", "ProbeSignalDimensions", "ProbeFramedSignal")
+_PROBE_FIELDS = ("ProbeWidth", "ProbeSampleTime", "ProbeComplexSignal", "ProbeSignalDimensions", "ProbeFramedSignal")
 
 _CHECKS = (
     "Checks_DGap", "Checks_DMax", "Checks_DMin", "Checks_DRange", "Checks_Gradient", "Checks_Resolution", "Checks_SGap",
     "Checks_SMax", "Checks_SMin", "Checks_SRange",
 )  # fmt: skip
 
-_NEAR = 1e-6  # of a sample time, as far as it may be rounded
+_TIME_TOLERANCE = 1e-6  # relative to the sample time, for rounding
 _OPTIONS = ("Specify", "Inherit", "Multiple of input port sample time")
 
 
-def _unit(site: BlockContext, name: str, known: Mapping[str, object]) -> str:
-    written = site.text(name).replace("G''s", "G's")
+def _unit(block: BlockContext, name: str, known: Mapping[str, object]) -> str:
+    written = block.field_text(name).replace("G''s", "G's")
     if written not in known:
-        raise UnsupportedError(
-            f"{name} is {written[:40]!r}, a unit that is not known", f"Known are {', '.join(known)}."
-        )
+        raise UnsupportedError(f"unknown unit {written[:40]!r} in {name}", f"Known units: {', '.join(known)}.")
     return written
 
 
 @block(*(f"{quantity} Conversion" for quantity in _SCALES), linked=True)
-def conversion(site: BlockContext) -> SignalOrBus:
-    """The input in another unit of the same quantity."""
-    scale = _SCALES[site.atom.kind.removesuffix(" Conversion")]
-    ratio = scale[_unit(site, "IU", scale)] / scale[_unit(site, "OU", scale)]
-    return _times(site, float(ratio))
+def conversion(block: BlockContext) -> SignalOrBus:
+    """Convert the input to another unit of the same quantity."""
+    scale = _SCALES[block.flat.type.removesuffix(" Conversion")]
+    ratio = scale[_unit(block, "IU", scale)] / scale[_unit(block, "OU", scale)]
+    return _times(block, float(ratio))
 
 
 @block("Temperature Conversion", linked=True)
-def temperature(site: BlockContext) -> SignalOrBus:
-    """A temperature in another unit."""
-    (factor, offset), (other, beyond) = (_KELVIN[_unit(site, name, _KELVIN)] for name in ("IU", "OU"))
-    return site.call("add", _times(site, factor / other), site.constant((offset - beyond) / other))
+def temperature(block: BlockContext) -> SignalOrBus:
+    """Convert a temperature to another unit."""
+    (factor, offset), (other, beyond) = (_KELVIN[_unit(block, name, _KELVIN)] for name in ("IU", "OU"))
+    return block.apply("add", _times(block, factor / other), block.constant((offset - beyond) / other))
 
 
-def _times(site: BlockContext, factor: float) -> Signal:
-    return site.call("mul", site.input(), site.constant(factor))
+def _times(block: BlockContext, factor: float) -> Signal:
+    return block.apply("mul", block.input(), block.constant(factor))
 
 
 @block("DegreesToRadians", "Degrees to Radians", linked=True)
-def degrees_to_radians(site: BlockContext) -> SignalOrBus:
-    """An angle in rad."""
-    return _times(site, math.pi / 180)
+def degrees_to_radians(block: BlockContext) -> SignalOrBus:
+    """Convert an angle from degrees to rad."""
+    return _times(block, math.pi / 180)
 
 
 @block("RadiansToDegrees", "Radians to Degrees", linked=True)
-def radians_to_degrees(site: BlockContext) -> SignalOrBus:
-    """An angle in degrees."""
-    return _times(site, 180 / math.pi)
+def radians_to_degrees(block: BlockContext) -> SignalOrBus:
+    """Convert an angle from rad to degrees."""
+    return _times(block, 180 / math.pi)
 
 
 @block("Fahrenheit to Celsius", linked=True)
-def fahrenheit_to_celsius(site: BlockContext) -> SignalOrBus:
-    """A temperature in degrees Celsius."""
-    return site.call("mul", site.call("sub", site.input(), site.constant(32.0)), site.constant(5 / 9))
+def fahrenheit_to_celsius(block: BlockContext) -> SignalOrBus:
+    """Convert a temperature from degrees Fahrenheit to Celsius."""
+    return block.apply("mul", block.apply("sub", block.input(), block.constant(32.0)), block.constant(5 / 9))
 
 
 @block("Celsius to Fahrenheit", linked=True)
-def celsius_to_fahrenheit(site: BlockContext) -> SignalOrBus:
-    """A temperature in degrees Fahrenheit."""
-    return site.call("add", _times(site, 9 / 5), site.constant(32.0))
+def celsius_to_fahrenheit(block: BlockContext) -> SignalOrBus:
+    """Convert a temperature from degrees Celsius to Fahrenheit."""
+    return block.apply("add", _times(block, 9 / 5), block.constant(32.0))
 
 
 @block("Cartesian to Polar", linked=True)
-def cartesian_to_polar(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """The radius and the angle of x and y."""
-    x, y = site.input(0), site.input(1)
-    squares = site.call("add", site.call("mul", x, x), site.call("mul", y, y))
-    return site.call("sqrt", squares), site.call("atan2", y, x)
+def cartesian_to_polar(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return the radius and angle of x and y."""
+    x, y = block.input(0), block.input(1)
+    squares = block.apply("add", block.apply("mul", x, x), block.apply("mul", y, y))
+    return block.apply("sqrt", squares), block.apply("atan2", y, x)
 
 
 @block("Polar to Cartesian", linked=True)
-def polar_to_cartesian(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """The x and y of a radius and an angle."""
-    radius, angle = site.input(0), site.input(1)
-    return site.call("mul", radius, site.call("cos", angle)), site.call("mul", radius, site.call("sin", angle))
+def polar_to_cartesian(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return x and y of a radius and angle."""
+    radius, angle = block.input(0), block.input(1)
+    return block.apply("mul", radius, block.apply("cos", angle)), block.apply("mul", radius, block.apply("sin", angle))
 
 
 @block("UnitConversion", refused=True)
-def by_ports(site: BlockContext) -> SignalOrBus:
-    """The input in the unit of what it leads to."""
+def by_ports(block: BlockContext) -> SignalOrBus:
+    """Refuse a conversion to the unit of the connected port."""
     raise UnsupportedError(
-        "it converts between the units of ports, which are left aside", "Put a Gain in its place, or bind it."
+        "it converts between the units of ports, which are ignored", "Use a Gain block instead, or bind it."
     )
 
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)
-def like_another(site: BlockContext) -> SignalOrBus:
-    """The second input; the first one only lends its type."""
-    return site.wired(1)
+def like_another(block: BlockContext) -> SignalOrBus:
+    """Return the second input; the first only provides its type."""
+    return block.input_or_bus(1)
 
 
 @block("Scaling Strip", "Data Type Scaling Strip", linked=True, refused=True)
-def stripped(site: BlockContext) -> SignalOrBus:
-    """The stored number of a fixed-point number, which is not known."""
-    raise UnsupportedError("it takes the scaling of a fixed-point number away, and number types are left aside")
+def stripped(block: BlockContext) -> SignalOrBus:
+    """Refuse the stored integer of a fixed-point number: data types are ignored."""
+    raise UnsupportedError("it removes the scaling of a fixed-point number, but data types are ignored")
 
 
 @block("Environment Controller", linked=True)
-def environment(site: BlockContext) -> SignalOrBus:
-    """The first input, which counts where a model is simulated."""
-    return site.wired(0)
+def environment(block: BlockContext) -> SignalOrBus:
+    """Return the first input, the one used in simulation."""
+    return block.input_or_bus(0)
 
 
 @block("BusToVector")
-def bus_to_vector(site: BlockContext) -> SignalOrBus:
-    """The signals of a bus behind each other."""
-    wired = site.wired(0)
+def bus_to_vector(block: BlockContext) -> SignalOrBus:
+    """Return the signals of a bus as one vector."""
+    wired = block.input_or_bus(0)
     nodes = [node for _, signal in leaf_signals(wired) for node in signal.flat]
     return Signal(np.array(nodes, dtype=np.int64), wired.period)
 
 
 @block("Width")
-def width(site: BlockContext) -> SignalOrBus:
-    """How many elements the input has."""
-    return site.constant(float(sum(signal.size for _, signal in leaf_signals(site.wired(0)))))
+def width(block: BlockContext) -> SignalOrBus:
+    """Return the number of elements of the input."""
+    return block.constant(float(sum(signal.size for _, signal in leaf_signals(block.input_or_bus(0)))))
 
 
 @block("Probe", ProbeWidth="on", ProbeSampleTime="on", ProbeComplexSignal="on", ProbeSignalDimensions="on",
        ProbeFramedSignal="off")  # fmt: skip
-def probe(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """What is known of the input: its width, its sample time and offset, that it is real, its dimensions."""
-    asked = [name for name in _ASKED if site.on(name)]
-    return tuple(_told(site, name, site.input()) for name in asked)
+def probe(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return width, sample time and offset, complexity (0) and dimensions of the input."""
+    asked = [name for name in _PROBE_FIELDS if block.is_on(name)]
+    return tuple(_told(block, name, block.input()) for name in asked)
 
 
-def _told(site: BlockContext, name: str, u: Signal) -> Signal:
+def _told(block: BlockContext, name: str, u: Signal) -> Signal:
     match name:
         case "ProbeWidth":
-            return site.constant(float(u.size))
+            return block.constant(float(u.size))
         case "ProbeSampleTime":
-            return _sample_time(site, u)
+            return _sample_time(block, u)
         case "ProbeSignalDimensions":
-            return site.constant(*map(float, u.shape))
-    return site.constant(0.0)
+            return block.constant(*map(float, u.shape))
+    return block.constant(0.0)
 
 
-def _sample_time(site: BlockContext, u: Signal) -> Signal:
+def _sample_time(block: BlockContext, u: Signal) -> Signal:
     if u.period == CONTINUOUS:
-        raise UnsupportedError("it asks for the sample time of a signal that states none")
-    return site.constant(math.inf if u.period == CONSTANT else u.period, 0.0)
+        raise UnsupportedError("it outputs the sample time of a signal that does not specify one")
+    return block.constant(math.inf if u.period == CONSTANT else u.period, 0.0)
 
 
 @block("ComplexToRealImag", Output="Real and imag")
-def real_and_imaginary(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """The real and the imaginary part of a signal, which is real."""
-    u = site.input()
-    parts = {"Real": u, "Imag": site.call("mul", site.constant(0.0), u)}
-    return _parts(site, parts, "Real and imag")
+def real_and_imaginary(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return the real and the imaginary part of a real signal."""
+    u = block.input()
+    parts = {"Real": u, "Imag": block.apply("mul", block.constant(0.0), u)}
+    return _parts(block, parts, "Real and imag")
 
 
 @block("ComplexToMagnitudeAngle", Output="Magnitude and angle")
-def magnitude_and_angle(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """The magnitude and the angle of a signal, which is real."""
-    u = site.input()
-    angle = site.select(site.call("lt", u, site.constant(0.0)), site.constant(math.pi), site.constant(0.0))
-    return _parts(site, {"Magnitude": site.call("abs", u), "Angle": angle}, "Magnitude and angle")
+def magnitude_and_angle(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return the magnitude and the angle of a real signal."""
+    u = block.input()
+    angle = block.select(block.apply("lt", u, block.constant(0.0)), block.constant(math.pi), block.constant(0.0))
+    return _parts(block, {"Magnitude": block.apply("abs", u), "Angle": angle}, "Magnitude and angle")
 
 
-def _parts(site: BlockContext, parts: dict[str, Signal], both: str) -> tuple[SignalOrBus, ...]:
-    wanted = site.chosen("Output", both, *parts)
+def _parts(block: BlockContext, parts: dict[str, Signal], both: str) -> tuple[SignalOrBus, ...]:
+    wanted = block.option("Output", both, *parts)
     return tuple(part for name, part in parts.items() if wanted in (name, both))
 
 
 @block("RealImagToComplex", "MagnitudeAngleToComplex", refused=True)
-def to_complex(site: BlockContext) -> SignalOrBus:
-    """A complex signal, which the graph does not know."""
-    raise UnsupportedError("its output is complex, and the graph is real", "Bind what is computed from it.")
+def to_complex(block: BlockContext) -> SignalOrBus:
+    """Refuse a complex signal."""
+    raise UnsupportedError("its output is complex, but only real signals are supported", "Bind the block that uses it.")
 
 
 @block("Algebraic Constraint", "AlgebraicConstraint", refused=True)
-def algebraic_constraint(site: BlockContext) -> SignalOrBus:
-    """A value that makes another one 0, which would have to be searched for in each step."""
+def algebraic_constraint(block: BlockContext) -> SignalOrBus:
+    """Refuse an algebraic constraint, which would need an equation solver in each step."""
     raise UnsupportedError(
-        "it searches for a value that makes its input 0, in each step", "Solve for it, and bind that."
+        "it solves for a value that makes its input 0 in each step, which is not supported",
+        "Solve the equation explicitly, and bind the block.",
     )
 
 
-@block(*_CHECKS, linked=True, needs=lambda site: (), sink=True, export="off")
-def check(site: BlockContext) -> SignalOrBus:
-    """Nothing: it only checks."""
-    if site.on("export"):
-        raise UnsupportedError("it gives out what it has checked")
-    return site.constant()
+@block(*_CHECKS, linked=True, needs=lambda block: (), sink=True, export="off")
+def check(block: BlockContext) -> SignalOrBus:
+    """Lower a check block; it has no output."""
+    if block.is_on("export"):
+        raise UnsupportedError("it outputs the result of its check, which is not supported")
+    return block.constant()
 
 
-@block("CMBlock", "XY scope.", "Record", linked=True, needs=lambda site: (), sink=True)
-def note(site: BlockContext) -> SignalOrBus:
-    """Nothing: it only shows."""
-    return site.constant()
+@block("CMBlock", "XY scope.", "Record", linked=True, needs=lambda block: (), sink=True)
+def note(block: BlockContext) -> SignalOrBus:
+    """Lower an annotation block; it has no output."""
+    return block.constant()
 
 
 @block("HitCross", refused=True)
-def hit_crossing(site: BlockContext) -> SignalOrBus:
-    """Whether a signal crosses a value, which depends on the steps that a solver takes to find that."""
+def hit_crossing(block: BlockContext) -> SignalOrBus:
+    """Refuse zero-crossing detection, which depends on the solver's steps."""
     raise UnsupportedError(
-        "it makes the solver search for a crossing between two steps", "Put a Detect block in its place, or bind it."
+        "it makes the solver locate a zero crossing between two steps, which is not supported",
+        "Use a Detect block instead, or bind it.",
     )
 
 
 @block("MATLABFcn", "Interpreted MATLAB Function", refused=True, MATLABFcn="sin")
-def interpreted(site: BlockContext) -> SignalOrBus:
-    """A function that MATLAB would run in each step."""
-    called = re.sub(r"\s+", " ", site.text("MATLABFcn"))[:60]
+def interpreted(block: BlockContext) -> SignalOrBus:
+    """Refuse a function that MATLAB would call in each step."""
+    called = re.sub(r"\s+", " ", block.field_text("MATLABFcn"))[:60]
     raise UnsupportedError(
-        f"it has MATLAB run {called} in each step", "Put a MATLAB Function in its place, or bind it."
+        f"it calls {called} in MATLAB in each step", "Use a MATLAB Function block instead, or bind it."
     )
 
 
-def _sample_of_output(one: ModelBlock) -> str:
-    """The parameter with the sample time of the output, where one may be stated."""
-    return "OutPortSampleTime" if (one.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
+def _sample_of_output(block: ModelBlock) -> str:
+    """Return the field with the output sample time, if the block has one."""
+    return "OutPortSampleTime" if (block.value("OutPortSampleTimeOpt") or "Specify") == "Specify" else ""
 
 
 @block("RateTransition", sample=_sample_of_output, held=False, Integrity="on", Deterministic="on", X0="0",
        OutPortSampleTimeOpt="Specify", OutPortSampleTime="-1", OutPortSampleTimeMultiple="1")  # fmt: skip
-def rate_transition(site: BlockContext) -> SignalOrBus:
-    """The signal itself; a slower sample time holds it, a faster one sees it a hit of its own late.
+def rate_transition(block: BlockContext) -> SignalOrBus:
+    """Hold a signal for a slower sample time, or delay it by one of its samples for a faster one.
 
-    Where no sample time is stated for the output, it is the shortest one that the blocks behind it state.
+    If the output sample time is not specified, it is the shortest one of the blocks downstream.
     """
-    return _passed(site, site.wired(0))
+    return _passed(block, block.input_or_bus(0))
 
 
-def _passed(site: BlockContext, wired: SignalOrBus) -> SignalOrBus:
+def _passed(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
     if isinstance(wired, ExternalBus):
         return wired
     if isinstance(wired, Bus):
-        return Bus({name: _passed(site, member) for name, member in wired.members.items()})
+        return Bus({name: _passed(block, member) for name, member in wired.members.items()})
     if wired.period == CONSTANT:
         return wired
-    wanted = _stated(site, wired)
-    if wanted is not None and wanted > wired.period * (1 + _NEAR):
-        return site.compiler.timing.held(site.atom, wired, SampleTime(wanted))
-    wanted = min(_behind(site), default=wired.period) if wanted is None else wanted
-    if wanted >= wired.period * (1 - _NEAR):
+    wanted = _output_sample_time(block, wired)
+    if wanted is not None and wanted > wired.period * (1 + _TIME_TOLERANCE):
+        return block.compiler.timing.hold(block.flat, wired, SampleTime(wanted))
+    wanted = min(_downstream_sample_times(block), default=wired.period) if wanted is None else wanted
+    if wanted >= wired.period * (1 - _TIME_TOLERANCE):
         return wired
-    if site.on("Integrity") and site.on("Deterministic"):
-        return replace(_late(site, wired), period=wanted)
-    return _at_own_hits(site, _as_tasks_leave_it(site, wired), wanted)
+    if block.is_on("Integrity") and block.is_on("Deterministic"):
+        return replace(_delay_transition(block, wired), period=wanted)
+    return _at_own_hits(block, _read_from_slower_task(block, wired), wanted)
 
 
-def _as_tasks_leave_it(site: BlockContext, u: Signal) -> Signal:
-    """A slower signal as a faster task reads it, which runs before the slower one where both are hit."""
-    tasks = site.compiler.clock.multitasking
+def _read_from_slower_task(block: BlockContext, u: Signal) -> Signal:
+    """Return a slower signal as read by a faster task, which runs first."""
+    tasks = block.compiler.clock.multitasking
     if tasks is None:
-        site.remark(
-            "passes on what a slower sample time makes in the same step, as in a single task; the file does not say "
-            "whether each sample time is a task of its own, where it would be what the step before has left. Set "
-            "Deterministic, or the model's SolverMode or EnableMultiTasking"
+        block.remark(
+            "passes on the value that a slower sample time computes in the same step, as in single-tasking mode: "
+            "the file does not specify the tasking mode, and in multitasking mode it would be that of the previous "
+            "step. Select deterministic transfer, or set the model's SolverMode or EnableMultiTasking"
         )
-    return site.remember(_initial(site), lambda _: u) if tasks else u
+    return block.discrete_state(_initial(block), lambda _: u) if tasks else u
 
 
-def _at_own_hits(site: BlockContext, u: Signal, period: float) -> Signal:
-    """A signal that changes at the hits of a sample time only."""
+def _at_own_hits(block: BlockContext, u: Signal, period: float) -> Signal:
+    """Return a signal that changes only at the hits of a sample time."""
     if period == CONTINUOUS:
         return replace(u, period=period)
-    return site.compiler.timing.held(site.atom, u, SampleTime(period))
+    return block.compiler.timing.hold(block.flat, u, SampleTime(period))
 
 
-def _stated(site: BlockContext, u: Signal) -> float | None:
-    """The sample time that is stated for the output; None where it is inherited."""
-    if site.chosen("OutPortSampleTimeOpt", *_OPTIONS) != "Multiple of input port sample time":
-        return site.compiler.timing.stated_period(site.atom)
+def _output_sample_time(block: BlockContext, u: Signal) -> float | None:
+    """Return the specified output sample time, or None if it is inherited."""
+    if block.option("OutPortSampleTimeOpt", *_OPTIONS) != "Multiple of input port sample time":
+        return block.compiler.timing.specified_period(block.flat)
     if u.period == CONTINUOUS:
-        raise UnsupportedError("its sample time is a multiple of that of its input, which states none")
-    return u.period * site.number("OutPortSampleTimeMultiple")
+        raise UnsupportedError("its sample time is a multiple of that of its input, which does not specify one")
+    return u.period * block.numeric_field("OutPortSampleTimeMultiple")
 
 
-def _behind(site: BlockContext) -> Iterator[float]:
-    """The sample times that blocks behind it state, those that come first on each way."""
-    seen, waiting = set[FlatBlock](), [site.atom]
+def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
+    """Yield the first sample time specified on each path downstream."""
+    seen, waiting = set[FlatBlock](), [block.flat]
     while waiting:
-        for reader in site.compiler.flat.readers.get(waiting.pop(), ()):
-            kind, period = BLOCK_TYPES.get(reader.kind), site.compiler.timing.stated_period(reader)
-            if reader in seen or (kind is not None and kind.sink) or reader.kind == "RateTransition":
+        for reader in block.compiler.flat.readers.get(waiting.pop(), ()):
+            kind, period = BLOCK_TYPES.get(reader.type), block.compiler.timing.specified_period(reader)
+            if reader in seen or (kind is not None and kind.sink) or reader.type == "RateTransition":
                 continue
             seen.add(reader)
-            if reader.kind in CONTINUOUS_BLOCK_TYPES:
+            if reader.type in CONTINUOUS_BLOCK_TYPES:
                 yield CONTINUOUS
             elif period is None or period == CONSTANT:
                 waiting.append(reader)
@@ -347,15 +344,15 @@ def _behind(site: BlockContext) -> Iterator[float]:
                 yield period
 
 
-def _late(site: BlockContext, u: Signal) -> Signal:
-    """What a signal was before the last hit of its own sample time; an initial value before the first."""
-    init = _initial(site)
-    made: list[Signal] = []
-    before, shown = site.remember(init, lambda _: u), site.remember(init, lambda _: made[0])
-    made.append(site.select(site.compiler.timing.hits(u.period), before, shown))
-    return made[0]
+def _delay_transition(block: BlockContext, u: Signal) -> Signal:
+    """Return the signal before the last hit of its own sample time, its initial value before the first."""
+    init = _initial(block)
+    signals: list[Signal] = []
+    before, shown = block.discrete_state(init, lambda _: u), block.discrete_state(init, lambda _: signals[0])
+    signals.append(block.select(block.compiler.timing.hits(u.period), before, shown))
+    return signals[0]
 
 
-def _initial(site: BlockContext) -> Signal:
-    """What a faster sample time sees before the first hit of the slower one."""
-    return site.parameter("InitialCondition" if site.atom.block.value("InitialCondition") is not None else "X0")
+def _initial(block: BlockContext) -> Signal:
+    """Return what a faster task reads before the first hit of the slower one."""
+    return block.parameter("InitialCondition" if block.flat.block.value("InitialCondition") is not None else "X0")

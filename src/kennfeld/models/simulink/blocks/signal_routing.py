@@ -1,7 +1,4 @@
-"""Signals put together, taken apart and passed on.
-
-Named memories that blocks read and write without lines.
-"""
+"""Signal Routing library: muxes, buses, selectors, switches and data stores."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -9,12 +6,17 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from kennfeld.models.imperative.node_arrays import Nodes, truncate
-from kennfeld.models.simulink.blocks.bit_operations import fitted, stored
+from kennfeld.models.simulink.blocks.bit_operations import fit_to_type, stored_integer
 from kennfeld.models.simulink.flattening.connections import bus_member_names
-from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, stated_word
+from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.parameter_fields import case_values, length_of, listed, selected_indices
+from kennfeld.models.simulink.lowering.parameter_fields import (
+    case_values,
+    dimension_settings,
+    selected_indices,
+    selection_length,
+)
 from kennfeld.models.simulink.lowering.registry import block
 from kennfeld.models.simulink.signals import (
     Bus,
@@ -25,43 +27,44 @@ from kennfeld.models.simulink.signals import (
     fit_to_shape,
     leaf_signals,
     scalar,
+    size_text,
 )
 
-_LONGEST_PICK = 10_000
-_MOST_COMPARISONS = 100_000
+_MAX_SELECTED = 10_000
+_MAX_COMPARISONS = 100_000
 
 
 @block("SignalConversion", "SignalSpecification")
-def passed(site: BlockContext) -> SignalOrBus:
-    """The signal itself."""
-    return site.wired(0)
+def passed(block: BlockContext) -> SignalOrBus:
+    """Return the input."""
+    return block.input_or_bus(0)
 
 
 @block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
        ConvertRealWorld="Real World Value (RWV)")  # fmt: skip
-def conversion(site: BlockContext) -> SignalOrBus:
-    """The signal itself, since values are physical; as a truth value 1 wherever it is not 0."""
-    wanted = _wanted_type(site)
-    if site.text("ConvertRealWorld").startswith("Stored"):
-        return _by_bits(site, wanted)
+def conversion(block: BlockContext) -> SignalOrBus:
+    """Return the input, as values are physical; converted to boolean, 1 unless it is 0."""
+    wanted = _wanted_type(block)
+    if block.field_text("ConvertRealWorld").startswith("Stored"):
+        return _by_bits(block, wanted)
     if wanted in ("boolean", "logical"):
-        return site.call("ne", site.input(), site.constant(0.0))
-    return site.wired(0)
+        return block.apply("ne", block.input(), block.constant(0.0))
+    return block.input_or_bus(0)
 
 
-def _by_bits(site: BlockContext, wanted: str) -> SignalOrBus:
-    """The number that the stored bits of the input are in another type."""
-    if not (_is_plain(wanted) and integer_type_of(site.source())):
-        message = "it takes a number by its stored bits, and types of fixed point are left aside"
-        raise UnsupportedError(message, "Put a Gain of the scaling in its place, or bind it.")
-    word = stated_word(site.atom)
-    return stored(site, 0) if word is None else fitted(site, stored(site, 0), word)
+def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
+    """Return the number that the stored bits of the input represent in another type."""
+    if not (_is_plain(wanted) and integer_type_of(block.source())):
+        message = "it reinterprets the stored bits of a number, but fixed-point types are ignored"
+        raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
+    word = specified_integer_type(block.flat)
+    return stored_integer(block, 0) if word is None else fit_to_type(block, stored_integer(block, 0), word)
 
 
-def _wanted_type(site: BlockContext) -> str:
-    """The type that a conversion makes, which older files state under other names; one that is inherited is none."""
+def _wanted_type(block: BlockContext) -> str:
+    """Return the output type of a conversion, "" if inherited; older files use other field names."""
     for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
-        written = (site.atom.block.value(key) or "").strip()
+        written = (block.flat.block.value(key) or "").strip()
         if written and written != "auto" and not written.startswith(("Inherit", "Specify")):
             return written
     return ""
@@ -72,177 +75,183 @@ def _is_plain(name: str) -> bool:
 
 
 @block("Mux", Inputs="4")
-def mux(site: BlockContext) -> SignalOrBus:
-    """All elements of all inputs in one vector."""
-    parts = [signal for at in range(site.count) for _, signal in leaf_signals(site.wired(at))]
+def mux(block: BlockContext) -> SignalOrBus:
+    """Return all elements of all inputs as one vector."""
+    parts = [signal for at in range(block.input_count) for _, signal in leaf_signals(block.input_or_bus(at))]
     nodes = [node for part in parts for node in part.flat]
     return Signal(np.array(nodes, dtype=np.int64), fastest_sample_time([part.period for part in parts]))
 
 
 @block("Demux", Outputs="4")
-def demux(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """The elements of a vector, each output as many as it is wide."""
-    wired = site.wired(0)
+def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Split a vector into outputs of the specified widths."""
+    wired = block.input_or_bus(0)
     if isinstance(wired, Bus):
         members = list(wired.members.values())
-        if len(members) == _outputs(site):
+        if len(members) == _outputs(block):
             return tuple(members)
         nodes = [node for _, signal in leaf_signals(wired) for node in signal.flat]
         wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
-    if wired.size == 1 < _outputs(site) and site.numbers("Outputs").size == 1:
-        site.wish(0, (_outputs(site),))
-    widths = _widths(site, wired.size)
+    if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
+        block.suggest_dimensions(0, (_outputs(block),))
+    widths = _widths(block, wired.size)
     ends = np.cumsum(widths)
     flat = np.array(wired.flat, dtype=np.int64)
     return tuple(Signal(part, wired.period) for part in np.split(flat, ends[:-1]))
 
 
-def _outputs(site: BlockContext) -> int:
-    given = _stated(site)
-    return given[0] if len(given) == 1 else len(given)
+def _outputs(block: BlockContext) -> int:
+    widths = _stated(block)
+    return widths[0] if len(widths) == 1 else len(widths)
 
 
-def _stated(site: BlockContext) -> list[int]:
-    """The number of outputs, or the width of each of them."""
-    given = site.numbers("Outputs").ravel()
-    if not (given.size and all(n.is_integer() for n in given.tolist())):
-        raise UnsupportedError(f"its Outputs is {site.text('Outputs')[:60]}, no whole numbers")
-    return [int(n) for n in given]
+def _stated(block: BlockContext) -> list[int]:
+    """Return the number of outputs, or the width of each output."""
+    numbers = block.numeric_array("Outputs").ravel()
+    if not (numbers.size and all(n.is_integer() for n in numbers.tolist())):
+        raise UnsupportedError(f"its Outputs must be integers, got {block.field_text('Outputs')[:60]}")
+    return [int(n) for n in numbers]
 
 
-def _widths(site: BlockContext, size: int) -> list[int]:
-    given = _stated(site)
-    if len(given) > 1:
-        free = [at for at, width in enumerate(given) if width <= 0]
-        rest = size - sum(width for width in given if width > 0)
-        for at, width in zip(free, _shares(rest, len(free)), strict=True):
-            given[at] = width
-        if sum(given) != size or min(given) < 1:
-            raise UnsupportedError(f"a vector of {size} elements does not fit its outputs {str(given)[:100]}")
-        return given
-    count = given[0] if given else 0
+def _widths(block: BlockContext, size: int) -> list[int]:
+    stated = _stated(block)
+    if len(stated) > 1:
+        free = [at for at, width in enumerate(stated) if width <= 0]
+        rest = size - sum(width for width in stated if width > 0)
+        for at, width in zip(free, _divide_evenly(rest, len(free)), strict=True):
+            stated[at] = width
+        if sum(stated) != size or min(stated) < 1:
+            raise UnsupportedError(f"a vector of {size} elements cannot be split into outputs of {str(stated)[:100]}")
+        return stated
+    count = stated[0] if stated else 0
     if not 1 <= count <= size:
-        raise UnsupportedError(f"a vector of {size} elements does not fit its {count} outputs")
-    return _shares(size, count)
+        raise UnsupportedError(f"a vector of {size} elements cannot be split into {count} outputs")
+    return _divide_evenly(size, count)
 
 
-def _shares(size: int, count: int) -> list[int]:
-    """A number of elements shared out; the first get one more where it does not go up evenly."""
+def _divide_evenly(size: int, count: int) -> list[int]:
+    """Divide a number of elements evenly among outputs; the first get the remainder."""
     return [size // count + (at < size % count) for at in range(count)] if count else []
 
 
 @block("BusCreator", Inputs="2")
-def bus_creator(site: BlockContext) -> SignalOrBus:
-    """A bus of its inputs, called by the names of their lines."""
-    names = bus_member_names([site.atom.taken.get(at, "") for at in range(site.count)], site.text("Inputs"))
-    return Bus({name: site.wired(at) for at, name in enumerate(names)})
+def bus_creator(block: BlockContext) -> SignalOrBus:
+    """Return a bus of the inputs, named after their lines."""
+    names = bus_member_names(
+        [block.flat.input_names.get(at, "") for at in range(block.input_count)], block.field_text("Inputs")
+    )
+    return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
-def bus_selector(site: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
-    """Signals of a bus by their names."""
-    wired = site.bus()
-    ways = [way.strip() for way in site.text("OutputSignals").split(",")]
-    found = [member_of(site, wired, way) for way in ways]
-    if site.on("OutputAsBus"):
-        return Bus({way.rpartition(".")[2]: one for way, one in zip(ways, found, strict=True)})
-    return tuple(found)
+def bus_selector(block: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
+    """Select signals of a bus by name."""
+    wired = block.bus()
+    ways = [path.strip() for path in block.field_text("OutputSignals").split(",")]
+    signals = [member_of(block, wired, path) for path in ways]
+    if block.is_on("OutputAsBus"):
+        return Bus({path.rpartition(".")[2]: signal for path, signal in zip(ways, signals, strict=True)})
+    return tuple(signals)
 
 
-def member_of(site: BlockContext, wired: SignalOrBus, way: str) -> SignalOrBus:
-    """The part of a bus at the end of a way "a.b"."""
-    for name in way.split("."):
+def member_of(block: BlockContext, wired: SignalOrBus, path: str) -> SignalOrBus:
+    """Return the member of a bus at a path "a.b"."""
+    for name in path.split("."):
         if not isinstance(wired, Bus):
-            raise UnsupportedError(f"it selects {way} of a signal that is no bus")
-        found = wired.member(name)
-        if found is None:
+            raise UnsupportedError(f"it selects {path} from a signal that is not a bus")
+        member = wired.member(name)
+        if member is None:
             known = ", ".join(wired.members)
-            raise UnsupportedError(f"it selects {way}, but the bus has {known[:200]}")
-        wired = found
+            raise UnsupportedError(f"it selects {path}, but the bus contains {known[:200]}")
+        wired = member
     return wired
 
 
 @block("BusAssignment", AssignedSignals="")
-def bus_assignment(site: BlockContext) -> SignalOrBus:
-    """A bus with some of its signals replaced."""
-    bus = site.bus()
-    for at, way in enumerate(site.text("AssignedSignals").split(","), 1):
-        member_of(site, bus, way.strip())
-        bus = _assigned(bus, way.strip().split("."), site.wired(at))
+def bus_assignment(block: BlockContext) -> SignalOrBus:
+    """Replace signals of a bus."""
+    bus = block.bus()
+    for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
+        member_of(block, bus, path.strip())
+        bus = _assigned(bus, path.strip().split("."), block.input_or_bus(at))
     return bus
 
 
-def _assigned(wired: SignalOrBus, way: list[str], new: SignalOrBus) -> SignalOrBus:
-    inner = wired.member(way[0]) if way and isinstance(wired, Bus) else None
+def _assigned(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
+    inner = wired.member(path[0]) if path and isinstance(wired, Bus) else None
     if inner is None or not isinstance(wired, Bus):
         return new
-    return wired.assigned(way[0], _assigned(inner, way[1:], new))
+    return wired.assigned(path[0], _assigned(inner, path[1:], new))
 
 
 @block("BusElement")
-def bus_element(site: BlockContext) -> SignalOrBus:
-    """An element of the bus that a subsystem takes; the bus itself where none is named."""
-    if site.atom.why:
-        raise UnsupportedError(f"it is {site.atom.why}")
-    way = site.atom.ways[0] if site.atom.ways else ""
-    return member_of(site, site.wired(0), way) if way else site.wired(0)
+def bus_element(block: BlockContext) -> SignalOrBus:
+    """Return an element of an input bus port, or the whole bus if none is named."""
+    if block.flat.unsupported_reason:
+        raise UnsupportedError(f"unsupported: {block.flat.unsupported_reason}")
+    path = block.flat.bus_paths[0] if block.flat.bus_paths else ""
+    return member_of(block, block.input_or_bus(0), path) if path else block.input_or_bus(0)
 
 
 @block("BusElements")
-def bus_of_elements(site: BlockContext) -> SignalOrBus:
-    """The bus that a subsystem gives, of the elements that its blocks name."""
-    if site.atom.why:
-        raise UnsupportedError(f"it is {site.atom.why}")
+def bus_of_elements(block: BlockContext) -> SignalOrBus:
+    """Return the bus that an output bus port collects from its element blocks."""
+    if block.flat.unsupported_reason:
+        raise UnsupportedError(f"unsupported: {block.flat.unsupported_reason}")
     bus: SignalOrBus = Bus()
-    for at, way in enumerate(site.atom.ways):
-        if not way:
-            return site.wired(at)
-        bus = _set(bus, way.split("."), site.wired(at))
+    for at, path in enumerate(block.flat.bus_paths):
+        if not path:
+            return block.input_or_bus(at)
+        bus = _set_member(bus, path.split("."), block.input_or_bus(at))
     return bus
 
 
-def _set(wired: SignalOrBus, way: list[str], new: SignalOrBus) -> SignalOrBus:
-    """A bus with a signal put in, and buses on the way to it where there are none."""
-    if not way:
+def _set_member(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
+    """Return a bus with a signal added at a path, creating the buses on the way."""
+    if not path:
         return new
     members = dict(wired.members) if isinstance(wired, Bus) else {}
-    members[way[0]] = _set(members.get(way[0], Bus()), way[1:], new)
+    members[path[0]] = _set_member(members.get(path[0], Bus()), path[1:], new)
     return Bus(members)
 
 
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")
-def concatenate(site: BlockContext) -> SignalOrBus:
-    """Vectors behind each other, or matrices along a dimension."""
-    inputs = site.inputs
-    period = fastest_sample_time([one.period for one in inputs])
-    if site.chosen("Mode", "Vector", "Multidimensional array") == "Vector":
-        return Signal(_joined(inputs), period)
-    axis = site.whole("ConcatenateDimension", 1, 2) - 1
-    parts = [one.nodes if one.nodes.ndim == 2 else one.nodes.reshape(-1, 1) for one in inputs]
+def concatenate(block: BlockContext) -> SignalOrBus:
+    """Concatenate vectors, or matrices along a dimension."""
+    inputs = block.inputs
+    period = fastest_sample_time([signal.period for signal in inputs])
+    if block.option("Mode", "Vector", "Multidimensional array") == "Vector":
+        return Signal(_concatenate_vectors(inputs), period)
+    axis = block.integer_field("ConcatenateDimension", 1, 2) - 1
+    parts = [signal.nodes if signal.nodes.ndim == 2 else signal.nodes.reshape(-1, 1) for signal in inputs]
     try:
         return Signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
-        raise UnsupportedError(f"its inputs of the sizes {[p.shape for p in parts]} do not fit each other") from None
+        raise UnsupportedError(
+            f"its inputs of sizes {', '.join(size_text(p.shape) for p in parts)} cannot be concatenated"
+        ) from None
 
 
-def _joined(inputs: Sequence[Signal]) -> Nodes:
-    """The elements of vectors behind each other; a row or a column where one of them is."""
-    made = np.array([node for one in inputs for node in one.flat], dtype=np.int64)
-    shapes = {one.shape for one in inputs if one.nodes.ndim == 2 and one.size > 1}
+def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
+    """Concatenate the elements of vectors; a row or column if one of them is."""
+    nodes = np.array([node for signal in inputs for node in signal.flat], dtype=np.int64)
+    shapes = {signal.shape for signal in inputs if signal.nodes.ndim == 2 and signal.size > 1}
     if not shapes:
-        return made
+        return nodes
     if all(rows == 1 for rows, _ in shapes):
-        return made.reshape(1, -1)
+        return nodes.reshape(1, -1)
     if all(columns == 1 for _, columns in shapes):
-        return made.reshape(-1, 1)
-    raise UnsupportedError(f"it puts vectors together, and its inputs have the sizes {[one.shape for one in inputs]}")
+        return nodes.reshape(-1, 1)
+    raise UnsupportedError(
+        f"it concatenates vectors, but its inputs have the sizes {', '.join(size_text(u.shape) for u in inputs)}"
+    )
 
 
 @block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
-def reshape(site: BlockContext) -> SignalOrBus:
-    """The same elements in another shape, columns first."""
-    x = site.input()
-    kind = site.chosen(
+def reshape(block: BlockContext) -> SignalOrBus:
+    """Reshape the elements of the input, column by column."""
+    x = block.input()
+    kind = block.option(
         "OutputDimensionality",
         "1-D array",
         "Column vector (2-D)",
@@ -252,148 +261,148 @@ def reshape(site: BlockContext) -> SignalOrBus:
     )
     shapes = {"1-D array": (-1,), "Column vector (2-D)": (-1, 1), "Row vector (2-D)": (1, -1)}
     if kind == "Derive from reference input port":
-        shape: tuple[int, ...] = site.input(1).shape
+        shape: tuple[int, ...] = block.input(1).shape
     else:
-        shape = shapes.get(kind) or tuple(int(n) for n in site.numbers("OutputDimensions").ravel())
+        shape = shapes.get(kind) or tuple(int(n) for n in block.numeric_array("OutputDimensions").ravel())
     try:
         return Signal(x.nodes.reshape(shape, order="F"), x.period)
     except ValueError:
-        raise UnsupportedError(f"{x.size} elements do not fit the shape {list(shape)}") from None
+        raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
 
 
 @block("Selector", NumberOfDimensions="1", IndexMode="One-based")
-def selector(site: BlockContext) -> SignalOrBus:
-    """Elements of a vector or matrix by their places."""
-    x = site.input()
-    dimensions = site.whole("NumberOfDimensions", 1, 2)
-    options = listed(site, "IndexOptions", "IndexOptionArray") or _old_options(site, dimensions)
-    given = listed(site, "Indices", "IndexParamArray") or [site.text("Elements", "")]
+def selector(block: BlockContext) -> SignalOrBus:
+    """Select elements of a vector or matrix by index."""
+    x = block.input()
+    dimensions = block.integer_field("NumberOfDimensions", 1, 2)
+    options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
+    index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
-        raise UnsupportedError(f"it selects from {dimensions} dimensions of a signal that has {nodes.ndim}")
+        raise UnsupportedError(f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}")
     port = 1
     for axis, option in enumerate(options[:dimensions]):
-        text = given[axis] if axis < len(given) else ""
+        text = index_fields[axis] if axis < len(index_fields) else ""
         if option in ("Index vector (port)", "Starting index (port)"):
-            nodes = _picked(site, nodes, axis, _running(site, option, axis, site.input(port)))
+            nodes = _select_variable(block, nodes, axis, _variable_indices(block, option, axis, block.input(port)))
             port += 1
         else:
-            nodes = np.take(nodes, selected_indices(site, option, text, nodes.shape[axis], axis), axis=axis)
-    return Signal(nodes, fastest_sample_time([one.period for one in site.inputs]))
+            nodes = np.take(nodes, selected_indices(block, option, text, nodes.shape[axis], axis), axis=axis)
+    return Signal(nodes, fastest_sample_time([signal.period for signal in block.inputs]))
 
 
-def _old_options(site: BlockContext, dimensions: int) -> list[str]:
-    source = site.text("IndexIsStartValue", "off")
-    if site.text("ElementSrc", "Internal") != "Internal" or source == "on":
-        raise UnsupportedError("its places come from an input in a way that is not supported")
+def _old_options(block: BlockContext, dimensions: int) -> list[str]:
+    source = block.field_text("IndexIsStartValue", "off")
+    if block.field_text("ElementSrc", "Internal") != "Internal" or source == "on":
+        raise UnsupportedError("its indices come from an input in a way that is not supported")
     return ["Index vector (dialog)"] * dimensions
 
 
-def _running(site: BlockContext, option: str, axis: int, index: Signal) -> Signal:
-    """The places that an input gives; from a starting index, as many as the file says."""
+def _variable_indices(block: BlockContext, option: str, axis: int, index: Signal) -> Signal:
+    """Return the indices from an input; a starting index covers as many elements as the file specifies."""
     if option != "Starting index (port)":
         return index
-    count = length_of(site, axis)
-    if index.size != 1 or not 1 <= count <= _LONGEST_PICK:
-        raise UnsupportedError(f"it selects {count} elements from {index.size} starting places")
-    return site.call("add", index, site.constant(*map(float, range(count))))
+    count = selection_length(block, axis)
+    if index.size != 1 or not 1 <= count <= _MAX_SELECTED:
+        raise UnsupportedError(f"it selects {count} elements from {index.size} starting indices")
+    return block.apply("add", index, block.constant(*map(float, range(count))))
 
 
-def _picked(site: BlockContext, nodes: Nodes, axis: int, places: Signal) -> Nodes:
-    """Elements whose places are signals: one of all, chosen by comparison."""
-    if places.size * nodes.size > _MOST_COMPARISONS:
-        raise UnsupportedError(f"{places.size} places that change among {nodes.size} elements are too many")
-    first = 0.0 if site.text("IndexMode").startswith("Zero") else 1.0
+def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signal) -> Nodes:
+    """Select elements at variable indices by comparing the index with each candidate."""
+    if places.size * nodes.size > _MAX_COMPARISONS:
+        raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
+    first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
     slices = [np.take(nodes, at, axis=axis) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
-        made = Signal(np.atleast_1d(slices[-1]))
+        result = Signal(np.atleast_1d(slices[-1]))
         for at in reversed(range(len(slices) - 1)):
-            limit = site.builder.const(at + 1.0 + first)
-            here = scalar(site.builder.call("lt", place, limit))
-            made = site.select(here, Signal(np.atleast_1d(slices[at])), made)
-        picked.append(made.nodes)
-    return np.stack([one.reshape(np.take(nodes, 0, axis=axis).shape) for one in picked], axis=axis)
+            limit = block.builder.const(at + 1.0 + first)
+            here = scalar(block.builder.call("lt", place, limit))
+            result = block.select(here, Signal(np.atleast_1d(slices[at])), result)
+        picked.append(result.nodes)
+    return np.stack([selected.reshape(np.take(nodes, 0, axis=axis).shape) for selected in picked], axis=axis)
 
 
 @block("ManualSwitch", CurrentSetting="1", sw="1")
-def manual_switch(site: BlockContext) -> SignalOrBus:
-    """The input that the switch was left at."""
-    key = "CurrentSetting" if site.atom.block.value("CurrentSetting") is not None else "sw"
-    upper = site.number(key) != 0
-    return site.wired(0 if upper else 1)
+def manual_switch(block: BlockContext) -> SignalOrBus:
+    """Return the input selected by the stored switch position."""
+    key = "CurrentSetting" if block.flat.block.value("CurrentSetting") is not None else "sw"
+    upper = block.numeric_field(key) != 0
+    return block.input_or_bus(0 if upper else 1)
 
 
 @block("Switch", Criteria="u2 >= Threshold", Threshold="0", SampleTime="-1")
-def switch(site: BlockContext) -> SignalOrBus:
-    """The first input where the second meets the criterion, else the third."""
-    criterion = site.chosen("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
-    u = site.input(1)
+def switch(block: BlockContext) -> SignalOrBus:
+    """Return the first input if the second meets the criterion, else the third."""
+    criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
+    u = block.input(1)
     if criterion == "u2 ~= 0":
-        condition = site.call("ne", u, site.constant(0.0))
+        condition = block.apply("ne", u, block.constant(0.0))
     else:
-        condition = site.call("ge" if ">=" in criterion else "gt", u, site.parameter("Threshold"))
-    return select_signal(site, condition, site.wired(0), site.wired(2))
+        condition = block.apply("ge" if ">=" in criterion else "gt", u, block.parameter("Threshold"))
+    return select_signal(block, condition, block.input_or_bus(0), block.input_or_bus(2))
 
 
-def select_signal(site: BlockContext, condition: Signal, yes: SignalOrBus, no: SignalOrBus) -> SignalOrBus:
-    """One of two signals or buses."""
+def select_signal(block: BlockContext, condition: Signal, yes: SignalOrBus, no: SignalOrBus) -> SignalOrBus:
+    """Select one of two signals or buses."""
     yes, no = (one.signal if isinstance(one, ExternalBus) else one for one in (yes, no))
     if isinstance(yes, Signal) and isinstance(no, Signal):
-        return site.select(condition, yes, no)
+        return block.select(condition, yes, no)
     if isinstance(yes, Bus) and isinstance(no, Bus) and yes.members.keys() == no.members.keys():
-        return Bus({name: select_signal(site, condition, yes.members[name], no.members[name]) for name in yes.members})
-    raise UnsupportedError("it chooses between a bus and what is none, or between different buses")
+        return Bus({name: select_signal(block, condition, yes.members[name], no.members[name]) for name in yes.members})
+    raise UnsupportedError("it switches between a bus and a signal, or between different buses")
 
 
 @block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
        DataPortForDefault="Last data port", zeroidx="off")  # fmt: skip
-def multiport_switch(site: BlockContext) -> SignalOrBus:
-    """One of several inputs by the number at the first; the last one for any number that is none of theirs."""
-    order = site.chosen("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
-    index = site.input(0)
-    index = Signal(truncate(site.builder, index.nodes), index.period)
-    data = [site.wired(at) for at in range(1, site.count)]
-    if len(data) == 1 and isinstance(data[0], Signal):  # a single data port: its elements are the choices
+def multiport_switch(block: BlockContext) -> SignalOrBus:
+    """Select an input by the value of the first; other values select the last or default input."""
+    order = block.option("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
+    index = block.input(0)
+    index = Signal(truncate(block.builder, index.nodes), index.period)
+    data = [block.input_or_bus(at) for at in range(1, block.input_count)]
+    if len(data) == 1 and isinstance(data[0], Signal):  # the elements of a single data port are the choices
         data = list(data[0].elements)
     if not data:
         raise UnsupportedError("it has no data port")
     if order == "Specify indices":
-        numbers = case_values(site, "DataPortIndices")
-        if len(data) != len(numbers) + (site.text("DataPortForDefault") == "Additional data port"):
-            raise UnsupportedError(f"it has {len(data)} data ports for {len(numbers)} indices")
+        numbers = case_values(block, "DataPortIndices")
+        if len(data) != len(numbers) + (block.field_text("DataPortForDefault") == "Additional data port"):
+            raise UnsupportedError(f"it has {len(data)} data ports but {len(numbers)} indices")
     else:
-        first = 0 if order.startswith("Zero") or site.on("zeroidx") else 1
+        first = 0 if order.startswith("Zero") or block.is_on("zeroidx") else 1
         numbers = [[float(first + at)] for at in range(len(data))]
-    made = data[-1]
+    selected = data[-1]
     for at in reversed(range(len(data) - 1)):
-        here = site.fold("or", [site.call("eq", index, site.constant(number)) for number in numbers[at]])
-        made = select_signal(site, here, data[at], made)
-    return made
+        here = block.reduce("or", [block.apply("eq", index, block.constant(number)) for number in numbers[at]])
+        selected = select_signal(block, here, data[at], selected)
+    return selected
 
 
-@block("Inactive", needs=lambda site: ())
-def inactive(site: BlockContext) -> SignalOrBus:
-    """An output of a variant source or sink that is not active."""
-    raise UnsupportedError("what it gives here belongs to a variant that is not active")
+@block("InactiveVariant", needs=lambda block: ())
+def inactive(block: BlockContext) -> SignalOrBus:
+    """Refuse an output of an inactive variant source or sink."""
+    raise UnsupportedError("this output belongs to an inactive variant")
 
 
-@block("DataStoreMemory", needs=lambda site: (), DataStoreName="A", InitialValue="0", Dimensions="-1")
-def data_store_memory(site: BlockContext) -> SignalOrBus:
-    """What the memory holds at the beginning of the step."""
-    init = site.parameter("InitialValue")
-    dimensions = [int(n) for n in site.numbers("Dimensions").ravel()]
+@block("DataStoreMemory", needs=lambda block: (), DataStoreName="A", InitialValue="0", Dimensions="-1")
+def data_store_memory(block: BlockContext) -> SignalOrBus:
+    """Return the content of a data store at the start of the step."""
+    init = block.parameter("InitialValue")
+    dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
     if init.size == 1 and min(dimensions, default=-1) > 0:
         init = Signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
-    return site.compiler.contents.stored(site.atom, init)
+    return block.compiler.contents.content(block.flat, init)
 
 
-def _memory(site: BlockContext) -> BlockContext:
-    if site.text("DataStoreElements", "") or site.on("EnableIndexing"):
-        raise UnsupportedError("it takes elements of its data store")
-    if site.atom.store is None:
-        raise UnsupportedError(f"there is no memory for the data store {site.text('DataStoreName')}")
-    return site.compiler.site(site.atom.store)
+def _memory(block: BlockContext) -> BlockContext:
+    if block.field_text("DataStoreElements", "") or block.is_on("EnableIndexing"):
+        raise UnsupportedError("it accesses elements of its data store, which is not supported")
+    if block.flat.data_store is None:
+        raise UnsupportedError(f"data store {block.field_text('DataStoreName')} not found")
+    return block.compiler.block_context(block.flat.data_store)
 
 
 def _none(_: BlockContext) -> Iterable[int]:
@@ -401,16 +410,16 @@ def _none(_: BlockContext) -> Iterable[int]:
 
 
 @block("DataStoreRead", needs=_none, DataStoreName="A", SampleTime="-1")
-def data_store_read(site: BlockContext) -> SignalOrBus:
-    """What the memory holds when the block runs: what the writers before it in the step have left."""
-    memory = _memory(site)
+def data_store_read(block: BlockContext) -> SignalOrBus:
+    """Return the content of a data store after the writers that run before this block."""
+    memory = _memory(block)
     content = data_store_memory(memory)
     assert isinstance(content, Signal)
-    return site.compiler.contents.written(content, site.compiler.stores.before(site.atom))
+    return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))
 
 
 @block("DataStoreWrite", DataStoreName="A", SampleTime="-1")
-def data_store_write(site: BlockContext) -> SignalOrBus:
-    """The signal that is written."""
-    _memory(site)
-    return site.input()
+def data_store_write(block: BlockContext) -> SignalOrBus:
+    """Return the signal that is written."""
+    _memory(block)
+    return block.input()

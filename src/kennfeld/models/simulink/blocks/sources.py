@@ -1,7 +1,4 @@
-"""Signals made from nothing but time and parameters.
-
-Signals over time whose values are in the model: lines between points, once or again and again.
-"""
+"""Sources library: signals of time and parameters, and recorded signals stored in the model."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -11,174 +8,177 @@ import numpy as np
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.blocks.lookup_tables import Method, constant_curve
-from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
+from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, block
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, scalar
 
-_BIND = "Bind it to a channel of the measurement, which takes its place."
+_BIND = "Bind it to a measured channel."
 
-_MOST_STEPS = 2000  # of a signal that jumps; each takes a comparison
+_MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 
 
 @block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")
-def constant(site: BlockContext) -> SignalOrBus:
-    """A constant or a named variable."""
-    return Signal(_vector(site, "Value").nodes, CONSTANT)
+def constant(block: BlockContext) -> SignalOrBus:
+    """Return a constant or a variable."""
+    return Signal(_vector(block, "Value").nodes, CONSTANT)
 
 
 @block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
-def enumerated_constant(site: BlockContext) -> SignalOrBus:
-    """A member of an enumeration: its whole number."""
-    return site.parameter("Value")
+def enumerated_constant(block: BlockContext) -> SignalOrBus:
+    """Return the integer of an enumeration member."""
+    return block.parameter("Value")
 
 
-def _vector(site: BlockContext, name: str) -> Signal:
-    if site.text("VectorParams1D", "on") == "on":
-        return site.parameter(name)
-    return Signal(site.matrix(name), CONSTANT)
+def _vector(block: BlockContext, name: str) -> Signal:
+    if block.field_text("VectorParams1D", "on") == "on":
+        return block.parameter(name)
+    return Signal(block.matrix(name), CONSTANT)
 
 
 @block("Clock", SampleTime="-1")
-def clock(site: BlockContext) -> SignalOrBus:
-    """The time since the start in s."""
-    return site.time
+def clock(block: BlockContext) -> SignalOrBus:
+    """Return the time since the start in s."""
+    return block.time
 
 
 @block("DigitalClock", "Digital Clock", SampleTime="1")
-def digital_clock(site: BlockContext) -> SignalOrBus:
-    """The time since the start in s, at the hits of its sample time."""
-    return site.time
+def digital_clock(block: BlockContext) -> SignalOrBus:
+    """Return the time since the start in s at the hits of the sample time."""
+    return block.time
 
 
 @block("Step", Time="1", Before="0", After="1", SampleTime="-1")
-def step(site: BlockContext) -> SignalOrBus:
-    """One value before a time, another from it on."""
-    return site.select(_reached(site, site.parameter("Time")), site.parameter("After"), site.parameter("Before"))
+def step(block: BlockContext) -> SignalOrBus:
+    """Switch from one value to another at a time."""
+    return block.select(
+        _is_reached(block, block.parameter("Time")), block.parameter("After"), block.parameter("Before")
+    )
 
 
-def _reached(site: BlockContext, time: Signal) -> Signal:
-    """Whether a time has come; what rounding takes from a time does not count."""
-    near = 1e-6 * (site.compiler.clock.step or 0.0)
-    return site.call("ge", site.call("add", site.time, site.constant(near)), time)
+def _is_reached(block: BlockContext, time: Signal) -> Signal:
+    near = 1e-6 * (block.compiler.clock.step or 0.0)
+    return block.apply("ge", block.apply("add", block.time, block.constant(near)), time)
 
 
 @block("Ramp", slope="1", start="0", InitialOutput="0")
-def ramp(site: BlockContext) -> SignalOrBus:
-    """A line that begins to rise at a time."""
-    start = site.parameter("start")
-    since = site.call("max", site.call("sub", site.time, start), site.constant(0.0))
-    first = site.parameter("X0" if site.text("X0", "") else "InitialOutput")  # X0 in older files
-    return site.call("add", first, site.call("mul", site.parameter("slope"), since))
+def ramp(block: BlockContext) -> SignalOrBus:
+    """Return a line that starts to rise at a time."""
+    start = block.parameter("start")
+    since = block.apply("max", block.apply("sub", block.time, start), block.constant(0.0))
+    first = block.parameter("X0" if block.field_text("X0", "") else "InitialOutput")  # X0 in older files
+    return block.apply("add", first, block.apply("mul", block.parameter("slope"), since))
 
 
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
        Phase="0", Samples="10", Offset="0", SampleTime="-1")  # fmt: skip
-def sine(site: BlockContext) -> SignalOrBus:
-    """The wave amplitude sin(angle) + bias, its angle frequency t + phase, or 2 pi (hit + offset) / samples."""
-    if site.chosen("SineType", "Time based", "Sample based") == "Sample based":
-        angle = _angle_of_hit(site)
+def sine(block: BlockContext) -> SignalOrBus:
+    """Return amplitude sin(angle) + bias with the angle frequency t + phase, or 2 pi (sample + offset) / samples."""
+    if block.option("SineType", "Time based", "Sample based") == "Sample based":
+        angle = _angle_of_hit(block)
     else:
-        t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
-        angle = site.call("add", site.call("mul", site.parameter("Frequency"), t), site.parameter("Phase"))
-    wave = site.call("mul", site.parameter("Amplitude"), site.call("sin", angle))
-    return site.call("add", wave, site.parameter("Bias"))
+        t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+        angle = block.apply("add", block.apply("mul", block.parameter("Frequency"), t), block.parameter("Phase"))
+    wave = block.apply("mul", block.parameter("Amplitude"), block.apply("sin", angle))
+    return block.apply("add", wave, block.parameter("Bias"))
 
 
-def _angle_of_hit(site: BlockContext) -> Signal:
-    sample = site.compiler.timing.stated_period(site.atom)
+def _angle_of_hit(block: BlockContext) -> Signal:
+    sample = block.compiler.timing.specified_period(block.flat)
     if sample is None or not 0 < sample < CONSTANT:
-        raise UnsupportedError("it counts samples, and its sample time is inherited")
-    hit = site.call("floor", site.call("add", site.call("div", site.time, site.constant(sample)), site.constant(1e-6)))
-    turns = site.call("div", site.call("add", hit, site.parameter("Offset")), site.parameter("Samples"))
-    return site.call("mul", site.constant(2 * np.pi), turns)
+        raise UnsupportedError("it counts samples, but its sample time is inherited")
+    hit = block.apply(
+        "floor", block.apply("add", block.apply("div", block.time, block.constant(sample)), block.constant(1e-6))
+    )
+    turns = block.apply("div", block.apply("add", hit, block.parameter("Offset")), block.parameter("Samples"))
+    return block.apply("mul", block.constant(2 * np.pi), turns)
 
 
 @block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
-def chirp(site: BlockContext) -> SignalOrBus:
-    """A sine whose frequency rises from f1 at 0 s to f2 at T, and on."""
-    f1, f2, t = site.parameter("f1"), site.parameter("f2"), site.time
-    rate = site.call("div", site.call("sub", f2, f1), site.call("mul", site.constant(2.0), site.parameter("T")))
-    turns = site.call("mul", t, site.call("add", f1, site.call("mul", rate, t)))
-    return site.call("sin", site.call("mul", site.constant(2 * np.pi), turns))
+def chirp(block: BlockContext) -> SignalOrBus:
+    """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
+    f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
+    rate = block.apply("div", block.apply("sub", f2, f1), block.apply("mul", block.constant(2.0), block.parameter("T")))
+    turns = block.apply("mul", t, block.apply("add", f1, block.apply("mul", rate, t)))
+    return block.apply("sin", block.apply("mul", block.constant(2 * np.pi), turns))
 
 
 @block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
-def generator(site: BlockContext) -> SignalOrBus:
-    """A sine wave, or a square wave that begins with its lower half; the others are random, or depend on rounding."""
-    form = site.text("WaveForm")
+def generator(block: BlockContext) -> SignalOrBus:
+    """Return a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    form = block.field_text("WaveForm")
     if form not in ("sine", "square"):
-        raise UnsupportedError(f"its wave form is {form[:40]!r}, and only sine and square are supported", _BIND)
-    t = site.time if site.text("TimeSource") == "Use simulation time" else site.input()
-    amplitude, frequency, whole = site.parameter("Amplitude"), site.parameter("Frequency"), site.constant(2 * np.pi)
-    in_hertz = site.chosen("Units", "Hertz", "rad/sec") == "Hertz"
+        raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
+    t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
+    amplitude, frequency, whole = block.parameter("Amplitude"), block.parameter("Frequency"), block.constant(2 * np.pi)
+    in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
-        angle = site.call("mul", site.call("mul", frequency, whole) if in_hertz else frequency, t)
-        return site.call("mul", amplitude, site.call("sin", angle))
-    turns = site.call("mul", frequency if in_hertz else site.call("div", frequency, whole), t)
-    upper = site.call("ge", site.call("sub", turns, site.call("floor", turns)), site.constant(0.5))
-    return site.select(upper, amplitude, site.call("neg", amplitude))
+        angle = block.apply("mul", block.apply("mul", frequency, whole) if in_hertz else frequency, t)
+        return block.apply("mul", amplitude, block.apply("sin", angle))
+    turns = block.apply("mul", frequency if in_hertz else block.apply("div", frequency, whole), t)
+    upper = block.apply("ge", block.apply("sub", turns, block.apply("floor", turns)), block.constant(0.5))
+    return block.select(upper, amplitude, block.apply("neg", amplitude))
 
 
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
        PulseWidth="1", PhaseDelay="0")  # fmt: skip
-def pulses(site: BlockContext) -> SignalOrBus:
-    """Pulses of an amplitude: `Period`, `PulseWidth` (percent of it) and `PhaseDelay` in s, or in samples."""
-    site.chosen("TimeSource", "Use simulation time")
-    period, delay = site.number("Period"), site.number("PhaseDelay")
-    width = site.number("PulseWidth") * (period / 100)
-    if site.chosen("PulseType", "Time based", "Sample based") == "Sample based":
-        sample = site.number("SampleTime", "1")
+def pulses(block: BlockContext) -> SignalOrBus:
+    """Return pulses with `Period`, `PulseWidth` (percent of the period) and `PhaseDelay`, in s or in samples."""
+    block.option("TimeSource", "Use simulation time")
+    period, delay = block.numeric_field("Period"), block.numeric_field("PhaseDelay")
+    width = block.numeric_field("PulseWidth") * (period / 100)
+    if block.option("PulseType", "Time based", "Sample based") == "Sample based":
+        sample = block.numeric_field("SampleTime", "1")
         if sample <= 0:
-            raise UnsupportedError("its sample time is inherited, which pulses that count samples cannot")
-        period, delay, width = period * sample, delay * sample, site.number("PulseWidth") * sample
+            raise UnsupportedError("it counts samples, but its sample time is inherited")
+        period, delay, width = period * sample, delay * sample, block.numeric_field("PulseWidth") * sample
     if not period > 0:
-        raise UnsupportedError(f"its Period is {period:g}")
-    near = site.constant(1e-6 * (site.compiler.clock.step or 0.0))
-    since = site.call("add", site.call("sub", site.time, site.constant(delay)), near)
-    within = site.call("mod", since, site.constant(period))
-    high = site.call("lt", within, site.constant(width))
-    started = site.call("ge", since, site.constant(0.0))
-    made = site.select(site.call("and", started, high), site.parameter("Amplitude"), site.constant(0.0))
-    return site.compiler.timing.at_major(made)
+        raise UnsupportedError(f"its Period must be > 0, got {period:g}")
+    near = block.constant(1e-6 * (block.compiler.clock.step or 0.0))
+    since = block.apply("add", block.apply("sub", block.time, block.constant(delay)), near)
+    within = block.apply("mod", since, block.constant(period))
+    high = block.apply("lt", within, block.constant(width))
+    started = block.apply("ge", since, block.constant(0.0))
+    result = block.select(block.apply("and", started, high), block.parameter("Amplitude"), block.constant(0.0))
+    return block.compiler.timing.hold_in_minor_steps(result)
 
 
 @block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
        "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise", refused=True)  # fmt: skip
-def recorded(site: BlockContext) -> SignalOrBus:
-    """A signal that is not in the model."""
+def recorded(block: BlockContext) -> SignalOrBus:
+    """Refuse a signal that is not part of the model."""
     raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)
 
 
 @block("Repeating Sequence Stair", sample="", OutValues="[3 1 4 2 1].'", tsamp="-1")
-def stairs(site: BlockContext) -> SignalOrBus:
-    """Values one after the other, again and again."""
-    values = site.parameter("OutValues").flat
-    sample = site.number("tsamp")
-    dt = site.constant(sample) if sample > 0 else site.major_step
-    count = site.call("floor", site.call("add", site.call("div", site.time, dt), site.constant(1e-6)))
-    at = site.call("mod", count, site.constant(float(len(values))))
-    made = scalar(values[-1])
+def stairs(block: BlockContext) -> SignalOrBus:
+    """Return a periodic sequence of values."""
+    values = block.parameter("OutValues").flat
+    sample = block.numeric_field("tsamp")
+    dt = block.constant(sample) if sample > 0 else block.base_step
+    count = block.apply("floor", block.apply("add", block.apply("div", block.time, dt), block.constant(1e-6)))
+    at = block.apply("mod", count, block.constant(float(len(values))))
+    result = scalar(values[-1])
     for place in reversed(range(len(values) - 1)):
         here = scalar(values[place])
-        made = site.select(site.call("lt", at, site.constant(place + 0.5)), here, made)
-    return made
+        result = block.select(block.apply("lt", at, block.constant(place + 0.5)), here, result)
+    return result
 
 
-def pulse_times(atom: FlatBlock, expressions: Expressions) -> list[float]:
-    """The times between which a block's pulses change, in s; none of other blocks. Raises `NoValueError`."""
-    if atom.kind != "DiscretePulseGenerator":
+def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
+    """Return the times in s between which a pulse generator switches, [] for other blocks; raises `EvaluationError`."""
+    if flat.type != "DiscretePulseGenerator":
         return []
-    block, defaults = atom.block, BLOCK_TYPES[atom.kind].defaults
+    block, defaults = flat.block, BLOCK_TYPES[flat.type].defaults
 
     def number(name: str, default: str = "") -> float:
-        found = expressions.numbers(block.value(name) or defaults.get(name, default), atom.scope)
-        if found.size != 1:
-            raise EvaluationError(f"its {name} has {found.size} values where one is expected")
-        return float(found.item())
+        numbers = expressions.numbers(block.value(name) or defaults.get(name, default), flat.scope)
+        if numbers.size != 1:
+            raise EvaluationError(f"its {name} must be scalar, got {numbers.size} values")
+        return float(numbers.item())
 
     if (block.value("PulseType") or defaults["PulseType"]) != "Time based":
         return [number("SampleTime", "1")]
@@ -192,102 +192,104 @@ class _RecordedSeries(NamedTuple):
 
 
 @block("Repeating table", "Repeating Sequence", linked=True, rep_seq_t="[0 2]", rep_seq_y="[0 2]")
-def repeating_sequence(site: BlockContext) -> SignalOrBus:
-    """Lines between points, from the first to the last, again and again."""
-    times, values = site.numbers("rep_seq_t").ravel(), site.numbers("rep_seq_y").ravel()
+def repeating_sequence(block: BlockContext) -> SignalOrBus:
+    """Interpolate a periodic sequence of points linearly."""
+    times, values = block.numeric_array("rep_seq_t").ravel(), block.numeric_array("rep_seq_y").ravel()
     _checked(times, values[:, None])
     if not times[-1] > times[0]:
-        raise UnsupportedError("its points are all at one time")
-    span = site.constant(float(times[-1] - times[0]))
-    since = site.call("mod", site.call("sub", _now(site), site.constant(float(times[0]))), span)
-    within = site.call("add", since, site.constant(float(times[0])))
-    return _line(site, "rep_seq_y", within, _RecordedSeries(times, values), "clip")
+        raise UnsupportedError("its points all have the same time")
+    span = block.constant(float(times[-1] - times[0]))
+    since = block.apply("mod", block.apply("sub", _current_time(block), block.constant(float(times[0]))), span)
+    within = block.apply("add", since, block.constant(float(times[0])))
+    return _line(block, "rep_seq_y", within, _RecordedSeries(times, values), "clip")
 
 
 @block("FromWorkspace", VariableName="simulink_input", Interpolate="on", OutputAfterFinalValue="Extrapolation",
        SampleTime="0")  # fmt: skip
-def from_workspace(site: BlockContext) -> SignalOrBus:
-    """The columns of a matrix over its first one, the time."""
-    points = _points(site)
+def from_workspace(block: BlockContext) -> SignalOrBus:
+    """Interpolate the columns of a matrix over its first one, the time."""
+    points = _points(block)
     times, values = points[:, 0], points[:, 1:]
     _checked(times, values)
     if times[0] > 0:
-        raise UnsupportedError(f"its points begin at {times[0]:g} s, after the start", _BIND)
-    last = site.text("OutputAfterFinalValue")
-    columns = [_column(site, f"column {at}", _RecordedSeries(times, one), last) for at, one in enumerate(values.T, 2)]
-    nodes = np.array([one.flat[0] for one in columns], dtype=np.int64)
+        raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
+    last = block.field_text("OutputAfterFinalValue")
+    columns = [
+        _column(block, f"column {at}", _RecordedSeries(times, column), last) for at, column in enumerate(values.T, 2)
+    ]
+    nodes = np.array([signal.flat[0] for signal in columns], dtype=np.int64)
     return Signal(nodes, CONTINUOUS)
 
 
-def _points(site: BlockContext) -> Numbers:
-    """The matrix of a field; other variables hold recordings."""
+def _points(block: BlockContext) -> Numbers:
+    """Return the matrix of a field; other variables hold recordings."""
     try:
-        points = site.numbers("VariableName")
+        points = block.numeric_array("VariableName")
     except UnsupportedError as error:
         raise UnsupportedError(f"its signal is recorded and not part of the model: {error.message}", _BIND) from None
     if points.shape[0] < 2 or points.shape[1] < 2:
-        raise UnsupportedError("its signal is no matrix of times and values", _BIND)
+        raise UnsupportedError("its signal is not a matrix of times and values", _BIND)
     return points
 
 
 def _checked(times: Numbers, values: Numbers) -> None:
     if len(times) != len(values) or len(times) < 2:
-        raise UnsupportedError(f"it has {len(values)} values at {len(times)} times")
+        raise UnsupportedError(f"it has {len(values)} values for {len(times)} times")
     if not (np.all(np.diff(times) >= 0) and np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
-        raise UnsupportedError("its times do not increase, or a value is not finite", _BIND)
+        raise UnsupportedError("its times must increase, and its values must be finite", _BIND)
 
 
-def _now(site: BlockContext) -> Signal:
-    """The time, raised by what rounding may have taken from it."""
-    return site.call("add", site.time, site.constant(1e-9 * (site.compiler.clock.step or 0.0)))
+def _current_time(block: BlockContext) -> Signal:
+    """Return the time, raised by a rounding tolerance."""
+    return block.apply("add", block.time, block.constant(1e-9 * (block.compiler.clock.step or 0.0)))
 
 
-def _column(site: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
-    now = _now(site)
-    if site.on("Interpolate"):
-        y = _line(site, label, site.time, points, "linear" if last == "Extrapolation" else "clip")
+def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
+    now = _current_time(block)
+    if block.is_on("Interpolate"):
+        y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")
     else:
-        y = _stairs(site, now, points)
+        y = _stairs(block, now, points)
     match last:
         case "Extrapolation" | "Holding final value":
             return y
         case "Setting to zero":
-            return site.select(site.call("gt", now, site.constant(_end(site, points))), site.constant(0.0), y)
-    raise UnsupportedError(f"OutputAfterFinalValue is {last!r}, which is not supported", _BIND)
+            return block.select(block.apply("gt", now, block.constant(_end(block, points))), block.constant(0.0), y)
+    raise UnsupportedError(f"OutputAfterFinalValue {last!r} is not supported", _BIND)
 
 
-def _end(site: BlockContext, points: _RecordedSeries) -> float:
-    return float(points.times[-1]) + 1e-6 * (site.compiler.clock.step or 0.0)
+def _end(block: BlockContext, points: _RecordedSeries) -> float:
+    return float(points.times[-1]) + 1e-6 * (block.compiler.clock.step or 0.0)
 
 
-def _stairs(site: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
-    if len(points.times) > _MOST_STEPS:
-        raise UnsupportedError(f"it has {len(points.times)} steps; {_MOST_STEPS} are the most", _BIND)
-    y = site.constant(float(points.values[0]))
+def _stairs(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
+    if len(points.times) > _MAX_STEPS:
+        raise UnsupportedError(f"it has {len(points.times)} steps; at most {_MAX_STEPS} are supported", _BIND)
+    y = block.constant(float(points.values[0]))
     for time, value in zip(points.times[1:], points.values[1:], strict=True):
-        y = site.select(site.call("ge", now, site.constant(float(time))), site.constant(float(value)), y)
+        y = block.select(block.apply("ge", now, block.constant(float(time))), block.constant(float(value)), y)
     return y
 
 
-def _line(site: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
-    """Lines between points; where two are at one time, the signal jumps there."""
+def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
+    """Interpolate between points; two points at the same time are a jump."""
     times = points.times
     ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
-    if len(ends) > _MOST_STEPS:
-        raise UnsupportedError(f"it jumps at {len(ends) - 2} times; {_MOST_STEPS} are the most", _BIND)
-    near = site.call("add", x, site.constant(1e-9 * (site.compiler.clock.step or 0.0)))
+    if len(ends) > _MAX_STEPS:
+        raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
+    near = block.apply("add", x, block.constant(1e-9 * (block.compiler.clock.step or 0.0)))
     y: Signal | None = None
     for number, (first, end) in enumerate(pairwise(ends), 1):
         name = label if len(ends) == 2 else f"{label}, part {number}"
         part = _RecordedSeries(times[first:end], points.values[first:end])
-        piece = _piece(site, name, x, part, beyond if end == len(times) else "clip")
-        begun = site.call("ge", near, site.constant(float(times[first])))
-        y = piece if y is None else site.select(begun, piece, y)
+        piece = _piece(block, name, x, part, beyond if end == len(times) else "clip")
+        begun = block.apply("ge", near, block.constant(float(times[first])))
+        y = piece if y is None else block.select(begun, piece, y)
     assert y is not None
     return y
 
 
-def _piece(site: BlockContext, name: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
+def _piece(block: BlockContext, name: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
     if len(points.times) == 1:
-        return site.constant(float(points.values[0]))
-    return constant_curve(site, name, x, points.times, points.values, Method("linear", beyond))
+        return block.constant(float(points.values[0]))
+    return constant_curve(block, name, x, points.times, points.values, Method("linear", beyond))

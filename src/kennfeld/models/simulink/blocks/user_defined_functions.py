@@ -1,4 +1,4 @@
-"""Blocks that hold a program, MATLAB Functions and charts; what follows one is loaded where one occurs."""
+"""User-Defined Functions library: MATLAB Functions and charts, whose modules are imported on first use."""
 
 from collections.abc import Iterable
 
@@ -8,23 +8,23 @@ from kennfeld.models.simulink.signals import SignalOrBus
 
 
 @block("MATLAB Function")
-def matlab_function(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """What the function's results are, in the order in which it names them."""
+def matlab_function(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Return the results of a MATLAB Function in the order of its outputs."""
     from kennfeld.models.simulink import matlab_function as lowering
 
-    return lowering.matlab_function(site)
+    return lowering.matlab_function(block)
 
 
-def _early(site: BlockContext) -> Iterable[int]:
-    """The inputs that a chart needs before it runs."""
+def _early(block: BlockContext) -> Iterable[int]:
+    """Return the inputs that a chart needs before it runs."""
     from kennfeld.models.simulink.stateflow import chart_block
 
-    return chart_block.early(site)
+    return chart_block.early_inputs(block)
 
 
 @block("Chart", needs=_early, held=False)
-def chart(site: BlockContext) -> tuple[SignalOrBus, ...]:
-    """One execution of a chart in each hit of its sample time, or at its events."""
+def chart(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Execute a chart at each sample hit, or at its events."""
     from kennfeld.models.simulink.stateflow import chart_block
 
-    return chart_block.chart(site)
+    return chart_block.compile_chart(block)

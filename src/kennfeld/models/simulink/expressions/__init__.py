@@ -1,1 +1,1 @@
-"""Expressions in block fields."""
+"""Evaluation of expressions in block fields."""

@@ -1,1 +1,1 @@
-"""Subsystems dissolved: the blocks of a model in one list, connected."""
+"""Flattening: subsystems dissolved into one list of connected blocks."""

@@ -1,6 +1,6 @@
-"""Inputs of the placed blocks: the sources at their ports, at special ports, and the data stores that they use.
+"""Connection of placed blocks: sources of inputs and control ports, and data stores.
 
-Where the signal at an input is made, and what it is called on its way: through ports, tags, variants and buses.
+A signal is traced through ports, tags, variants and buses to the block that computes it.
 """
 
 import re
@@ -20,13 +20,13 @@ from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_func
 
 __all__ = ["ConnectionResolver", "bus_member_names"]
 
-_WIDE = ("global", "scoped")  # visible in other systems than their own
+_NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
-_MOST_INPUTS = 1_000_000  # of all blocks
+_MAX_INPUTS = 1_000_000  # of all blocks
 
 
 class SignalTracer:
-    """Follows lines back to the blocks that they come from. `gotos` are the Goto blocks by their tags."""
+    """Traces lines back to the blocks they come from; `gotos` are the Goto blocks by tag."""
 
     def __init__(self, gotos: Mapping[str, Sequence[tuple[SystemInstance, ModelBlock]]]) -> None:
         self._local: dict[tuple[SystemInstance, str], tuple[SystemInstance, ModelBlock]] = {}
@@ -34,12 +34,12 @@ class SignalTracer:
         for tag, ends in gotos.items():
             for level, goto in ends:
                 self._local.setdefault((level, tag), (level, goto))
-                if (goto.value("TagVisibility") or "local") in _WIDE:
+                if (goto.value("TagVisibility") or "local") in _NONLOCAL_VISIBILITY:
                     self._wide.setdefault(tag, []).append((level, goto))
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
-        """The name of the line into a port, or of the line that it comes from through ports and tags."""
-        for here, source in self._way(level, end):
+        """Return the name of the line at a port, traced through ports and tags."""
+        for here, source in self._trace(level, end):
             name = here.labels.get(source, "")
             block = here.system.by_sid.get(source.block)
             if name and not name.startswith("<"):
@@ -51,73 +51,75 @@ class SignalTracer:
         return ""
 
     def source(self, level: SystemInstance, end: Endpoint) -> SignalSource | None:
-        """The block output that feeds an input port, through subsystems and tags."""
-        last = self._begin(level, end)
+        """Return the block output that feeds an input port, traced through subsystems and tags."""
+        last = self._origin(level, end)
         if last is None:
             return None
         here, source = last
-        if (picked := self._picked(here, source)) is not None:
+        if (picked := self._selected_input(here, source)) is not None:
             return self.source(*picked)
-        if (atom := here.atoms.get(source.block)) is not None:
+        if (flat := here.flat_blocks.get(source.block)) is not None:
             port = {"out": source.number - 1, "state": STATE_PORT}.get(source.port)
-            return None if port is None else SignalSource(atom, port)
+            return None if port is None else SignalSource(flat, port)
         below = here.below.get(source.block)
         if below is not None:
             outport = below.port("Outport", source.number)
-            held = below.atoms.get(outport.sid) if outport is not None else None
-            return SignalSource(held, 0) if held is not None else None
+            block = below.flat_blocks.get(outport.sid) if outport is not None else None
+            return SignalSource(block, 0) if block is not None else None
         return None
 
-    def _picked(self, level: SystemInstance, source: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
-        """The input of a bus creator whose signal a bus selector picks; None where there is more between them.
+    def _selected_input(self, level: SystemInstance, source: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
+        """Return the bus creator input that a bus selector selects, or None if other blocks lie between them.
 
-        So a bus may hold a signal that is computed from another one of the same bus.
+        A bus may therefore contain a signal computed from another signal of the same bus.
         """
-        atom = level.atoms.get(source.block)
-        if atom is None or atom.kind != "BusSelector" or (atom.block.value("OutputAsBus") or "off") == "on":
+        flat = level.flat_blocks.get(source.block)
+        if flat is None or flat.type != "BusSelector" or (flat.block.value("OutputAsBus") or "off") == "on":
             return None
-        ways = (atom.block.value("OutputSignals") or "").split(",")
+        ways = (flat.block.value("OutputSignals") or "").split(",")
         if not source.number <= len(ways):
             return None
-        found: tuple[SystemInstance, Endpoint] | None = (level, Endpoint(source.block, "in"))
+        creator: tuple[SystemInstance, Endpoint] | None = (level, Endpoint(source.block, "in"))
         for name in ways[source.number - 1].strip().split("."):
-            found = self._member(*found, name) if found is not None else None
-        return found
+            creator = self._member_input(*creator, name) if creator is not None else None
+        return creator
 
-    def _member(self, level: SystemInstance, end: Endpoint, name: str) -> tuple[SystemInstance, Endpoint] | None:
-        """The input of the bus creator that feeds an end, by the name of its signal."""
-        last = self._begin(level, end)
-        atom = last[0].atoms.get(last[1].block) if last is not None else None
-        if last is None or atom is None or atom.kind != "BusCreator":
+    def _member_input(self, level: SystemInstance, end: Endpoint, name: str) -> tuple[SystemInstance, Endpoint] | None:
+        """Return the input of the bus creator that feeds a port, by signal name."""
+        last = self._origin(level, end)
+        flat = last[0].flat_blocks.get(last[1].block) if last is not None else None
+        if last is None or flat is None or flat.type != "BusCreator":
             return None
-        here, sid = last[0], atom.block.sid
+        here, sid = last[0], flat.block.sid
         ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
-        names = bus_member_names([self.label(here, one) for one in ends], atom.block.value("Inputs") or "")
+        names = bus_member_names([self.label(here, end) for end in ends], flat.block.value("Inputs") or "")
         return (here, ends[names.index(name)]) if name in names else None
 
-    def _begin(self, level: SystemInstance, end: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
-        """Where the signal at an end is made."""
-        way = list(self._way(level, end))
-        return way[-1] if way else None
+    def _origin(self, level: SystemInstance, end: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
+        """Return the end at which the signal is computed."""
+        passed = list(self._trace(level, end))
+        return passed[-1] if passed else None
 
-    def _way(self, level: SystemInstance, end: Endpoint) -> Iterator[tuple[SystemInstance, Endpoint]]:
-        """The ends of lines that a signal passes, from where it is used back to where it is made."""
+    def _trace(self, level: SystemInstance, end: Endpoint) -> Iterator[tuple[SystemInstance, Endpoint]]:
+        """Yield the line ends that a signal passes, from its use back to its origin."""
         here: SystemInstance | None = level
         at: Endpoint | None = end
         seen: set[tuple[int, Endpoint]] = set()
         while here is not None and at is not None and (id(here), at) not in seen:
             seen.add((id(here), at))
-            source = _original(here, here.sources.get(at))
+            source = _original_inport(here, here.sources.get(at))
             if source is None:
                 return
             yield here, source
-            here, at = self._behind(here, source)
+            here, at = self._passed_on_input(here, source)
 
-    def _behind(self, level: SystemInstance, source: Endpoint) -> tuple[SystemInstance | None, Endpoint | None]:
-        """The input port that a block output merely passes on; None where the block computes something."""
+    def _passed_on_input(
+        self, level: SystemInstance, source: Endpoint
+    ) -> tuple[SystemInstance | None, Endpoint | None]:
+        """Return the input port that a block output passes on unchanged, or None if the block computes it."""
         if source in level.passing:
             return level, level.passing[source]
-        if source.block in level.atoms:
+        if source.block in level.flat_blocks:
             return None, None
         block = level.system.by_sid[source.block]
         if block.type == "Inport" and level.holder is not None and level.parent is not None:
@@ -127,21 +129,21 @@ class SignalTracer:
             return (goto[0], Endpoint(goto[1].sid, "in")) if goto is not None else (None, None)
         below = level.below.get(source.block)
         outport = below.port("Outport", source.number) if below is not None else None
-        if below is None or outport is None or outport.sid in below.atoms:
+        if below is None or outport is None or outport.sid in below.flat_blocks:
             return None, None
         return below, Endpoint(outport.sid, "in")
 
     def goto(self, level: SystemInstance, tag: str) -> tuple[SystemInstance, ModelBlock] | None:
-        """The Goto of a tag: local ones in the same system, scoped ones below their mark, global ones anywhere."""
+        """Return the Goto of a tag: local in the same system, scoped below its visibility block, global anywhere."""
         if (level, tag) in self._local:
             return self._local[level, tag]
         for where, goto in self._wide.get(tag, ()):
-            if goto.value("TagVisibility") == "global" or self._scoped(level, where, tag):
+            if goto.value("TagVisibility") == "global" or self._is_in_scope(level, where, tag):
                 return where, goto
         return None
 
-    def _scoped(self, level: SystemInstance, where: SystemInstance, tag: str) -> bool:
-        """Whether a mark of the tag's visibility stands in a system around both the From and the Goto."""
+    def _is_in_scope(self, level: SystemInstance, where: SystemInstance, tag: str) -> bool:
+        """Return True if a system that encloses both From and Goto contains the visibility block of the tag."""
         shared = set(enclosing_systems(where))
         return any(
             goto_tag(mark) == tag
@@ -151,8 +153,8 @@ class SignalTracer:
         )
 
 
-def _original(level: SystemInstance, source: Endpoint | None) -> Endpoint | None:
-    """The end of the inport itself, where a line begins at another mark of the same inport."""
+def _original_inport(level: SystemInstance, source: Endpoint | None) -> Endpoint | None:
+    """Return the inport itself if a line starts at a duplicate of it."""
     block = level.system.by_sid.get(source.block) if source is not None else None
     if source is None or block is None or block.type != "InportShadow":
         return source
@@ -161,7 +163,7 @@ def _original(level: SystemInstance, source: Endpoint | None) -> Endpoint | None
 
 
 def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
-    """The names of a bus creator's signals: those of its lines, else as stated, else numbered.
+    """Return the signal names of a bus creator: those of its lines, else as stated, else numbered.
 
     >>> bus_member_names(["n", "", "n", ""], "'a','b'")
     ['n', 'b', 'n3', 'signal4']
@@ -175,7 +177,7 @@ def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
 
 
 class ConnectionResolver:
-    """Connects what has been placed."""
+    """Connects placed blocks."""
 
     def __init__(self, placed: FlatteningState) -> None:
         self.placed = placed
@@ -183,93 +185,99 @@ class ConnectionResolver:
         self._ends = 0
 
     def connect(self) -> None:
-        """Find the sources of all inputs."""
+        """Resolve the sources of all inputs."""
         for level in self.placed.levels:
-            self._open_tags(level)
+            self._place_open_tags(level)
         for level in self.placed.levels:
-            self._blocks(level)
-            self._controls(level)
-            for atom in [one for one in level.atoms.values() if one.kind == "MATLAB Function"]:
-                self._share(level, atom)
-        for atom, ends in self.placed.joints:
-            atom.inputs = [end if isinstance(end, SignalSource) else self.wires.source(*end) for end in ends]
+            self._connect_blocks(level)
+            self._connect_controls(level)
+            for flat in [flat for flat in level.flat_blocks.values() if flat.type == "MATLAB Function"]:
+                self._connect_data_stores(level, flat)
+        for flat, ends in self.placed.joints:
+            flat.inputs = [end if isinstance(end, SignalSource) else self.wires.source(*end) for end in ends]
 
-    def _open_tags(self, level: SystemInstance) -> None:
-        """Place the From blocks without a Goto: they are inputs of the model."""
+    def _place_open_tags(self, level: SystemInstance) -> None:
+        """Place From blocks without a Goto as model inputs."""
         for block in level.system.of("From"):
             if self.wires.goto(level, goto_tag(block)) is None:
-                made = self.placed.atom(level, block, "From")
-                made.hidden = level.element > 1 or max(level.passes, default=1) > 1
+                flat = self.placed.place(level, block, "From")
+                flat.hidden = level.element > 1 or max(level.passes, default=1) > 1
 
-    def _blocks(self, level: SystemInstance) -> None:
-        """Connect the blocks of a system."""
-        for sid, atom in level.atoms.items():
-            self._inputs(level, sid, atom)
-            if atom.kind in ("DataStoreRead", "DataStoreWrite"):
-                atom.store = _store(level, atom.block)
+    def _connect_blocks(self, level: SystemInstance) -> None:
+        for sid, flat in level.flat_blocks.items():
+            self._inputs(level, sid, flat)
+            if flat.type in ("DataStoreRead", "DataStoreWrite"):
+                flat.data_store = _store(level, flat.block)
 
-    def _controls(self, level: SystemInstance) -> None:
-        """Connect the special ports of the conditional subsystems in a system."""
+    def _connect_controls(self, level: SystemInstance) -> None:
+        """Connect the control ports of the conditional subsystems of a system."""
         for sid, below in level.below.items():
             control = below.control
             if control is not None and control.block is below.holder:
-                control.inputs = [self._controlling(level, sid, port) for port in control.special]
+                control.inputs = [self._control_source(level, sid, port) for port in control.control_ports]
 
-    def _share(self, level: SystemInstance, atom: FlatBlock) -> None:
-        """Blocks that read and write the data stores of code for it."""
-        data = atom.block.chart.data if atom.block.chart is not None and not atom.passes else ()
-        atom.shared = tuple(one.name for one in data if one.scope == "DATA_STORE_MEMORY_DATA")
-        written = names_assigned_by_functions(atom.block.script) if atom.shared else frozenset()
-        outputs = sum(one.scope == "OUTPUT_DATA" for one in data)
-        for at, name in enumerate(atom.shared):
-            atom.inputs.append(SignalSource(self._access(level, atom, "DataStoreRead", name), 0))
+    def _connect_data_stores(self, level: SystemInstance, flat: FlatBlock) -> None:
+        """Place blocks that read and write data stores on behalf of code."""
+        data = flat.block.chart.data if flat.block.chart is not None and not flat.passes else ()
+        flat.code_stores = tuple(variable.name for variable in data if variable.scope == "DATA_STORE_MEMORY_DATA")
+        written = names_assigned_by_functions(flat.block.script) if flat.code_stores else frozenset()
+        outputs = sum(variable.scope == "OUTPUT_DATA" for variable in data)
+        for at, name in enumerate(flat.code_stores):
+            flat.inputs.append(SignalSource(self._place_access(level, flat, "DataStoreRead", name), 0))
             if name in written:
-                self._access(level, atom, "DataStoreWrite", name).inputs.append(SignalSource(atom, outputs + at))
+                self._place_access(level, flat, "DataStoreWrite", name).inputs.append(SignalSource(flat, outputs + at))
 
-    def _access(self, level: SystemInstance, atom: FlatBlock, kind: str, name: str) -> FlatBlock:
-        block = ModelBlock(kind, name, "", f"{atom.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
-        made = FlatBlock(kind, block, f"{atom.path}/{name}", level.scope, level.control, places=atom.places, made=True)
-        made.store = _store(level, block)
-        self.placed.atoms.append(made)
-        return made
+    def _place_access(self, level: SystemInstance, flat: FlatBlock, kind: str, name: str) -> FlatBlock:
+        block = ModelBlock(kind, name, "", f"{flat.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
+        access = FlatBlock(
+            kind,
+            block,
+            f"{flat.path}/{name}",
+            level.scope,
+            level.control,
+            priority_path=flat.priority_path,
+            synthetic=True,
+        )
+        access.data_store = _store(level, block)
+        self.placed.flat_blocks.append(access)
+        return access
 
-    def _controlling(self, level: SystemInstance, sid: str, port: str) -> SignalSource | None:
-        """The source at a special port; that of a variant is at the subsystem around it."""
+    def _control_source(self, level: SystemInstance, sid: str, port: str) -> SignalSource | None:
+        """Return the source at a control port; that of a variant is at the enclosing subsystem."""
         while level.variant:
             assert level.parent is not None
             assert level.holder is not None
             sid, level = level.holder.sid, level.parent
         return self.wires.source(level, Endpoint(sid, port))
 
-    def _inputs(self, level: SystemInstance, sid: str, atom: FlatBlock) -> None:
-        count = max(level.fed.get(sid, 0), atom.block.ports.inputs if atom.block.ports is not None else 0)
+    def _inputs(self, level: SystemInstance, sid: str, flat: FlatBlock) -> None:
+        count = max(level.fed.get(sid, 0), flat.block.ports.inputs if flat.block.ports is not None else 0)
         self._ends += count
-        if self._ends > _MOST_INPUTS:
-            raise OverflowError(f"its blocks have more than {_MOST_INPUTS} inputs")
+        if self._ends > _MAX_INPUTS:
+            raise OverflowError(f"its blocks have more than {_MAX_INPUTS} inputs")
         ends = [Endpoint(sid, "in", number) for number in range(1, count + 1)]
-        if atom.kind == "BusElements":
-            shared = elements(level.system, "Outport", port_number(atom.block))
-            ends = [Endpoint(one.sid, "in") for one in shared]
-            atom.ways = tuple(element_of(one) or "" for one in shared)
-        atom.inputs = [self.wires.source(level, end) for end in ends]
-        if atom.kind == "BusElement" and level.parent is not None and level.holder is not None:
-            atom.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", port_number(atom.block)))]
-            atom.ways = (element_of(atom.block) or "",)
-        if atom.kind == "Chart" and atom.block.system is not None:
-            atom.special = {SPECIAL[port.type]: port for port in atom.block.system.of("TriggerPort")}
-            ends += [Endpoint(sid, kind) for kind in atom.special]
-            atom.inputs += [self.wires.source(level, Endpoint(sid, kind)) for kind in atom.special]
-        atom.taken = {i: name for i, end in enumerate(ends) if (name := self.wires.label(level, end))}
-        atom.names = {number - 1: name for number, name in atom.block.signals.items()} | level.named.get(sid, {})
+        if flat.type == "BusElements":
+            shared = elements(level.system, "Outport", port_number(flat.block))
+            ends = [Endpoint(block.sid, "in") for block in shared]
+            flat.bus_paths = tuple(element_of(block) or "" for block in shared)
+        flat.inputs = [self.wires.source(level, end) for end in ends]
+        if flat.type == "BusElement" and level.parent is not None and level.holder is not None:
+            flat.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", port_number(flat.block)))]
+            flat.bus_paths = (element_of(flat.block) or "",)
+        if flat.type == "Chart" and flat.block.system is not None:
+            flat.control_ports = {SPECIAL[port.type]: port for port in flat.block.system.of("TriggerPort")}
+            ends += [Endpoint(sid, kind) for kind in flat.control_ports]
+            flat.inputs += [self.wires.source(level, Endpoint(sid, kind)) for kind in flat.control_ports]
+        flat.input_names = {i: name for i, end in enumerate(ends) if (name := self.wires.label(level, end))}
+        flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 
 
 def _store(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
-    """The memory of a name that is nearest around a block."""
     name = _store_name(block)
     for here in enclosing_systems(level):
         for memory in here.system.of("DataStoreMemory"):
             if _store_name(memory) == name:
-                return here.atoms.get(memory.sid)
+                return here.flat_blocks.get(memory.sid)
     return None
 
 

@@ -1,12 +1,8 @@
-"""Blocks as they are once subsystems are dissolved: where their inputs come from, and what is around them.
+"""Flat blocks: blocks after subsystems are dissolved, and the access order of data stores.
 
-A conditional subsystem leaves a block `Control` behind that says when it runs.
-
-Data stores: who writes a named memory, and which of its writers run before a reader within the step.
-
-Tasks decide where each sample time is one. Within a task, priorities decide, those of the nearest blocks around both in
-the system that they share; the lower number runs first. Where neither decides, a reader gets what the step before has
-left.
+A conditional subsystem leaves a block "ConditionalSubsystem" behind, which computes when it runs. In multitasking mode,
+faster tasks run first. Within a task, priorities decide: those of the outermost differing systems, the lower number
+first. If neither decides, a reader gets the value of the previous step.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -25,7 +21,7 @@ __all__ = [
     "FlatModel",
     "SignalSource",
     "is_triggered",
-    "resets",
+    "resets_on_enable",
     "resets_with_subsystem",
 ]
 
@@ -34,148 +30,153 @@ SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph")
 
 
 class SignalSource(NamedTuple):
-    """Where a wire begins: a block and its output, counted from 0, or its state port."""
+    """Start of a signal: a block and its output, from 0, or its state port."""
 
-    atom: "FlatBlock"
+    flat: "FlatBlock"
     port: int
 
 
 @dataclass(eq=False)
 class FlatBlock:
-    """A block that computes something, or one that stands for a conditional subsystem.
+    """A block that computes something, or stands for a conditional subsystem.
 
-    `kind` is its type as the registry of blocks knows it, `path` leads to it from where the import begins. `inputs` are
-    the sources of its input ports, None where nothing is connected. `control` says when the conditional subsystem
-    around it runs. `names` are the names of the lines at its outputs, `taken` those at its inputs. `places` are the
-    blocks around it and itself, from the outside, each with the priority that it is given. `store` is the memory that a
-    block reads or writes by its name, `ways` are the elements of a bus that it stands for; `shared` are the memories
-    that code uses, by name: what it reads is an input behind its ports, what it leaves an output behind them; blocks
-    that are `made` for that read and write the stores. `why` says why it cannot be built, `undefined` which variable
-    has no value then.
-
-    In a subsystem that runs several times in a step, `passes` are the passes that it belongs to, of each such subsystem
-    around it; `earlier` and `later` are the same block one pass before and behind. `begins` is set in a first pass
-    whose memories begin anew in each step, `element` in a For Each subsystem, `hidden` where another one stands for it.
+    Attributes:
+        type: block type in the registry.
+        path: path from the imported system.
+        inputs: sources of the input ports, None if unconnected.
+        control: "ConditionalSubsystem" block of the enclosing conditional subsystem.
+        output_names: line names at the outputs; `input_names` at the inputs.
+        priority_path: the enclosing blocks from the outside and the block itself, each with its priority.
+        data_store: memory that the block reads or writes by name.
+        bus_paths: bus elements that it stands for.
+        code_stores: data stores used by its code, by name. Reads are inputs after its ports, writes outputs after its
+            ports; `synthetic` blocks read and write the stores on its behalf.
+        unsupported_reason: why it cannot be built; `undefined` names a variable without a value.
+        passes: iteration number in each enclosing iterated subsystem.
+        previous_pass: the same block one iteration earlier; `next_pass` one later.
+        resets_each_step: set in a first iteration whose states are reset in each step.
+        element: set in a For Each subsystem.
+        hidden: set if another block stands for it.
     """
 
-    kind: str
+    type: str
     block: ModelBlock
     path: str
     scope: Scope
     control: "FlatBlock | None" = None
     inputs: list[SignalSource | None] = field(default_factory=list)
-    names: dict[int, str] = field(default_factory=dict)
-    taken: dict[int, str] = field(default_factory=dict)
-    special: dict[str, ModelBlock] = field(default_factory=dict)
-    why: str = ""
+    output_names: dict[int, str] = field(default_factory=dict)
+    input_names: dict[int, str] = field(default_factory=dict)
+    control_ports: dict[str, ModelBlock] = field(default_factory=dict)
+    unsupported_reason: str = ""
     undefined: str = ""
-    places: tuple[tuple[str, int | None], ...] = ()
-    store: "FlatBlock | None" = None
-    shared: tuple[str, ...] = ()
-    made: bool = False
+    priority_path: tuple[tuple[str, int | None], ...] = ()
+    data_store: "FlatBlock | None" = None
+    code_stores: tuple[str, ...] = ()
+    synthetic: bool = False
     passes: tuple[int, ...] = ()
     element: int = 0
-    earlier: "FlatBlock | None" = None
-    later: "FlatBlock | None" = None
-    begins: bool = False
+    previous_pass: "FlatBlock | None" = None
+    next_pass: "FlatBlock | None" = None
+    resets_each_step: bool = False
     hidden: bool = False
-    ways: tuple[str, ...] = ()
+    bus_paths: tuple[str, ...] = ()
 
     @property
     def repeats(self) -> bool:
-        """Whether it is one of several passes."""
-        return self.earlier is not None or self.later is not None
+        """True if it is one of several iterations."""
+        return self.previous_pass is not None or self.next_pass is not None
 
     @property
     def first(self) -> "FlatBlock":
-        """The same block in the first pass."""
+        """The same block in the first iteration."""
         here = self
-        while here.earlier is not None:
-            here = here.earlier
+        while here.previous_pass is not None:
+            here = here.previous_pass
         return here
 
     @property
     def last(self) -> "FlatBlock":
-        """The same block in the last pass."""
+        """The same block in the last iteration."""
         here = self
-        while here.later is not None:
-            here = here.later
+        while here.next_pass is not None:
+            here = here.next_pass
         return here
 
     def __repr__(self) -> str:
-        return f"<{self.kind} {self.path}>"
+        return f"<{self.type} {self.path}>"
 
 
 @dataclass
 class FlatModel:
-    """All blocks of what is imported; `inports` and `outports` in the order of their ports.
+    """All blocks of the imported system; `inports` and `outports` are in port order.
 
-    `chosen` says which variants are active, `counts` are the passes of subsystems by their paths.
+    `variant_choices` describes the active variants, `counts` are iteration counts by subsystem path.
     """
 
-    atoms: list[FlatBlock]
+    blocks: list[FlatBlock]
     inports: list[FlatBlock]
     outports: list[FlatBlock]
-    chosen: list[str] = field(default_factory=list)
+    variant_choices: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
 
     @cached_property
     def readers(self) -> dict[FlatBlock, list[FlatBlock]]:
-        """The blocks that read the outputs of a block."""
-        found: dict[FlatBlock, list[FlatBlock]] = {}
-        for atom in self.atoms:
-            for before in {source.atom for source in atom.inputs if source is not None}:
-                found.setdefault(before, []).append(atom)
-        return found
+        """Blocks that read the outputs of each block."""
+        readers: dict[FlatBlock, list[FlatBlock]] = {}
+        for flat in self.blocks:
+            for before in {source.flat for source in flat.inputs if source is not None}:
+                readers.setdefault(before, []).append(flat)
+        return readers
 
     @property
     def recorded(self) -> list[FlatBlock]:
-        """The blocks that record a signal."""
-        return [atom for atom in self.atoms if atom.kind == "ToWorkspace"]
+        """Blocks that record a signal."""
+        return [flat for flat in self.blocks if flat.type == "ToWorkspace"]
 
     @property
     def results(self) -> list[FlatBlock]:
-        """The blocks whose signals are the outputs: outports, else what records, else what shows or writes signals."""
-        return self.outports or self.recorded or [a for a in self.atoms if a.kind in SINK_TYPES and any(a.inputs)]
+        """Blocks whose signals are the outputs: outports, else recording blocks, else displays."""
+        return self.outports or self.recorded or [a for a in self.blocks if a.type in SINK_TYPES and any(a.inputs)]
 
 
-def enclosing_conditions(atom: FlatBlock) -> Iterator[FlatBlock]:
-    """The conditional subsystems around a block, from the inside."""
-    here = atom.control
+def enclosing_conditions(flat: FlatBlock) -> Iterator[FlatBlock]:
+    """Yield the conditional subsystems around a block, innermost first."""
+    here = flat.control
     while here is not None:
         yield here
         here = here.control
 
 
-def resets(control: FlatBlock) -> bool:
-    """Whether the memories of a conditional subsystem begin anew when it is enabled again."""
+def resets_on_enable(control: FlatBlock) -> bool:
+    """Return True if enabling a conditional subsystem resets its states."""
     for port, key in (("enable", "StatesWhenEnabling"), ("ifaction", "InitializeStates")):
-        if port in control.special and (control.special[port].value(key) or "held") == "reset":
+        if port in control.control_ports and (control.control_ports[port].value(key) or "held") == "reset":
             return True
-    trigger = control.special.get("trigger")
+    trigger = control.control_ports.get("trigger")
     return (
         trigger is not None
         and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
-        and "enable" in control.special
+        and "enable" in control.control_ports
     )
 
 
-def resets_with_subsystem(atom: FlatBlock) -> bool:
-    """Whether the memory of a block may begin anew with a subsystem around it."""
-    return any(resets(control) or "reset" in control.special for control in enclosing_conditions(atom))
+def resets_with_subsystem(flat: FlatBlock) -> bool:
+    """Return True if an enclosing subsystem may reset the states of a block."""
+    return any(resets_on_enable(control) or "reset" in control.control_ports for control in enclosing_conditions(flat))
 
 
-def is_triggered(atom: FlatBlock) -> bool:
-    """Whether a block is in a subsystem that runs at triggers."""
-    return any("trigger" in control.special for control in enclosing_conditions(atom))
+def is_triggered(flat: FlatBlock) -> bool:
+    """Return True if a block is in a triggered subsystem."""
+    return any("trigger" in control.control_ports for control in enclosing_conditions(flat))
 
 
 Order: TypeAlias = Callable[[FlatBlock, FlatBlock], int]
 
 
-def _by_priority(one: FlatBlock, other: FlatBlock) -> int:
-    """-1 where the first block runs before the second by their priorities, 1 where after, 0 where none decides."""
-    for (place, priority), (place_2, priority_2) in zip(one.places, other.places, strict=False):
+def _compare_priority(flat: FlatBlock, other: FlatBlock) -> int:
+    """Return -1 if the first block runs first by priority, 1 if the second does, 0 if undecided."""
+    for (place, priority), (place_2, priority_2) in zip(flat.priority_path, other.priority_path, strict=False):
         if place != place_2:
             if priority is None or priority_2 is None or priority == priority_2:
                 return 0
@@ -184,38 +185,41 @@ def _by_priority(one: FlatBlock, other: FlatBlock) -> int:
 
 
 class DataStoreOrder:
-    """The writers of each data store in the order in which they run; `undecided` are pairs that nothing orders.
+    """Execution order of the writers of each data store; `undecided` are writer-reader pairs without an order.
 
-    `by_task` is -1 where the task of the first of two blocks runs before that of the second, 1 where after, else 0.
+    `by_task` returns -1 if the task of the first of two blocks runs first, 1 if that of the second does, else 0.
     """
 
-    def __init__(self, atoms: Iterable[FlatBlock], by_task: Order = lambda one, other: 0) -> None:
+    def __init__(self, blocks: Iterable[FlatBlock], by_task: Order = lambda one, other: 0) -> None:
         self._by_task = by_task
         self.writers: dict[FlatBlock, list[FlatBlock]] = {}
         readers: list[FlatBlock] = []
-        for atom in atoms:
-            if atom.store is not None and atom.kind == "DataStoreWrite":
-                self.writers.setdefault(atom.store, []).append(atom)
-            elif atom.store is not None:
-                readers.append(atom)
+        for flat in blocks:
+            if flat.data_store is not None and flat.type == "DataStoreWrite":
+                self.writers.setdefault(flat.data_store, []).append(flat)
+            elif flat.data_store is not None:
+                readers.append(flat)
         for writers in self.writers.values():
             writers.sort(key=cmp_to_key(self._order))
         self.undecided = [
-            (writer, reader) for reader in readers for writer in self._of(reader) if self._open(writer, reader)
+            (writer, reader)
+            for reader in readers
+            for writer in self._writers_of(reader)
+            if self._is_undecided(writer, reader)
         ]
 
-    def _order(self, one: FlatBlock, other: FlatBlock) -> int:
-        return self._by_task(one, other) or _by_priority(one, other)
+    def _order(self, flat: FlatBlock, other: FlatBlock) -> int:
+        return self._by_task(flat, other) or _compare_priority(flat, other)
 
-    def _open(self, writer: FlatBlock, reader: FlatBlock) -> bool:
-        """Whether nothing says which runs first; code reads what it writes itself before it does."""
-        return not self._order(writer, reader) and writer.places != reader.places
+    def _is_undecided(self, writer: FlatBlock, reader: FlatBlock) -> bool:
+        """Return True if nothing orders the two; code reads a store before it writes it."""
+        return not self._order(writer, reader) and writer.priority_path != reader.priority_path
 
-    def _of(self, reader: FlatBlock) -> list[FlatBlock]:
-        return self.writers.get(reader.store, []) if reader.store is not None else []
+    def _writers_of(self, reader: FlatBlock) -> list[FlatBlock]:
+        return self.writers.get(reader.data_store, []) if reader.data_store is not None else []
 
-    def before(self, reader: FlatBlock) -> list[FlatBlock]:
-        """The writers that have run when a block reads; none of a block that writes."""
-        if reader.kind != "DataStoreRead":
+    def writers_before(self, reader: FlatBlock) -> list[FlatBlock]:
+        """Return the writers that run before a reader, [] for a block that also writes."""
+        if reader.type != "DataStoreRead":
             return []
-        return [writer for writer in self._of(reader) if self._order(writer, reader) < 0]
+        return [writer for writer in self._writers_of(reader) if self._order(writer, reader) < 0]

@@ -1,9 +1,8 @@
-"""Subsystems dissolved: a flat list of blocks, each knowing where its inputs come from.
+"""Flattening of a system into a list of connected blocks.
 
-Inports, outports, Goto and From blocks and plain subsystems are but wires. A conditional subsystem leaves two things
-behind: a block `Control` that says when it runs, and a block `Held` for each of its outputs.
-
-A chart or MATLAB Function by itself: a system of that block between ports of its own.
+Inports, outports, Goto and From blocks and plain subsystems become connections. A conditional subsystem leaves a block
+"ConditionalSubsystem", which computes when it runs, and a block "ConditionalOutput" for each output. A chart or MATLAB
+Function imported alone is wrapped in a system with ports.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,10 +11,10 @@ from types import MappingProxyType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import (
     active_choice,
+    choice_at,
     choice_labels,
     describe_choice,
     is_variant,
-    member,
     system_with_choice,
     without_commented_blocks,
 )
@@ -42,13 +41,17 @@ def flatten(
     known: Mapping[str, bool] = MappingProxyType({}),
     counts: Mapping[str, int] | None = None,
 ) -> FlatModel:
-    """The blocks of a system and of all below it.
+    """Flatten a system and all systems below it.
 
-    `cuts` are the paths of blocks whose outputs are given from outside; `opaque` are the types of masks that are
-    blocks of their own and not looked into. `models` are the names that referenced models see, by the models' names.
-    `known` are all types of blocks, with whether a mask may be called so. A link to Simulink's own library of a type
-    that is not among them goes by the name that the block has there; one to another library is no block of Simulink.
-    `counts` are the passes that subsystems were found to need, by path.
+    Args:
+        system: the imported system.
+        scope: names that its blocks see.
+        cuts: paths of blocks whose outputs are given from outside.
+        opaque: mask types that are blocks of their own and not opened.
+        models: names that each referenced model sees, by model name.
+        known: all block types, True if a mask may have that type. A link into a Simulink library of another type takes
+            the name of the linked block as its type; links into other libraries do not.
+        counts: iteration counts by subsystem path from earlier attempts.
     """
     placed = FlatteningState()
     system = without_commented_blocks(system)
@@ -57,12 +60,12 @@ def flatten(
     )
     ConnectionResolver(placed).connect()
     ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
-    inports, outports = ([root.atoms[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
-    return FlatModel(placed.atoms, inports, outports, placed.chosen, placed.built)
+    inports, outports = ([root.flat_blocks[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
+    return FlatModel(placed.flat_blocks, inports, outports, placed.variant_choices, placed.built)
 
 
 class _Flattener:
-    """Places the blocks of systems: those that stay, and the systems below them."""
+    """Places the blocks of a system and of the systems below it."""
 
     def __init__(
         self,
@@ -82,77 +85,78 @@ class _Flattener:
         self.repetition = IterationUnroller(placed, self._place)
 
     def level(
-        self, made: SystemInstance, parent: SystemInstance | None = None, holder: ModelBlock | None = None
+        self, level: SystemInstance, parent: SystemInstance | None = None, holder: ModelBlock | None = None
     ) -> SystemInstance:
-        """Place the blocks of a level within another one."""
-        made.within(parent, holder)
-        self.placed.levels.append(made)
-        for block in made.system.blocks:
-            self._place(made, block)
-        return made
+        """Place the blocks of a system within another one."""
+        level.within(parent, holder)
+        self.placed.levels.append(level)
+        for block in level.system.blocks:
+            self._place(level, block)
+        return level
 
     def _place(self, level: SystemInstance, block: ModelBlock) -> None:
         path = join_path(*level.path, block.name)
         if path in self.cuts:
-            self.placed.atom(level, block, "Bound")
+            self.placed.place(level, block, "BoundBlock")
         elif is_variant(block):
-            self._variant(level, block)
+            self._place_variant(level, block)
         elif level.parent is not None and element_of(block) is not None:
-            self._element(level, block)
-        elif block.type in _NESTED and block.system is not None and not (why := self._closed(block)):
-            self._enter(level, block, block.system)
+            self._place_bus_element(level, block)
+        elif block.type in _NESTED and block.system is not None and not (why := self._refusal(block)):
+            self._place_subsystem(level, block, block.system)
         elif block.type == "Goto":
             self.placed.gotos.setdefault(goto_tag(block), []).append((level, block))
         elif block.type == "Inport" and level.parent is not None:
-            self._inport(level, block)
+            self._place_inport(level, block)
         elif block.type in ("From", "GotoTagVisibility", "InportShadow") or block.type in SPECIAL:
             pass
         elif block.type == "Outport" and level.parent is not None:
             if level.control is not None and level.control.block is level.holder and level.repeated is None:
-                self.placed.atom(level, block, "Held")
+                self.placed.place(level, block, "ConditionalOutput")
         else:
             closed = block.type in _NESTED and block.system is not None
-            self.placed.atom(level, block, _kind(block, self.known), why if closed else "")
+            self.placed.place(level, block, _kind(block, self.known), why if closed else "")
 
-    def _variant(self, level: SystemInstance, block: ModelBlock) -> None:
-        """A block of variants: only the active one is left of it."""
+    def _place_variant(self, level: SystemInstance, block: ModelBlock) -> None:
         labels = choice_labels(block)
         scope = level.scope.within(block)
         try:
             at = active_choice(block, labels, scope)
             if block.type == "SubSystem":
-                choice = member(block, at) if at is not None else None
-                self._enter(level, block, system_with_choice(block, choice))
+                choice = choice_at(block, at) if at is not None else None
+                self._place_subsystem(level, block, system_with_choice(block, choice))
                 level.below[block.sid].variant = True
         except EvaluationError as error:
-            self.placed.atom(level, block, block.type, f"a block of variants, and {error}").undefined = error.undefined
+            self.placed.place(level, block, block.type, f"a variant block: {error}").undefined = error.undefined
             return
         if block.type != "SubSystem":
-            self._passed(level, block, at)
-        self.placed.chosen.append(f"{join_path(*level.path, block.name)}: {describe_choice(labels, at, scope)}")
+            self._place_variant_port(level, block, at)
+        self.placed.variant_choices.append(
+            f"{join_path(*level.path, block.name)}: {describe_choice(labels, at, scope)}"
+        )
 
-    def _passed(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
-        """A variant source or sink that passes on one signal; what reads another one is told."""
+    def _place_variant_port(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
+        """Connect the active port of a variant source or sink; readers of the others are refused."""
         number = 1 if at is None else at + 1
         ends = (1, number) if block.type == "VariantSource" else (number, 1)
         if at is not None:
             level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
-        self.placed.atom(level, block, "Inactive")
+        self.placed.place(level, block, "InactiveVariant")
 
-    def _element(self, level: SystemInstance, block: ModelBlock) -> None:
-        """A port that several blocks share: one block for each element that goes in, one for the bus that goes out."""
+    def _place_bus_element(self, level: SystemInstance, block: ModelBlock) -> None:
+        """Place a bus element port: a block for each input element, one block for an output bus."""
         why = ""
         if level.repeated is not None:
-            why = "a bus element of a subsystem that runs several times in a step"
+            why = "a bus element port of an iterated subsystem"
         elif level.control is not None and level.control.block is level.holder:
-            why = "an output of a conditional subsystem that is made of bus elements"
+            why = "an output of a conditional subsystem composed of bus element ports"
         if block.type == "Inport":
-            self.placed.atom(level, block, "BusElement", why if level.repeated is not None else "")
+            self.placed.place(level, block, "BusElement", why if level.repeated is not None else "")
         elif block is elements(level.system, "Outport", port_number(block))[0]:
-            self.placed.atom(level, block, "BusElements", why)
+            self.placed.place(level, block, "BusElements", why)
 
-    def _closed(self, block: ModelBlock) -> str:
-        """Why a subsystem is not looked into; empty where it is."""
+    def _refusal(self, block: ModelBlock) -> str:
+        """Return why a subsystem is not opened, "" if it is."""
         assert block.system is not None
         chart = block.value("SFBlockType") or "NONE"
         if chart != "NONE" or block.chart is not None:
@@ -161,7 +165,7 @@ class _Flattener:
             return block.mask.type
         return ""
 
-    def _enter(self, level: SystemInstance, block: ModelBlock, system: System) -> None:
+    def _place_subsystem(self, level: SystemInstance, block: ModelBlock, system: System) -> None:
         system = without_commented_blocks(system)
         path = (*level.path, block.name)
         scope = level.scope.inside(block, self.models)
@@ -169,24 +173,24 @@ class _Flattener:
         try:
             plan = plan_iterations(iterator, block, path, scope, self.counts) if iterator is not None else None
         except EvaluationError as error:
-            why = f"a subsystem that runs several times in a step, and {error}"
-            self.placed.atom(level, block, block.type, why).undefined = error.undefined
+            why = f"an iterated subsystem: {error}"
+            self.placed.place(level, block, block.type, why).undefined = error.undefined
             return
         special = {SPECIAL[b.type]: b for b in system.of(*SPECIAL)}
         control = level.control
         if special:
-            control = self.placed.atom(level, block, "Control")
-            control.special = special
-        made = SystemInstance(system, path, scope, control)
+            control = self.placed.place(level, block, "ConditionalSubsystem")
+            control.control_ports = special
+        instance = SystemInstance(system, path, scope, control)
         if plan is None:
-            level.below[block.sid] = self.level(made, level, block)
+            level.below[block.sid] = self.level(instance, level, block)
         else:
-            made.within(level, block)
-            level.below[block.sid] = made
-            self.repetition.place(level, made, plan)
+            instance.within(level, block)
+            level.below[block.sid] = instance
+            self.repetition.place(level, instance, plan)
 
-    def _inport(self, level: SystemInstance, block: ModelBlock) -> None:
-        """An inport within a subsystem is but a wire, unless each element gets a part of the signal."""
+    def _place_inport(self, level: SystemInstance, block: ModelBlock) -> None:
+        """Connect an inport of a subsystem; in a For Each subsystem, place the partition of its signal."""
         plan = level.repeated
         number = port_number(block)
         on = plan.block.listed("InputPartition") if plan is not None else ()
@@ -194,9 +198,9 @@ class _Flattener:
             return
         assert level.parent is not None
         assert level.holder is not None
-        found = self.placed.atom(level, block, "Part")
-        found.special = {"each": plan.block}
-        self.placed.joints.append((found, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
+        flat = self.placed.place(level, block, "ForEachPartition")
+        flat.control_ports = {"each": plan.block}
+        self.placed.joints.append((flat, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
 
 
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
@@ -216,17 +220,14 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
 
 
 def standalone_system(block: ModelBlock, inside: System) -> System:
-    """The system of a block whose content is no system of blocks, with ports as those that stand in it.
-
-    Each event from outside is an input of its own.
-    """
-    made: list[tuple[ModelBlock, SignalLine | None]] = [
+    """Return a system that contains one block without inner blocks, with a port for each signal and event."""
+    ports: list[tuple[ModelBlock, SignalLine | None]] = [
         *_ports(block, inside, "Inport"),
         *_ports(block, inside, "Outport"),
     ]
     if any(True for _ in inside.of("TriggerPort")):
-        made += _events(block, len([port for port, _ in made if port.type == "Inport"]))
-    return System((block, *(port for port, _ in made)), tuple(line for _, line in made if line is not None))
+        ports += _events(block, len([port for port, _ in ports if port.type == "Inport"]))
+    return System((block, *(port for port, _ in ports)), tuple(line for _, line in ports if line is not None))
 
 
 def _ports(block: ModelBlock, inside: System, kind: str) -> Iterator[tuple[ModelBlock, SignalLine]]:
@@ -244,10 +245,12 @@ def _port(kind: str, name: str, number: int) -> ModelBlock:
 
 
 def _events(block: ModelBlock, before: int) -> Iterator[tuple[ModelBlock, SignalLine | None]]:
-    """An input for each event, joined to the vector that triggers the chart."""
-    events = [one.name for one in block.chart.events if one.scope == "INPUT_EVENT"] if block.chart is not None else []
+    """Yield an input for each event, and the line that joins it to the trigger vector of the chart."""
+    events = (
+        [event.name for event in block.chart.events if event.scope == "INPUT_EVENT"] if block.chart is not None else []
+    )
     joint = ModelBlock("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
     yield joint, SignalLine(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
     for at, name in enumerate(events, 1):
-        made = _port("Inport", name, before + at)
-        yield made, SignalLine(Endpoint(made.sid, "out"), (Endpoint(joint.sid, "in", at),))
+        port = _port("Inport", name, before + at)
+        yield port, SignalLine(Endpoint(port.sid, "out"), (Endpoint(joint.sid, "in", at),))

@@ -1,12 +1,4 @@
-"""Subsystems that run several times in a step: how often, and with what they begin.
-
-Their blocks are built once for each pass. A memory of one pass is read in the next; only the last one lasts until the
-step behind. The elements of a For Each subsystem have memories of their own.
-
-Systems on the way down: what is in each one, its lines by their ends, and the systems around it.
-
-What has been placed so far: the blocks that stay, the systems they are in, and what waits to be connected.
-"""
+"""Systems during flattening: their blocks, lines and enclosing systems, iteration plans, and what has been placed."""
 
 import re
 from collections.abc import Iterator
@@ -22,12 +14,12 @@ __all__ = ["SPECIAL", "FlatteningState", "IterationPlan", "SystemInstance", "enc
 
 SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 
-_MOST = 100_000  # blocks, all instances of libraries counted
+_MAX_BLOCKS = 100_000  # including all library instances
 
 
 @dataclass(frozen=True)
 class IterationPlan:
-    """The passes of a subsystem: the block that counts them, how many, whether memories begin anew in each step."""
+    """Iterations of a subsystem: its iterator block, their number, and whether states are reset in each step."""
 
     block: ModelBlock
     count: int
@@ -35,22 +27,22 @@ class IterationPlan:
 
     @property
     def each(self) -> bool:
-        """Whether the passes are elements side by side, not one after the other."""
+        """True if the iterations are elements of a For Each subsystem, independent of one another."""
         return self.block.type == "ForEach"
 
     @property
     def decides(self) -> bool:
-        """Whether each pass decides on the next one."""
+        """True if each iteration decides on the next one."""
         return self.block.type == "WhileIterator"
 
     @property
     def asks_first(self) -> bool:
-        """Whether even the first pass needs a condition."""
+        """True if even the first iteration has a condition."""
         return self.decides and (self.block.value("WhileBlockType") or "while") == "while"
 
 
 class SystemInstance:
-    """One system on the way: what is in it, and what is around it."""
+    """One instance of a system: its content, and the system around it."""
 
     def __init__(self, system: System, path: tuple[str, ...], scope: Scope, control: FlatBlock | None) -> None:
         self.system = system
@@ -65,7 +57,7 @@ class SystemInstance:
         self.repeated: IterationPlan | None = None
         self.places: tuple[tuple[str, int | None], ...] = ()
         self.below: dict[str, SystemInstance] = {}
-        self.atoms: dict[str, FlatBlock] = {}
+        self.flat_blocks: dict[str, FlatBlock] = {}
         self.sources: dict[Endpoint, Endpoint] = {}
         self.labels: dict[Endpoint, str] = {}
         self.passing: dict[Endpoint, Endpoint] = {}
@@ -84,19 +76,19 @@ class SystemInstance:
                     self.named.setdefault(line.source.block, {})[line.source.number - 1] = line.name
 
     def within(self, parent: "SystemInstance | None", holder: ModelBlock | None) -> None:
-        """Put it into another level, as the content of one of its blocks."""
+        """Insert this instance into another one as the content of one of its blocks."""
         self.parent, self.holder = parent, holder
         if parent is not None and holder is not None:
             self.places = (*parent.places, (holder.sid, block_priority(holder)))
             self.passes, self.element = parent.passes, parent.element
 
     def port(self, kind: str, number: int) -> ModelBlock | None:
-        """The Inport or Outport block of a number."""
+        """Return the Inport or Outport block of a number."""
         return next((b for b in self.system.of(kind) if port_number(b) == number), None)
 
 
 def enclosing_systems(level: SystemInstance) -> Iterator[SystemInstance]:
-    """A system and those around it, from the inside."""
+    """Yield a system and those around it, innermost first."""
     here: SystemInstance | None = level
     while here is not None:
         yield here
@@ -104,12 +96,12 @@ def enclosing_systems(level: SystemInstance) -> Iterator[SystemInstance]:
 
 
 def goto_tag(block: ModelBlock) -> str:
-    """The tag of a Goto or From, or of the mark of its visibility."""
+    """Return the tag of a Goto, From or Goto Tag Visibility block."""
     return (block.value("GotoTag") or "A").strip()
 
 
 def block_priority(block: ModelBlock) -> int | None:
-    """The priority that a block is given; None where it has none."""
+    """Return the priority of a block, None if it has none."""
     written = (block.parameters.get("Priority") or "").strip()
     return int(written) if re.fullmatch(r"-?\d{1,9}", written) else None
 
@@ -120,28 +112,30 @@ Joint: TypeAlias = tuple[
 
 
 class FlatteningState:
-    """The blocks and systems that are placed.
+    """Blocks and systems placed so far.
 
-    `joints` are blocks whose inputs do not come from their own ports, `gotos` the Goto blocks by their tags. `chosen`
-    says which variants are active, `built` are the passes of subsystems by their paths.
+    `joints` are blocks whose inputs do not come from their own ports, `gotos` the Goto blocks by tag, `variant_choices`
+    sentences on active variants, `built` iteration counts by subsystem path.
     """
 
     def __init__(self) -> None:
-        self.atoms: list[FlatBlock] = []
+        self.flat_blocks: list[FlatBlock] = []
         self.levels: list[SystemInstance] = []
         self.joints: list[Joint] = []
         self.gotos: dict[str, list[tuple[SystemInstance, ModelBlock]]] = {}
-        self.chosen: list[str] = []
+        self.variant_choices: list[str] = []
         self.built: dict[str, int] = {}
 
-    def atom(self, level: SystemInstance, block: ModelBlock, kind: str, why: str = "") -> FlatBlock:
-        """Place what a block of a level leaves behind; `why` says why it cannot be built."""
-        made = FlatBlock(kind, block, join_path(*level.path, block.name), level.scope, level.control, why=why)
-        made.passes, made.element = level.passes, level.element
-        self.atoms.append(made)
-        if kind != "Control":
-            level.atoms[block.sid] = made
-        if len(self.atoms) > _MOST:
-            raise OverflowError(f"it has more than {_MOST} blocks, all instances of libraries and all passes counted")
-        made.places = (*level.places, (block.sid, block_priority(block)))
-        return made
+    def place(self, level: SystemInstance, block: ModelBlock, kind: str, why: str = "") -> FlatBlock:
+        """Place the flat block of a block; `why` is the reason if it is unsupported."""
+        flat = FlatBlock(
+            kind, block, join_path(*level.path, block.name), level.scope, level.control, unsupported_reason=why
+        )
+        flat.passes, flat.element = level.passes, level.element
+        self.flat_blocks.append(flat)
+        if kind != "ConditionalSubsystem":
+            level.flat_blocks[block.sid] = flat
+        if len(self.flat_blocks) > _MAX_BLOCKS:
+            raise OverflowError(f"it has more than {_MAX_BLOCKS} blocks, counting library instances and iterations")
+        flat.priority_path = (*level.places, (block.sid, block_priority(block)))
+        return flat

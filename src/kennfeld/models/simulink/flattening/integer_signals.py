@@ -1,25 +1,25 @@
-"""Integer types of signals, found by following the wires back."""
+"""Integer types of signals, found by tracing connections back."""
 
 import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-from kennfeld.models.imperative.integer_types import IntegerType, word_named
+from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 
-__all__ = ["converting", "integer_type_of", "stated_word"]
+__all__ = ["find_integer_conversions", "integer_type_of", "specified_integer_type"]
 
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
-_LONGEST_WAY = 200
-# block types whose output is of the type of these inputs unless the file states another one
+_MAX_TRACED_BLOCKS = 200
+# inputs whose type the output has unless the file specifies another one, by block type
 _LIKE_INPUT = {
     "ArithShift": (0,),
     "Bit Clear": (0,),
     "Bit Set": (0,),
     "Bitwise Operator": (0,),
     "Delay": (0,),
-    "Held": (0,),
+    "ConditionalOutput": (0,),
     "Memory": (0,),
     "Outport": (0,),
     "RateTransition": (0,),
@@ -31,74 +31,74 @@ _LIKE_INPUT = {
     "ZeroOrderHold": (0,),
 }
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
-# block types that state the type of a signal without making it: their values are whole already, or those of another
+# types that specify an integer type without converting: their values are integers already
 _ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStoreMemory", "DataStoreRead", "Merge"})
 _ASSIGNED: Final = ("LOCAL_DATA", "OUTPUT_DATA")
 
 
 def integer_type_of(source: SignalSource | None) -> IntegerType | None:
-    """The integer type of a signal; None where the file does not say it, or says that it is no integer.
+    """Return the integer type of a signal, None if the file does not specify it or it is not an integer.
 
-    It is looked for back along the wires, as far as blocks pass on the type of their input.
+    The signal is traced back through blocks that pass on the type of their input.
     """
-    waiting, found, seen = [source], set[IntegerType | None](), set[FlatBlock]()
+    waiting, types, seen = [source], set[IntegerType | None](), set[FlatBlock]()
     while waiting:
-        one = waiting.pop()
-        if one is None or len(seen) > _LONGEST_WAY:
+        pending = waiting.pop()
+        if pending is None or len(seen) > _MAX_TRACED_BLOCKS:
             return None
-        if one.atom in seen:
+        if pending.flat in seen:
             continue
-        seen.add(one.atom)
-        stated = stated_word(one.atom)
-        passed = _passing(one.atom)
+        seen.add(pending.flat)
+        stated = specified_integer_type(pending.flat)
+        passed = _type_inputs(pending.flat)
         if stated is None and passed:
-            inputs = one.atom.inputs
+            inputs = pending.flat.inputs
             waiting += [inputs[at] if at < len(inputs) else None for at in passed]
         else:
-            found.add(stated)
-    return _common(found)
+            types.add(stated)
+    return _common_type(types)
 
 
-def _common(found: set[IntegerType | None]) -> IntegerType | None:
-    """The type that all of them are; blocks that make it in different ways are taken as rounding down and wrapping."""
-    if len(found) == 1:
-        return found.pop()
-    plain = {(one.bits, one.signed) if one is not None else None for one in found}
+def _common_type(types: set[IntegerType | None]) -> IntegerType | None:
+    """Return the common type; if rounding or overflow differ, round down and wrap."""
+    if len(types) == 1:
+        return types.pop()
+    plain = {(integer_type.bits, integer_type.signed) if integer_type is not None else None for integer_type in types}
     only = plain.pop() if len(plain) == 1 else None
     return IntegerType(*only) if only is not None else None
 
 
-def _passing(atom: FlatBlock) -> tuple[int, ...]:
-    """The inputs whose type the output has."""
-    if (atom.block.value("OutDataTypeStr") or "").strip() in _SAME:
+def _type_inputs(flat: FlatBlock) -> tuple[int, ...]:
+    """Return the inputs whose type the output has."""
+    if (flat.block.value("OutDataTypeStr") or "").strip() in _SAME:
         return (0,)
-    return _LIKE_INPUT.get(atom.kind, ())
+    return _LIKE_INPUT.get(flat.type, ())
 
 
-def stated_word(atom: FlatBlock) -> IntegerType | None:
-    """The integer type that a block states for its output."""
+def specified_integer_type(flat: FlatBlock) -> IntegerType | None:
+    """Return the integer type that a block specifies for its output."""
     for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"):
-        written = (atom.block.value(key) or "").strip()
-        word = word_named(written)
+        written = (flat.block.value(key) or "").strip()
+        word = integer_type_named(written)
         if word is not None:
-            saturates = (atom.block.value("SaturateOnIntegerOverflow") or "off") == "on"
-            return replace(word, rounding=atom.block.value("RndMeth") or "Floor", saturates=saturates)
+            saturates = (flat.block.value("SaturateOnIntegerOverflow") or "off") == "on"
+            return replace(word, rounding=flat.block.value("RndMeth") or "Floor", saturates=saturates)
         if written and not written.startswith("Inherit"):
             return None
-    cast = _CAST.match((atom.block.value("Value") or "").strip()) if atom.kind == "Constant" else None
-    return word_named(cast[1]) if cast is not None else None
+    cast = _CAST.match((flat.block.value("Value") or "").strip()) if flat.type == "Constant" else None
+    return integer_type_named(cast[1]) if cast is not None else None
 
 
-def converting(atoms: Iterable[FlatBlock]) -> tuple[str, ...]:
-    """The paths of the blocks that make integers of other numbers, which is left aside: values stay physical."""
-    return tuple(dict.fromkeys(one.path for one in atoms if _converts(one)))
+def find_integer_conversions(blocks: Iterable[FlatBlock]) -> tuple[str, ...]:
+    """Return the paths of the blocks that convert numbers to integers, which is ignored: values stay physical."""
+    return tuple(dict.fromkeys(flat.path for flat in blocks if _converts(flat)))
 
 
-def _converts(atom: FlatBlock) -> bool:
-    """Whether a block makes integers: as it states, in its code by a cast, or in a variable of a chart."""
-    if atom.kind in _ONLY_STATING:
+def _converts(flat: FlatBlock) -> bool:
+    """Return True if a block converts to integers: by its output type, a cast in its code, or a chart variable."""
+    if flat.type in _ONLY_STATING:
         return False
-    if stated_word(atom) is not None or _CAST.search(atom.block.script):
+    if specified_integer_type(flat) is not None or _CAST.search(flat.block.script):
         return True
-    chart = atom.block.chart if atom.kind == "Chart" else None
-    return chart is not None and any(word_named(data.type) for data in chart.data if data.scope in _ASSIGNED)
+    chart = flat.block.chart if flat.type == "Chart" else None
+    return chart is not None and any(integer_type_named(data.type) for data in chart.data if data.scope in _ASSIGNED)

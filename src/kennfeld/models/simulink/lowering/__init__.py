@@ -1,1 +1,1 @@
-"""Blocks to graph: their order, sample times, conditions and memories."""
+"""Lowering of flat blocks to graph nodes: order, sample times, execution conditions and states."""

@@ -1,8 +1,7 @@
-"""Which blocks a block needs: those that its outputs depend on within the step, and those that it ever depends on.
+"""Order in which blocks are lowered: dependencies, build order and algebraic loops.
 
-The order in which blocks are built: each behind what it needs; what closes memories when all else is there.
-
-Where blocks wait for each other, the loop is noted, and a signal that stands in for one of them breaks it.
+Each block follows those it depends on; states are completed at the end. A dependency cycle is recorded as an algebraic
+loop and broken by a placeholder signal.
 """
 
 from collections.abc import Callable, Iterable
@@ -15,72 +14,70 @@ from kennfeld.models.simulink.flattening.flat_model import (
     resets_with_subsystem,
 )
 from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, stand_ins
+from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, placeholder_outputs
 from kennfeld.models.simulink.lowering.pass_state import PendingCompletions
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.models.simulink.signals import SignalOrBus
 
 __all__ = ["BlockDependencies", "BuildOrder"]
 
-_CONTROLLED = ("Held", "Control", "Pass", "DataStoreWrite")  # they ask themselves whether they run
+# these evaluate their own execution condition
+_CONTROLLED = ("ConditionalOutput", "ConditionalSubsystem", "IterationCondition", "DataStoreWrite")
 
 
 class BlockDependencies:
-    """What blocks need. `built` are the outputs of those that are there; `ahead` tells sources that always are."""
+    """Dependencies of blocks; `built` are the outputs so far, `ahead` recognizes sources known at step start."""
 
     def __init__(
         self,
-        site: Callable[[FlatBlock], BlockContext],
+        block: Callable[[FlatBlock], BlockContext],
         stores: DataStoreOrder,
         ahead: Callable[[SignalSource], bool],
         failures: BlockFailures,
     ) -> None:
         self.built: dict[FlatBlock, tuple[SignalOrBus, ...]] = {}
-        self._site = site
+        self._site = block
         self._stores = stores
         self._ahead = ahead
         self._failures = failures
 
-    def ever(self, atom: FlatBlock) -> list[FlatBlock]:
-        """The blocks that a block depends on in this step or in later ones."""
-        found = [source.atom for source in atom.inputs if source is not None]
-        found += self._stores.writers.get(atom, ())
-        return [*found, atom.control] if atom.control is not None else found
+    def all_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return the blocks that a block depends on in this step or a later one."""
+        blocks = [source.flat for source in flat.inputs if source is not None]
+        blocks += self._stores.writers.get(flat, ())
+        return [*blocks, flat.control] if flat.control is not None else blocks
 
-    def now(self, atom: FlatBlock) -> list[FlatBlock]:
-        """The blocks that a block's outputs depend on within the step."""
-        sources = self._sources(atom)
+    def step_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return the blocks that the outputs of a block depend on in the same step."""
+        sources = self._sources(flat)
         if sources is None:
             return []
-        found = [source.atom for source in sources if not self._ahead(source)]
-        if atom.control is not None and (atom.kind in _CONTROLLED or resets_with_subsystem(atom)):
-            found.append(atom.control)
-        if atom.earlier is not None:
-            found += self._left_by(atom.earlier)
-        return [*found, *(self._stores.before(atom) if atom.store is not None else ())]
+        blocks = [source.flat for source in sources if not self._ahead(source)]
+        if flat.control is not None and (flat.type in _CONTROLLED or resets_with_subsystem(flat)):
+            blocks.append(flat.control)
+        if flat.previous_pass is not None:
+            blocks += self._iteration_dependencies(flat.previous_pass)
+        return [*blocks, *(self._stores.writers_before(flat) if flat.data_store is not None else ())]
 
-    def _sources(self, atom: FlatBlock) -> list[SignalSource] | None:
-        """The sources at the inputs that a block's outputs depend on; None where that cannot be told."""
-        site, kind = self._site(atom), BLOCK_TYPES.get(atom.kind)
-        with self._failures.noting(atom):
-            every = range(len(atom.inputs)) if kind is not None else ()
-            wanted = every if kind is None or kind.needs is None else kind.needs(site)
-            sources = [atom.inputs[index] for index in wanted if index < len(atom.inputs)]
+    def _sources(self, flat: FlatBlock) -> list[SignalSource] | None:
+        """Return the sources of the inputs with feedthrough, None if they cannot be determined."""
+        block, kind = self._site(flat), BLOCK_TYPES.get(flat.type)
+        with self._failures.note_errors(flat):
+            every = range(len(flat.inputs)) if kind is not None else ()
+            wanted = every if kind is None or kind.needs is None else kind.needs(block)
+            sources = [flat.inputs[index] for index in wanted if index < len(flat.inputs)]
             return [source for source in sources if source is not None]
         return None
 
-    def _left_by(self, atom: FlatBlock) -> list[FlatBlock]:
-        """What has to be there so that the next pass of a block can read its memory."""
-        site = self._site(atom)
-        remembers = atom in self.built and (site.memories or site.before)
-        return [atom, *self.ever(atom)] if remembers else [atom]
+    def _iteration_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return the blocks needed before the next iteration of a block can read its state."""
+        block = self._site(flat)
+        remembers = flat in self.built and (block.memories or block.before)
+        return [flat, *self.all_dependencies(flat)] if remembers else [flat]
 
 
 class BuildOrder:
-    """Builds blocks by `build` behind those that they need; `values` are the outputs of all that are built.
-
-    `loops` are the algebraic loops that were met.
-    """
+    """Lowers blocks by `build` in dependency order; `values` are the outputs so far, `loops` the algebraic loops."""
 
     def __init__(
         self,
@@ -97,40 +94,40 @@ class BuildOrder:
         self.values = needs.built
         self.loops: list[tuple[FlatBlock, ...]] = []
         self._build = build
-        self._begun: dict[FlatBlock, None] = {}  # those that wait for others, the one that waits for all first
+        self._begun: dict[FlatBlock, None] = {}  # blocks waiting for others, outermost first
 
-    def demand(self, atoms: Iterable[FlatBlock]) -> None:
-        """Build blocks and all that they need, memories included."""
-        for atom in atoms:
-            self.visit(atom)
+    def demand(self, blocks: Iterable[FlatBlock]) -> None:
+        """Lower blocks and everything they depend on, states included."""
+        for flat in blocks:
+            self.visit(flat)
         while (left := self.agenda.next()) is not None:
-            atom, complete = left
-            self.visit(atom)
-            for needed in self.needs.ever(atom):
+            flat, complete = left
+            self.visit(flat)
+            for needed in self.needs.all_dependencies(flat):
                 self.visit(needed)
-            self.builder.place = atom.path
-            with self.failures.noting(atom):
+            self.builder.place = flat.path
+            with self.failures.note_errors(flat):
                 complete()
 
     def visit(self, root: FlatBlock) -> None:
-        """Build a block and what it needs within the step."""
-        waiting = len(self._begun)  # not none where a block is built that others are built for
+        """Lower a block and what it depends on in the same step."""
+        waiting = len(self._begun)  # not 0 if called while a block is being lowered
         try:
             self._walk([root])
         finally:
-            for atom in list(self._begun)[waiting:]:
-                del self._begun[atom]
+            for flat in list(self._begun)[waiting:]:
+                del self._begun[flat]
 
     def _walk(self, stack: list[FlatBlock]) -> None:
         while stack:
-            atom = stack[-1]
-            if atom in self.values:
+            flat = stack[-1]
+            if flat in self.values:
                 self._begun.pop(stack.pop(), None)
                 continue
-            self._begun[atom] = None
-            missing = [needed for needed in self.needs.now(atom) if needed not in self.values]
+            self._begun[flat] = None
+            missing = [needed for needed in self.needs.step_dependencies(flat) if needed not in self.values]
             if not missing:
-                self.values[atom] = self._build(atom)
+                self.values[flat] = self._build(flat)
                 continue
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:
@@ -139,23 +136,20 @@ class BuildOrder:
             else:
                 stack.extend(reversed(missing))
 
-    def _loop(self, atoms: tuple[FlatBlock, ...]) -> None:
-        """Note an algebraic loop; one of its blocks gets signals that stand in."""
-        self.loops.append(atoms)
-        self.values[atoms[0]] = stand_ins(self.builder, atoms[0])
+    def _loop(self, blocks: tuple[FlatBlock, ...]) -> None:
+        """Record an algebraic loop and give one of its blocks placeholder signals."""
+        self.loops.append(blocks)
+        self.values[blocks[0]] = placeholder_outputs(self.builder, blocks[0])
 
-    def meanwhile(
-        self, atom: FlatBlock, outputs: tuple[SignalOrBus, ...], goals: Iterable[FlatBlock]
+    def build_dependents(
+        self, flat: FlatBlock, outputs: tuple[SignalOrBus, ...], goals: Iterable[FlatBlock]
     ) -> list[FlatBlock]:
-        """Build blocks while another one is built that they depend on, with its outputs as they are by then.
-
-        The blocks that were built for it.
-        """
+        """Lower blocks that depend on preliminary outputs of a block that is being lowered; return those lowered."""
         known = set(self.values)
-        self.values[atom] = outputs
+        self.values[flat] = outputs
         try:
             for goal in goals:
                 self.visit(goal)
         finally:
-            del self.values[atom]
-        return [one for one in self.values if one not in known]
+            del self.values[flat]
+        return [flat for flat in self.values if flat not in known]

@@ -1,9 +1,7 @@
-"""Passes over the blocks until every guess is right.
+"""One pass that lowers all blocks, and its repetition to a fixed point.
 
-Sizes and sample times of memories that are fed back are not known when they are first read: they are guessed, and the
-graph is built again with what was found until nothing changes.
-
-Blocks to graph: one pass over the blocks, which puts its parts to work and keeps the outputs of every block.
+Sizes and sample times of states in feedback are unknown when they are first read. They are guessed, and the pass is
+repeated with the results until nothing changes.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -11,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable
 from kennfeld.graph.bounded_builder import BoundedGraphBuilder
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.calibration_parameters import DeclaredParameters
-from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
+from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import (
     STATE_PORT,
     DataStoreOrder,
@@ -27,8 +25,8 @@ from kennfeld.models.simulink.lowering.diagnostics import (
     PARAMETER_ERRORS,
     BlockFailures,
     UnsupportedError,
+    placeholder_outputs,
     placeholder_signal,
-    stand_ins,
     unsupported_reason,
 )
 from kennfeld.models.simulink.lowering.discrete_states import DataStores, DiscreteStates
@@ -48,18 +46,18 @@ from kennfeld.models.simulink.variables.mask_scope import Scope, Variable
 
 __all__ = ["BlockCompiler", "compile_to_fixed_point"]
 
-_MOST_PASSES = 500
-_MOST_ASKED = 20_000_000  # operations of all passes
-_UNSETTLED = "the sizes or sample times of the signals that are fed back before it do not settle"
-_MEND = "Give the delays and integrators before it initial values of the size of their signals."
+_MAX_PASSES = 500
+_MAX_OPERATIONS = 20_000_000  # over all passes
+_UNSETTLED = "the sizes or sample times of its feedback signals cannot be determined"
+_UNSETTLED_REMEDY = "Set the initial values of the delays and integrators in the loop to the size of their signals."
 
 
 class BlockCompiler:
-    """One pass over the blocks. `bound` gives the nodes of blocks that are cut, `clock` the steps of the model.
+    """One pass over the blocks.
 
-    `timing` knows sample times, `gates` conditional subsystems, `memories`, `continuous` and `contents` what lasts
-    until the next step, `visits` the order of the blocks, `failures` what could not be built, and `remarks` what
-    blocks tell of themselves.
+    `bound` returns the signals that replace bound blocks; `clock` holds the steps of the model. `timing` holds sample
+    times, `gates` execution conditions, `memories`, `continuous` and `contents` the states, `visits` the build order,
+    `failures` the unsupported blocks and `remarks` sentences for the report.
     """
 
     def __init__(
@@ -73,161 +71,153 @@ class BlockCompiler:
         self.flat, self.clock, self.bound = flat, clock, bound
         self.builder = BoundedGraphBuilder()
         self.declared = DeclaredParameters(frozenset(promoted))
-        self.expressions = Expressions(self.builder, self.declared)
+        self.expressions = ParameterExpressions(self.builder, self.declared)
         self.failures = BlockFailures()
         self.inputs = ModelInputs(self.builder, guesses)
         self.shapes = DimensionInference(guesses)
         self.timing = SampleTimes(clock, self.expressions, guesses, self.failures)
-        self.stores = DataStoreOrder(flat.atoms, self.timing.task_order)
+        self.stores = DataStoreOrder(flat.blocks, self.timing.task_order)
         self.gates = ExecutionConditions(self.timing, self.value)
         agenda = PendingCompletions()
         self.ports = StatePorts(self.timing, self.shapes, agenda)
-        self.memories = DiscreteStates(self.gates, self.ports, self._arriving)
+        self.memories = DiscreteStates(self.gates, self.ports, self._known_inputs)
         self.continuous = ContinuousStates(self.memories)
         self.contents = DataStores(self.memories, self.stores, self.signal)
-        self.needs = BlockDependencies(self.site, self.stores, self._ahead, self.failures)
-        self.visits = BuildOrder(self.builder, self.needs, agenda, self.failures, self._built)
+        self.needs = BlockDependencies(self.block_context, self.stores, self._ahead, self.failures)
+        self.visits = BuildOrder(self.builder, self.needs, agenda, self.failures, self._build)
         self.counts: dict[str, int] = {}
         self.remarks: dict[str, None] = {}
         self.files = FunctionFiles(())
         self._sites: dict[FlatBlock, BlockContext] = {}
 
-    def demand(self, atoms: Iterable[FlatBlock]) -> None:
-        """Build blocks and all that they need, memories included."""
-        self.visits.demand(atoms)
-        self.continuous.settle()
+    def demand(self, blocks: Iterable[FlatBlock]) -> None:
+        """Lower blocks and everything they depend on, states included."""
+        self.visits.demand(blocks)
+        self.continuous.resolve_initial_values()
 
     def finish(self, solver: str) -> None:
-        """Advance the continuous states, now that everything they depend on is there."""
+        """Advance the continuous states once everything they depend on is lowered."""
         self.continuous.advance(solver)
 
-    # blocks
+    def block_type(self, flat: FlatBlock) -> BlockType | None:
+        """Return the registered type of a block."""
+        return BLOCK_TYPES.get(flat.type)
 
-    def kind(self, atom: FlatBlock) -> BlockType | None:
-        """What the registry knows of a block's type."""
-        return BLOCK_TYPES.get(atom.kind)
+    def block_context(self, flat: FlatBlock) -> BlockContext:
+        """Return the context of a block."""
+        if flat not in self._sites:
+            self._sites[flat] = BlockContext(self, flat)
+        return self._sites[flat]
 
-    def site(self, atom: FlatBlock) -> BlockContext:
-        """The site of a block."""
-        if atom not in self._sites:
-            self._sites[atom] = BlockContext(self, atom)
-        return self._sites[atom]
-
-    def _built(self, atom: FlatBlock) -> tuple[SignalOrBus, ...]:
-        """The outputs of a block whose inputs are there."""
-        kind = self.kind(atom)
-        self.builder.place = atom.path
-        if atom in self.failures:
-            return stand_ins(self.builder, atom)
+    def _build(self, flat: FlatBlock) -> tuple[SignalOrBus, ...]:
+        """Lower a block whose inputs are lowered."""
+        kind = self.block_type(flat)
+        self.builder.place = flat.path
+        if flat in self.failures:
+            return placeholder_outputs(self.builder, flat)
         if kind is None:
-            self.failures.note(atom, *unsupported_reason(atom), atom.undefined)
-            self.visits.agenda.add(atom)  # what stands before it is looked at all the same
-            return stand_ins(self.builder, atom)
-        if any(not wired.sound for wired in self._arriving(atom)):
-            self._look_for_values(atom, kind)
-            return stand_ins(self.builder, atom)
+            self.failures.note(flat, *unsupported_reason(flat), flat.undefined)
+            self.visits.agenda.add(flat)  # blocks upstream are checked all the same
+            return placeholder_outputs(self.builder, flat)
+        if any(not wired.sound for wired in self._known_inputs(flat)):
+            self._report_undefined(flat, kind)
+            return placeholder_outputs(self.builder, flat)
         made: SignalOrBus | tuple[SignalOrBus, ...] | None = None
-        with self.failures.noting(atom):
-            made = self._ruled(atom, kind)
+        with self.failures.note_errors(flat):
+            made = self._call_handler(flat, kind)
         if made is None:
-            return stand_ins(self.builder, atom)
+            return placeholder_outputs(self.builder, flat)
         outputs = made if isinstance(made, tuple) else (made,)
-        return tuple(self._sampled(atom, wired) for wired in outputs) if kind.held else outputs
+        return tuple(self._sampled(flat, wired) for wired in outputs) if kind.held else outputs
 
-    def _sampled(self, atom: FlatBlock, wired: SignalOrBus) -> SignalOrBus:
-        return self.timing.sampled(atom, wired, self.site(atom).memories > 0)
+    def _sampled(self, flat: FlatBlock, wired: SignalOrBus) -> SignalOrBus:
+        return self.timing.sample(flat, wired, self.block_context(flat).memories > 0)
 
-    def _look_for_values(self, atom: FlatBlock, kind: BlockType) -> None:
-        """Note a variable without a value behind a block that stops: all of them are told at once."""
+    def _report_undefined(self, flat: FlatBlock, kind: BlockType) -> None:
+        """Look for further undefined variables behind an unsupported block, to report all at once."""
         try:
-            self._ruled(atom, kind)
+            self._call_handler(flat, kind)
         except UnsupportedError as unsupported:
             if unsupported.undefined:
-                self.failures.note(atom, *unsupported.parts)
+                self.failures.note(flat, *unsupported.parts)
         except PARAMETER_ERRORS:
             return
 
-    def _ruled(self, atom: FlatBlock, kind: BlockType) -> SignalOrBus | tuple[SignalOrBus, ...]:
-        """What a block's rule makes; where it stops half-way, the memories it has begun are not completed."""
+    def _call_handler(self, flat: FlatBlock, kind: BlockType) -> SignalOrBus | tuple[SignalOrBus, ...]:
+        """Call the handler of a block; if it fails, its states are not completed."""
         begun = len(self.visits.agenda)
         try:
-            return kind.rule(self.site(atom))
+            return kind.rule(self.block_context(flat))
         except (UnsupportedError, *PARAMETER_ERRORS):
-            self.visits.agenda.leave((atom, atom.last), since=begun)
+            self.visits.agenda.drop((flat, flat.last), since=begun)
             raise
 
-    # signals
-
     def value(self, source: SignalSource) -> SignalOrBus:
-        """The signal of a block's output; the block has been built already, unless it is its state port."""
+        """Return the signal or bus of a block that is lowered, or at its state port."""
         if self._ahead(source):
-            return self.ports.signal(source.atom)
-        if source.atom not in self.visits.values:
-            raise UnsupportedError(f"its input from {source.atom.path} comes too late")
-        outputs = self.visits.values[source.atom]
-        if source.port == STATE_PORT and source.atom.kind != "DiscreteIntegrator" and outputs[-1].sound:
-            self.failures.note(source.atom, "its state port is read, which is not supported")
+            return self.ports.signal(source.flat)
+        if source.flat not in self.visits.values:
+            raise UnsupportedError(f"its input from {source.flat.path} is computed after it")
+        outputs = self.visits.values[source.flat]
+        if source.port == STATE_PORT and source.flat.type != "DiscreteIntegrator" and outputs[-1].sound:
+            self.failures.note(source.flat, "its state port is used, which is not supported")
             return placeholder_signal(self.builder)
         port = len(outputs) - 1 if source.port == STATE_PORT else source.port  # a state port is the last output
         return outputs[port] if port < len(outputs) else placeholder_signal(self.builder)
 
     def signal(self, source: SignalSource) -> Signal:
-        """The signal of a block's output, which is no bus."""
-        found = self.value(source)
-        if isinstance(found, ExternalBus):
-            return found.signal
-        if isinstance(found, Bus):
-            raise UnsupportedError(f"the output of {source.atom.path} is a bus")
-        return found
+        """Return the signal of a block output that is not a bus."""
+        signal = self.value(source)
+        if isinstance(signal, ExternalBus):
+            return signal.signal
+        if isinstance(signal, Bus):
+            raise UnsupportedError(f"the output of {source.flat.path} is a bus")
+        return signal
 
-    def outputs(self, atom: FlatBlock) -> tuple[SignalOrBus, ...]:
-        """The outputs of a block that has been built; none of others."""
-        return self.visits.values.get(atom, ())
+    def outputs(self, flat: FlatBlock) -> tuple[SignalOrBus, ...]:
+        """Return the outputs of a lowered block, () for others."""
+        return self.visits.values.get(flat, ())
 
-    def missing(self, atom: FlatBlock, number: int) -> Signal:
-        """The signal of an output that is not bound though another of the block is."""
-        self.failures.note(atom, f"its output {number} is not bound", f'Bind it as well: "{atom.path}:{number}".')
+    def note_unbound_output(self, flat: FlatBlock, number: int) -> Signal:
+        """Record that an output is not bound although another output of the block is."""
+        self.failures.note(flat, f"its output {number} is not bound", f'Bind it too: "{flat.path}:{number}".')
         return placeholder_signal(self.builder)
 
     def _ahead(self, source: SignalSource) -> bool:
-        return is_known_at_step_start(source, self.site)
+        return is_known_at_step_start(source, self.block_context)
 
-    def _arriving(self, atom: FlatBlock) -> list[SignalOrBus]:
-        """The signals at the inputs of a block as far as they are there."""
+    def _known_inputs(self, flat: FlatBlock) -> list[SignalOrBus]:
+        """Return the signals at the inputs of a block that are known so far."""
         there = self.visits.values
-        return [self.value(s) for s in atom.inputs if s is not None and (s.atom in there or self._ahead(s))]
+        return [self.value(s) for s in flat.inputs if s is not None and (s.flat in there or self._ahead(s))]
 
-    # parameters
-
-    def promoted(self, name: str, text: str, scope: Scope, given: Variable | None) -> Nodes:
-        """The nodes of a literal that is a parameter by its block and field; `given` has another value for it."""
+    def promoted_literal(self, name: str, text: str, scope: Scope, variable: Variable | None) -> Nodes:
+        """Return the nodes of a literal promoted to a parameter; `given` replaces its value."""
         literal = Variable(self.expressions.numbers(text, scope), source="a literal of the block")
-        return self.declared.array(self.builder, name, given or literal)
+        return self.declared.array(self.builder, name, variable or literal)
 
-    # passes of subsystems
-
-    def counted(self, path: str, count: int) -> None:
-        """Note how many passes a subsystem needs, as one of its inputs says."""
+    def note_iteration_count(self, path: str, count: int) -> None:
+        """Record the iteration count that an input requires."""
         if self.counts.setdefault(path, count) != count:
-            raise UnsupportedError(f"its inputs ask for {self.counts[path]} and for {count} passes")
+            raise UnsupportedError(f"its inputs require {self.counts[path]} and {count} iterations")
 
-    def uncounted(self, paths: Collection[str]) -> None:
-        """Note that subsystems have another number of passes than their inputs ask for."""
-        for atom in self.flat.atoms:
-            if atom.kind in LOOPS and join_path(*split_path(atom.path)[:-1]) in paths:
-                self.failures.note(atom, "its inputs and its parameters ask for different numbers of passes")
+    def note_conflicting_counts(self, paths: Collection[str]) -> None:
+        """Record that inputs and parameters require different iteration counts."""
+        for flat in self.flat.blocks:
+            if flat.type in LOOPS and join_path(*split_path(flat.path)[:-1]) in paths:
+                self.failures.note(flat, "its inputs and its parameters require different iteration counts")
 
 
 def compile_to_fixed_point(
     make: Callable[[InferredAttributes], BlockCompiler], goals: Collection[FlatBlock]
 ) -> BlockCompiler:
-    """The pass in which every guess was right; where none is, that is what stops the first of the goals."""
+    """Repeat passes until all inferred attributes agree; otherwise record the failure at the first goal."""
     guesses = InferredAttributes()
     compiler = make(guesses)
     stopped: BlockCompiler | None = None
     asked = 0
-    for _ in range(min(_MOST_PASSES, len(compiler.flat.atoms) + 10)):
-        if asked > _MOST_ASKED:
+    for _ in range(min(_MAX_PASSES, len(compiler.flat.blocks) + 10)):
+        if asked > _MAX_OPERATIONS:
             break
         guesses.changed = False
         compiler = make(guesses)
@@ -243,5 +233,5 @@ def compile_to_fixed_point(
             return stopped if stopped is not None and len(stopped.failures) <= len(compiler.failures) else compiler
         stopped, guesses.wished = compiler, wishes
         guesses.shapes.update(wishes)
-    compiler.failures.note(next(iter(goals)), _UNSETTLED, _MEND)
+    compiler.failures.note(next(iter(goals)), _UNSETTLED, _UNSETTLED_REMEDY)
     return compiler

@@ -1,11 +1,9 @@
 """Continuous states, advanced by a fixed-step Runge-Kutta method within one step of the graph.
 
-The minor steps evaluate the derivatives again, at states and times in between; what only changes at major steps (the
-op `major` marks it) and all inputs keep their values. Coefficients: Euler; Heun; Bogacki and Shampine, Appl. Math.
-Lett. 2 (1989) 321; the classic method of fourth order; Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19, its
-solution of fifth order without error control.
-
-Continuous states: how blocks see them now, and their slopes, with which the solver advances them.
+Minor steps evaluate the derivatives again at intermediate states and times; inputs and what changes only at major steps
+(marked by the op `major`) are held. Coefficients: Euler; Heun; Bogacki and Shampine, Appl. Math. Lett. 2 (1989) 321;
+the classic fourth-order method; Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19, its fifth-order solution
+without error control.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +25,7 @@ __all__ = ["SOLVERS", "ContinuousStates"]
 
 
 class ButcherTableau(NamedTuple):
-    """Nodes, the rows of the matrix below its diagonal, and the weights of an explicit Runge-Kutta method."""
+    """Explicit Runge-Kutta method: nodes, rows of the matrix below the diagonal, and weights."""
 
     nodes: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]
@@ -57,30 +55,35 @@ SOLVERS: Final = {
 
 
 def integrate_step(builder: GraphBuilder, states: Sequence[ContinuousState], solver: str) -> None:
-    """Close the memories of continuous states with what a solver makes of them in one step of length dt."""
+    """Close continuous states with their values after one solver step of length dt."""
     if not states:
         return
     tableau, dt = SOLVERS[solver], builder.input("dt")
     stages: list[list[int]] = []
     for node, row in zip(tableau.nodes, tableau.rows, strict=True):
         if not row:
-            stages.append([_limited(builder, one, one.slope, one.seen) for one in states])
+            stages.append([_limit_slope(builder, state, state.slope, state.seen) for state in states])
             continue
-        between = [_moved(builder, one.seen, row, [stage[i] for stage in stages], dt) for i, one in enumerate(states)]
-        place = {one.seen: x for one, x in zip(states, between, strict=True)}
+        between = [
+            _advance_state(builder, state.seen, row, [stage[i] for stage in stages], dt)
+            for i, state in enumerate(states)
+        ]
+        place = {state.seen: x for state, x in zip(states, between, strict=True)}
         place[builder.input("t")] = _later(builder, node, dt)
-        found = _replaced(builder, [one.slope for one in states], place)
-        stages.append([_limited(builder, one, f, x) for one, f, x in zip(states, found, between, strict=True)])
-    for i, one in enumerate(states):
-        _close(builder, one, _moved(builder, one.seen, tableau.weights, [stage[i] for stage in stages], dt))
+        new_states = _replace_nodes(builder, [state.slope for state in states], place)
+        stages.append(
+            [_limit_slope(builder, state, f, x) for state, f, x in zip(states, new_states, between, strict=True)]
+        )
+    for i, state in enumerate(states):
+        _close(builder, state, _advance_state(builder, state.seen, tableau.weights, [stage[i] for stage in stages], dt))
 
 
 def _later(builder: GraphBuilder, node: float, dt: int) -> int:
     return builder.call("add", builder.input("t"), builder.call("mul", builder.const(node), dt))
 
 
-def _moved(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
-    """A state moved on: x + dt (a1 k1 + a2 k2 + ...)."""
+def _advance_state(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
+    """Return x + dt (a1 k1 + a2 k2 + ...)."""
     total = builder.const(0.0)
     for share, slope in zip(row, slopes, strict=True):
         if share:
@@ -88,10 +91,10 @@ def _moved(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence
     return builder.call("add", x, builder.call("mul", dt, total))
 
 
-def _limited(builder: GraphBuilder, one: ContinuousState, slope: int, x: int) -> int:
-    """The slope of a state that rests at a limit as long as it is pushed outwards."""
+def _limit_slope(builder: GraphBuilder, state: ContinuousState, slope: int, x: int) -> int:
+    """Return the slope of a state, 0 at a limit while it points outwards."""
     zero = builder.const(0.0)
-    low, high = one.limits
+    low, high = state.limits
     for limit, beyond, outwards in ((low, "le", "lt"), (high, "ge", "gt")):
         if limit is not None:
             rests = builder.call("and", builder.call(beyond, x, limit), builder.call(outwards, slope, zero))
@@ -99,33 +102,33 @@ def _limited(builder: GraphBuilder, one: ContinuousState, slope: int, x: int) ->
     return slope
 
 
-def _close(builder: GraphBuilder, one: ContinuousState, new: int) -> None:
-    low, high = one.limits
+def _close(builder: GraphBuilder, state: ContinuousState, new: int) -> None:
+    low, high = state.limits
     if low is not None:
         new = builder.call("max", new, low)
     if high is not None:
         new = builder.call("min", new, high)
-    if one.active is not None:
-        new = builder.call("select", one.active, new, one.seen)
-    builder.close(one.state, one.init, new)
+    if state.active is not None:
+        new = builder.call("select", state.active, new, state.seen)
+    builder.close(state.state, state.init, new)
 
 
-def _replaced(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:
-    """The nodes that compute the roots with some nodes replaced by others."""
-    made = dict(place)
-    needed = _behind(builder, roots, made)
+def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:
+    """Return the nodes of roots with some nodes replaced."""
+    replaced = dict(place)
+    needed = _dependencies(builder, roots, replaced)
     for at in sorted(needed):
         op, args, payload = builder.nodes[at]
-        if op == "major" or all(made.get(a, a) == a for a in args):
-            made[at] = at
+        if op == "major" or all(replaced.get(a, a) == a for a in args):
+            replaced[at] = at
         else:
-            changed = tuple(made.get(a, a) for a in args)
-            made[at] = builder.node(op, changed, payload) if op == "lookup" else builder.call(op, *changed)
-    return [made.get(root, root) for root in roots]
+            changed = tuple(replaced.get(a, a) for a in args)
+            replaced[at] = builder.node(op, changed, payload) if op == "lookup" else builder.call(op, *changed)
+    return [replaced.get(root, root) for root in roots]
 
 
-def _behind(builder: GraphBuilder, roots: Sequence[int], stop: Mapping[int, int]) -> set[int]:
-    """The nodes that roots are computed from within a minor step, down to those that are replaced."""
+def _dependencies(builder: GraphBuilder, roots: Sequence[int], stop: Mapping[int, int]) -> set[int]:
+    """Return the nodes that roots depend on within a minor step, down to the replaced ones."""
     seen: set[int] = set()
     stack = [root for root in roots if root not in stop]
     while stack:
@@ -139,7 +142,7 @@ def _behind(builder: GraphBuilder, roots: Sequence[int], stop: Mapping[int, int]
 
 
 class ContinuousStates:
-    """The states that are integrated over time."""
+    """Continuous states of all blocks."""
 
     def __init__(self, memories: DiscreteStates) -> None:
         self.builder = memories.builder
@@ -149,77 +152,76 @@ class ContinuousStates:
 
     def integrate(
         self,
-        site: BlockContext,
+        block: BlockContext,
         number: int,
         init: Signal,
         slope: Callable[[Signal], Signal],
         reset: Signal | None,
         limits: tuple[Signal, Signal] | None,
     ) -> Signal:
-        """A continuous state as it is now: the solver advances it at the end of the step."""
-        if site.atom.passes:
-            raise UnsupportedError("it is integrated over time in a subsystem that runs several times in a step")
-        key = (site.atom, number)
-        first = self._first(site, key, init, reset, limits)
+        """Return a continuous state as it is now; the solver advances it at the end of the step."""
+        if block.flat.passes:
+            raise UnsupportedError("it integrates over time in an iterated subsystem, which is not supported")
+        key = (block.flat, number)
+        first = self._initial_states(block, key, init, reset, limits)
         states = self.memories.ports.states(key, first)
         read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), CONTINUOUS)
-        seen = self.memories.restarted(site.atom, read, first)
+        seen = self.memories.reset_with_subsystem(block.flat, read, first)
         if reset is not None:
-            again = site.select(self.memories.timing.at_major(reset), Signal(first), seen)
+            again = block.select(self.memories.timing.hold_in_minor_steps(reset), Signal(first), seen)
             seen = replace(seen, nodes=again.nodes)
 
         def complete() -> None:
-            moving = self._slopes(site, key, seen, slope)
-            self._note(site, states, first, seen, moving, limits)
+            moving = self._slopes(block, key, seen, slope)
+            self._register(block, states, first, seen, moving, limits)
 
-        self.memories.agenda.add(site.atom, complete)
+        self.memories.agenda.add(block.flat, complete)
         return seen
 
-    def _first(
-        self, site: BlockContext, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
+    def _initial_states(
+        self, block: BlockContext, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
     ) -> Nodes:
-        """The states at first, within their limits; as many as there are resets or limits, if these are several."""
-        inside = init if limits is None else site.clip(init, *limits)
-        first = site.spread(inside, *(one for one in (reset, *(limits or ())) if one is not None))[0]
-        shape = self.shapes.of(key, first)
+        """Return the initial states within limits, as many as there are elements in state, reset or limits."""
+        inside = init if limits is None else block.clip(init, *limits)
+        first = block.broadcast(inside, *(limit for limit in (reset, *(limits or ())) if limit is not None))[0]
+        shape = self.shapes.state_shape(key, first)
         return fit_to_shape(first.nodes, shape) if first.size in (1, int(np.prod(shape))) else first.nodes
 
-    def _slopes(self, site: BlockContext, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
-        """The slopes of a block's states; the next pass takes another shape that they have."""
+    def _slopes(self, block: BlockContext, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
+        """Return the slopes of a block's states; another shape is used in the next pass."""
         rates = replace(seen, nodes=np.full(seen.shape, self.builder.const(0.0), dtype=np.int64))
         try:
-            if self.memories.is_sound(site):
+            if self.memories.is_sound(block):
                 rates = slope(seen)
         except UnsupportedError as unsupported:
-            self.memories.failures.note(site.atom, *unsupported.parts)
+            self.memories.failures.note(block.flat, *unsupported.parts)
         if rates.size == 1 < seen.size:
-            self.memories.check_widened(site, key)
+            self.memories.check_widened(block, key)
         if rates.size > 1 and rates.shape != seen.shape:
-            self.memories.ask(site, key, rates.shape, seen.shape)
+            self.memories.request_shape(block, key, rates.shape, seen.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         return fit_to_shape(rates.nodes, seen.shape)
 
-    def _note(
+    def _register(
         self,
-        site: BlockContext,
+        block: BlockContext,
         states: Sequence[int],
         first: Nodes,
         seen: Signal,
         moving: Nodes,
         limits: tuple[Signal, Signal] | None,
     ) -> None:
-        """Note the states of a block for the solver."""
         low, high = (None, None) if limits is None else tuple(fit_to_shape(x.nodes, seen.shape).ravel() for x in limits)
-        active = self.memories.gates.active(site.atom)
+        active = self.memories.gates.run_condition(block.flat)
         parts = zip(states, first.ravel(), seen.nodes.ravel(), moving.ravel(), strict=True)
         for at, (state, init, now, rate) in enumerate(parts):
             bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
             self._found.append(ContinuousState(state, int(init), int(now), int(rate), bounds, active))
 
-    def settle(self) -> None:
-        """Free the first values behind state ports of the states themselves."""
-        self._found = self.memories.ports.settled(self._found)
+    def resolve_initial_values(self) -> None:
+        """Make initial values at state ports independent of the states themselves."""
+        self._found = self.memories.ports.resolve_initial_values(self._found)
 
     def advance(self, solver: str) -> None:
-        """Close the states with what a solver makes of them in one step."""
+        """Close the states with their values after one solver step."""
         integrate_step(self.builder, self._found, solver)

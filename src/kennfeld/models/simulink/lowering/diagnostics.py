@@ -1,7 +1,4 @@
-"""What could not be built, and why: of each block the first reason that is found.
-
-What a block, or a setting of it, raises where it cannot be built.
-"""
+"""Unsupported blocks and their reasons; the first reason of each block is kept."""
 
 import re
 from contextlib import AbstractContextManager
@@ -22,8 +19,8 @@ __all__ = [
     "BlockFailure",
     "BlockFailures",
     "UnsupportedError",
+    "placeholder_outputs",
     "placeholder_signal",
-    "stand_ins",
     "unsupported_reason",
 ]
 
@@ -31,9 +28,9 @@ PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, Evaluati
 
 
 class UnsupportedError(Exception):
-    """A block, or a setting of it, that cannot be built; `mend` says what would help.
+    """A block, or a setting of it, is not supported.
 
-    `undefined` is the variable that nothing gives a value.
+    `remedy` says what helps; `undefined` names an undefined variable, if that is the reason.
     """
 
     def __init__(self, message: str, remedy: str = "", undefined: str = "") -> None:
@@ -42,34 +39,34 @@ class UnsupportedError(Exception):
 
     @property
     def parts(self) -> tuple[str, str, str]:
-        """What, how to mend it, and the variable without a value."""
+        """Message, remedy and undefined variable."""
         return self.message, self.remedy, self.undefined
 
 
 class BlockFailure(NamedTuple):
-    """Why a block could not be built, what would unblock it, and the variable that has no value, if that is why."""
+    """Reason why a block is unsupported, remedy, and undefined variable if that is the reason."""
 
-    atom: FlatBlock
+    flat: FlatBlock
     why: str
     remedy: str = ""
     undefined: str = ""
 
 
 class BlockFailures(dict[FlatBlock, BlockFailure]):
-    """The blocks that could not be built."""
+    """The unsupported blocks."""
 
-    def note(self, atom: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
-        """Note why a block cannot be built, unless a reason is known."""
-        self.setdefault(atom, BlockFailure(atom, message, remedy, undefined))
+    def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
+        """Record why a block is unsupported unless a reason is known."""
+        self.setdefault(flat, BlockFailure(flat, message, remedy, undefined))
 
-    def noting(self, atom: FlatBlock) -> "_Noting":
-        """Note what stops a piece of work on a block, and go on behind it."""
-        return _Noting(self, atom)
+    def note_errors(self, flat: FlatBlock) -> "_Noting":
+        """Return a context manager that records an exception as the reason of a block and suppresses it."""
+        return _Noting(self, flat)
 
 
 class _Noting(AbstractContextManager[None, bool]):
-    def __init__(self, failures: BlockFailures, atom: FlatBlock) -> None:
-        self.failures, self.atom = failures, atom
+    def __init__(self, failures: BlockFailures, flat: FlatBlock) -> None:
+        self.failures, self.flat = failures, flat
 
     def __enter__(self) -> None:
         return None
@@ -78,46 +75,46 @@ class _Noting(AbstractContextManager[None, bool]):
         self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
     ) -> bool:
         if isinstance(error, UnsupportedError):
-            self.failures.note(self.atom, *error.parts)
+            self.failures.note(self.flat, *error.parts)
         elif isinstance(error, PARAMETER_ERRORS):
-            self.failures.note(self.atom, _unfit(error), "", getattr(error, "undefined", ""))
+            self.failures.note(self.flat, _describe_error(error), "", getattr(error, "undefined", ""))
         return isinstance(error, (UnsupportedError, *PARAMETER_ERRORS))
 
 
-def _unfit(error: BaseException) -> str:
-    """What a block's settings or signals ran into."""
+def _describe_error(error: BaseException) -> str:
+    """Return the message of an exception caused by settings or signals."""
     said = str(error)[:200]
-    return said if isinstance(error, EvaluationError) else f"its settings do not fit its signals: {said}"
+    return said if isinstance(error, EvaluationError) else f"its settings do not match its signals: {said}"
 
 
 def placeholder_signal(builder: GraphBuilder) -> Signal:
-    """The signal that stands in for one that could not be built."""
+    """Return a placeholder for a signal that could not be lowered."""
     return Signal(np.array([builder.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
 
 
-def stand_ins(builder: GraphBuilder, atom: FlatBlock) -> tuple[Signal, ...]:
-    """The signals that stand in for the outputs of a block that could not be built."""
-    count = atom.block.ports.outputs if atom.block.ports is not None else 1
+def placeholder_outputs(builder: GraphBuilder, flat: FlatBlock) -> tuple[Signal, ...]:
+    """Return placeholders for the outputs of an unsupported block."""
+    count = flat.block.ports.outputs if flat.block.ports is not None else 1
     return tuple(placeholder_signal(builder) for _ in range(max(count, 1)))
 
 
-def unsupported_reason(atom: FlatBlock) -> tuple[str, str]:
-    """Why a block of a type that is not in the registry cannot be built, and what would help."""
-    if atom.why:
-        return f"it is {atom.why}", ""
-    elsewhere = atom.block.elsewhere
-    if elsewhere and atom.block.system is None:
+def unsupported_reason(flat: FlatBlock) -> tuple[str, str]:
+    """Return reason and remedy for a block whose type is not registered."""
+    if flat.unsupported_reason:
+        return f"unsupported: {flat.unsupported_reason}", ""
+    elsewhere = flat.block.elsewhere
+    if elsewhere and flat.block.system is None:
         stem = re.sub(r"\.(slx|mdl)\Z", "", elsewhere)
-        message = f"its content is in the file {elsewhere}, which was not found or does not fit"
-        return message, f"Put {stem}.slx beside the model, or bind it."
-    if atom.block.type == "ModelReference":
+        message = f"its content is in the file {elsewhere}, which was not found or does not match"
+        return message, f"Put {stem}.slx next to the model, or bind it."
+    if flat.block.type == "ModelReference":
         return (
-            f"it runs the model {atom.block.model}, which was not found",
-            "Put it beside the model, or bind the block.",
+            f"it references the model {flat.block.model}, which was not found",
+            "Put that file next to the model, or bind the block.",
         )
-    link = atom.block.reference
+    link = flat.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split_path(link.source) or ("",))[0]
-        message = f"it is a link into the library {library}, which was not found"
-        return message, f"Put {library}.slx beside the model, or name its folder in `folders`."
-    return f"blocks of type {atom.kind} are not supported", ""
+        message = f"it links to the library {library}, which was not found"
+        return message, f"Put {library}.slx next to the model, or add its folder to `folders`."
+    return f"blocks of type {flat.type} are not supported", ""

@@ -1,6 +1,7 @@
-"""What data stores hold: at the beginning of the step, and after some of their writers have run.
+"""Discrete states and data stores.
 
-What blocks remember from one step to the next, or from one pass of a subsystem to the next within a step.
+A state lasts from one step to the next or, in an iterated subsystem, from one iteration to the next within a step. A
+data store has a content at the start of the step and one after each of its writers.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -23,13 +24,14 @@ from kennfeld.models.simulink.signals import (
     SignalOrBus,
     fastest_sample_time,
     fit_to_shape,
+    size_text,
 )
 
 __all__ = ["DataStores", "DiscreteStates"]
 
 
 class DiscreteStates:
-    """The memories of blocks; `arriving` gives the signals at the inputs of a block as far as they are built."""
+    """Discrete states of blocks; `arriving` returns the known signals at the inputs of a block."""
 
     def __init__(
         self, gates: ExecutionConditions, ports: StatePorts, arriving: Callable[[FlatBlock], Sequence[SignalOrBus]]
@@ -46,118 +48,112 @@ class DiscreteStates:
         self._writes: dict[Key, Callable[[], Nodes]] = {}
         self._written: dict[Key, Nodes] = {}
 
-    def remember(
-        self, site: BlockContext, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int
+    def create(
+        self, block: BlockContext, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int
     ) -> Signal:
-        """A memory of a block that is read now and written at the end of the step."""
-        atom, key = site.atom, (site.atom.first, number)
-        shape = self.shapes.of(key, init)
+        """Return a state that is read now and written at the end of the step."""
+        flat, key = block.flat, (block.flat.first, number)
+        shape = self.shapes.state_shape(key, init)
         try:
             first = fit_to_shape(init.nodes, shape)
         except EvaluationError:
             first = init.nodes
-        period = site.period()
-        read = Signal(self._read((atom, number), first, latency), period if period else CONTINUOUS)
-        seen = self.restarted(atom, read, first)
-        self._writes[atom, number] = lambda: self._new(site, key, seen, then)
+        period = block.period()
+        read = Signal(self._read((flat, number), first, latency), period if period else CONTINUOUS)
+        seen = self.reset_with_subsystem(flat, read, first)
+        self._writes[flat, number] = lambda: self._next_value(block, key, seen, then)
         return replace(seen, period=period or CONTINUOUS)
 
-    def always_later(self, site: BlockContext, init: Signal, x: Callable[[], Signal]) -> Signal:
-        """A signal of the step before, made later, whether or not the subsystem around the block runs."""
-        site.before += 1
-        key, first = (site.atom, STATE_PORT - site.before), init.nodes
+    def delay_unconditionally(self, block: BlockContext, init: Signal, x: Callable[[], Signal]) -> Signal:
+        """Return the signal of the previous step, even if an enclosing subsystem does not run."""
+        block.before += 1
+        key, first = (block.flat, STATE_PORT - block.before), init.nodes
         read = self._read(key, first, 1)
-        self._writes[key] = lambda: fit_to_shape(self.timing.at_major(x()).nodes, read.shape)
+        self._writes[key] = lambda: fit_to_shape(self.timing.hold_in_minor_steps(x()).nodes, read.shape)
         return Signal(read, CONTINUOUS)
 
-    def restarted(self, atom: FlatBlock, read: Signal, first: Nodes) -> Signal:
-        """A memory that begins anew when the subsystem around it is enabled again."""
-        begins = self.gates.restart(atom)
+    def reset_with_subsystem(self, flat: FlatBlock, read: Signal, first: Nodes) -> Signal:
+        """Return a state that is reset when the enclosing subsystem is."""
+        begins = self.gates.reset_condition(flat)
         if begins is None:
             return read
         runs = np.array([begins], dtype=np.int64)
         return replace(read, nodes=elementwise(self.builder, "select", runs, first, read.nodes))
 
-    def is_sound(self, site: BlockContext) -> bool:
-        """Whether all signals at the inputs of a block could be built."""
-        return all(wired.sound for wired in self._arriving(site.atom))
+    def is_sound(self, block: BlockContext) -> bool:
+        """Return True if no input of a block is a placeholder."""
+        return all(wired.sound for wired in self._arriving(block.flat))
 
-    def check_widened(self, site: BlockContext, key: Key) -> None:
-        """Tell of a memory that is a vector for the sake of what is behind it, though its input is a scalar."""
-        message = self.shapes.widened(key)
+    def check_widened(self, block: BlockContext, key: Key) -> None:
+        """Report a state that is a vector because of its readers although its input is a scalar."""
+        message = self.shapes.widening_error(key)
         if message:
-            self.failures.note(site.atom, message)
-
-    # several passes within a step
+            self.failures.note(block.flat, message)
 
     def _read(self, key: Key, first: Nodes, latency: int) -> Nodes:
-        """What a memory holds when its block is built: what the step before has left, or the pass before."""
-        atom, number = key
-        if atom.earlier is not None:
-            found = self._after((atom.earlier, number))
-            return fit_to_shape(found, first.shape)
-        if atom.begins:
+        """Return the state read by a block: of the previous step, or of the previous iteration."""
+        flat, number = key
+        if flat.previous_pass is not None:
+            nodes = self._read_after((flat.previous_pass, number))
+            return fit_to_shape(nodes, first.shape)
+        if flat.resets_each_step:
             return first
         states = self.ports.states(key, first, latency)
-        self.agenda.add(atom.last, lambda: self._close((atom.last, number), states, first))
+        self.agenda.add(flat.last, lambda: self._close((flat.last, number), states, first))
         return np.array(states, dtype=np.int64).reshape(first.shape)
 
-    def _after(self, key: Key) -> Nodes:
-        """What a memory holds after its block has run."""
+    def _read_after(self, key: Key) -> Nodes:
         if key not in self._written:
             if key not in self._writes:
-                raise UnsupportedError("its pass before could not be built")
+                raise UnsupportedError("its previous iteration is not supported")
             self._written[key] = self._writes[key]()
         return self._written[key]
 
     def _close(self, key: Key, states: Sequence[int], first: Nodes) -> None:
-        """Close a memory with what the last pass leaves in it."""
-        new = self._after(key) if key in self._writes else first
+        """Close a state with the value after the last iteration."""
+        new = self._read_after(key) if key in self._writes else first
         for state, init, node in zip(states, first.ravel(), new.ravel(), strict=True):
             self.builder.close(state, int(init), int(node))
 
-    # what a block leaves
-
-    def _new(self, site: BlockContext, key: Key, seen: Signal, then: Callable[[Signal], Signal]) -> Nodes:
-        """What a block leaves in its memory, which it has seen as it was."""
+    def _next_value(self, block: BlockContext, key: Key, seen: Signal, then: Callable[[Signal], Signal]) -> Nodes:
+        """Return the next value of a state as its block computes it."""
         new = seen
         try:
-            if self.is_sound(site):
-                new = self.timing.at_major(then(seen))
+            if self.is_sound(block):
+                new = self.timing.hold_in_minor_steps(then(seen))
         except UnsupportedError as unsupported:
-            self.failures.note(site.atom, *unsupported.parts)
-        self.guesses.period(site.atom, self._inherited(site))
-        new = self._fitted(site, key, new, seen)
-        written = self.gates.written(site.atom, site.period())
+            self.failures.note(block.flat, *unsupported.parts)
+        self.guesses.period(block.flat, self._inherited_period(block))
+        new = self._fit(block, key, new, seen)
+        written = self.gates.write_condition(block.flat, block.period())
         if written is None:
             return new.nodes
         return elementwise(self.builder, "select", np.array([written], dtype=np.int64), new.nodes, seen.nodes)
 
-    def _fitted(self, site: BlockContext, key: Key, new: Signal, seen: Signal) -> Signal:
-        """What a block leaves, in the shape of its memory; the next pass takes another shape that it has."""
+    def _fit(self, block: BlockContext, key: Key, new: Signal, seen: Signal) -> Signal:
+        """Return the next value in the shape of the state; another shape is used in the next pass."""
         if new.shape == seen.shape:
             return new
         if new.size == 1:
-            self.check_widened(site, key)
+            self.check_widened(block, key)
             return replace(new, nodes=fit_to_shape(new.nodes, seen.shape))
-        self.ask(site, key, new.shape, seen.shape)
+        self.request_shape(block, key, new.shape, seen.shape)
         return seen
 
-    def ask(self, site: BlockContext, key: Key, wanted: Shape, there: Shape) -> None:
-        """Give a memory another shape in the next pass; tell of one that did not take it, as what it starts with."""
+    def request_shape(self, block: BlockContext, key: Key, wanted: Shape, there: Shape) -> None:
+        """Request another shape in the next pass; report a mismatch with the initial value if it was refused."""
         if self.guesses.shapes.get(key) == wanted:
-            sizes = ["x".join(map(str, shape)) for shape in (there, wanted)]
-            self.failures.note(site.atom, f"what it starts with has the size {sizes[0]}, and its input {sizes[1]}")
+            sizes = [size_text(shape) for shape in (there, wanted)]
+            self.failures.note(block.flat, f"its initial value has size {sizes[0]}, but its input has size {sizes[1]}")
         self.guesses.shape(key, wanted)
 
-    def _inherited(self, site: BlockContext) -> float:
-        """The sample time of a block's inputs."""
-        found = fastest_sample_time([wired.period for wired in self._arriving(site.atom)])
-        return CONTINUOUS if found == CONSTANT else found
+    def _inherited_period(self, block: BlockContext) -> float:
+        value = fastest_sample_time([wired.period for wired in self._arriving(block.flat)])
+        return CONTINUOUS if value == CONSTANT else value
 
 
 class DataStores:
-    """The data stores of a model; `signal` gives what the writers of one are given."""
+    """Data stores of a model; `signal` returns the input of a writer."""
 
     def __init__(
         self, memories: DiscreteStates, stores: DataStoreOrder, signal: Callable[[SignalSource], Signal]
@@ -169,10 +165,10 @@ class DataStores:
         self._signal = signal
         self._begun: dict[FlatBlock, Signal] = {}
 
-    def stored(self, memory: FlatBlock, init: Signal) -> Signal:
-        """What a data store holds at the beginning of the step; its writers are built for the end of it."""
+    def content(self, memory: FlatBlock, init: Signal) -> Signal:
+        """Return the content of a data store at the start of the step; its writers are lowered at the end."""
         if memory.passes:
-            raise UnsupportedError("its memory is in a subsystem that runs several times in a step")
+            raise UnsupportedError("it has states in an iterated subsystem, which is not supported")
         if memory not in self._begun:
             shape = self.guesses.shapes.get((memory, 1), init.shape)
             first = fit_to_shape(init.nodes, shape) if init.size == 1 else init.nodes
@@ -182,24 +178,24 @@ class DataStores:
         return self._begun[memory]
 
     def _close(self, memory: FlatBlock, states: Sequence[int], first: Nodes) -> None:
-        """Close a data store with what its last writer leaves in it."""
+        """Close a data store with the content after its last writer."""
         begun = self._begun[memory]
-        end = self.written(begun, self.stores.writers.get(memory, ()))
+        end = self.content_after(begun, self.stores.writers.get(memory, ()))
         if end.size != begun.size:
             self.guesses.shape((memory, 1), end.shape)
             end = begun
         for state, one, node in zip(states, first.ravel(), end.nodes.ravel(), strict=True):
             self.builder.close(state, int(one), int(node))
 
-    def written(self, content: Signal, writers: Iterable[FlatBlock]) -> Signal:
-        """The content of a data store after some of its writers have run."""
+    def content_after(self, content: Signal, writers: Iterable[FlatBlock]) -> Signal:
+        """Return the content of a data store after some of its writers."""
         for writer in writers:
-            given = self.memories.timing.at_major(self._signal(SignalSource(writer, 0)))
-            runs = self.memories.gates.written(writer, given.period)
+            signal = self.memories.timing.hold_in_minor_steps(self._signal(SignalSource(writer, 0)))
+            runs = self.memories.gates.write_condition(writer, signal.period)
             if runs is None:
-                content = given
+                content = signal
                 continue
-            old = fit_to_shape(content.nodes, given.shape) if content.size == 1 else content.nodes
-            nodes = elementwise(self.builder, "select", np.array([runs], dtype=np.int64), given.nodes, old)
+            old = fit_to_shape(content.nodes, signal.shape) if content.size == 1 else content.nodes
+            nodes = elementwise(self.builder, "select", np.array([runs], dtype=np.int64), signal.nodes, old)
             content = Signal(nodes, CONTINUOUS)
         return content

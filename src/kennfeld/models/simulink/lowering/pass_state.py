@@ -1,11 +1,4 @@
-"""The channels that a model takes: one for each port from outside, one for each signal that is used of an open bus.
-
-Shapes and sample times in feedback: what an earlier pass found, and what is asked for in this one.
-
-The order in which blocks are built: each behind what it needs; what closes memories when all else is there.
-
-Where blocks wait for each other, the loop is noted, and a signal that stands in for one of them breaks it.
-"""
+"""State of one pass: inferred attributes of earlier passes, model inputs and pending completions."""
 
 from collections import deque
 from collections.abc import Callable, Collection
@@ -22,17 +15,17 @@ from kennfeld.models.simulink.signals import CONTINUOUS, ExternalBus, Signal
 
 __all__ = ["DimensionInference", "InferredAttributes", "Key", "ModelInputs", "PendingCompletions", "Shape"]
 
-Key: TypeAlias = tuple[FlatBlock, int]  # a block and the number of its memory
+Key: TypeAlias = tuple[FlatBlock, int]  # a block and the number of its state
 Shape: TypeAlias = tuple[int, ...]
 
-_WIDEST_WISH = 1000
+_MAX_SUGGESTED_SIZE = 1000
 
 
 @dataclass
 class InferredAttributes:
-    """What an earlier pass found: the shapes of memories, the sample times of their blocks, names of two things.
+    """Attributes found in an earlier pass: shapes of states and sample times of their blocks.
 
-    `wished` are shapes that no input gave but a matrix behind the memory asks for.
+    `wished` are shapes that no input determined but a matrix downstream requires.
     """
 
     shapes: dict[Key, Shape] = field(default_factory=dict)
@@ -41,68 +34,68 @@ class InferredAttributes:
     wished: dict[Key, Shape] = field(default_factory=dict)
     changed: bool = False
 
-    def shape(self, key: Key, found: Shape) -> None:
-        """Note the shape of a memory for the next pass."""
-        if self.shapes.get(key) != found:
-            self.shapes[key] = found
+    def shape(self, key: Key, shape: Shape) -> None:
+        """Record the shape of a state for the next pass."""
+        if self.shapes.get(key) != shape:
+            self.shapes[key] = shape
             self.changed = True
 
-    def period(self, atom: FlatBlock, found: float) -> None:
-        """Note the sample time of a block for the next pass."""
-        if self.periods.get(atom, CONTINUOUS) != found:
-            self.periods[atom] = found
+    def period(self, flat: FlatBlock, value: float) -> None:
+        """Record the sample time of a block for the next pass."""
+        if self.periods.get(flat, CONTINUOUS) != value:
+            self.periods[flat] = value
             self.changed = True
 
 
 class DimensionInference:
-    """The shapes of memories and inputs in one pass; `wishes` are those that blocks ask of scalars before them."""
+    """Shapes of states and inputs in one pass; `wishes` are shapes that blocks suggest to scalar inputs."""
 
     def __init__(self, guesses: InferredAttributes) -> None:
         self.guesses = guesses
         self.wishes: dict[Key, Shape] = {}
         self._scalars: dict[FlatBlock, Key] = {}
 
-    def of(self, key: Key, init: Signal) -> Shape:
-        """The shape of a memory: as an earlier pass found it, else that of its initial value."""
+    def state_shape(self, key: Key, init: Signal) -> Shape:
+        """Return the shape of a state: from an earlier pass, else of its initial value."""
         if init.size == 1 and key not in self.guesses.shapes:
             self._scalars.setdefault(key[0], key)
         return self.guesses.shapes.get(key, init.shape)
 
-    def open(self, atom: FlatBlock) -> Shape:
-        """The shape of an input that states none: a scalar, or what is asked of it."""
-        self._scalars.setdefault(atom, (atom, 0))
-        return self.guesses.shapes.get((atom, 0), (1,))
+    def input_shape(self, flat: FlatBlock) -> Shape:
+        """Return the shape of an input that does not specify one: a scalar or the suggested shape."""
+        self._scalars.setdefault(flat, (flat, 0))
+        return self.guesses.shapes.get((flat, 0), (1,))
 
-    def wish(self, atom: FlatBlock, shape: Shape) -> None:
-        """Note the shape that a block asks of the memory or input before it, in case that no input gives it one."""
-        if atom in self._scalars and int(np.prod(shape)) <= _WIDEST_WISH:
-            self.wishes.setdefault(self._scalars[atom], shape)
+    def wish(self, flat: FlatBlock, shape: Shape) -> None:
+        """Record the shape that a block suggests to a state or input."""
+        if flat in self._scalars and int(np.prod(shape)) <= _MAX_SUGGESTED_SIZE:
+            self.wishes.setdefault(self._scalars[flat], shape)
 
-    def widened(self, key: Key) -> str:
-        """What is wrong with a memory whose input is a scalar; empty where nothing behind it asks for a vector."""
+    def widening_error(self, key: Key) -> str:
+        """Return the error of a state whose input is a scalar although a reader requires a vector, "" if none does."""
         wished = self.guesses.wished.get(key)
-        return "" if wished is None else f"its input is a scalar where a vector of {wished} is asked of it"
+        return "" if wished is None else f"its input must be a vector of {wished}, got a scalar"
 
 
 class ModelInputs(dict[str, FlatBlock | None]):
-    """The channels by name, each with the port that takes it; None of those that no port names."""
+    """Channels of the model by name, each with its port, None if no port has that name."""
 
     def __init__(self, builder: GraphBuilder, guesses: InferredAttributes) -> None:
         super().__init__()
         self.builder = builder
         self.guesses = guesses
 
-    def name(self, atom: FlatBlock) -> str:
-        """The name of the channel that a port takes."""
-        name = port_label(atom.block) if atom.kind == "Inport" else (atom.block.value("GotoTag") or "A").strip()
+    def name(self, flat: FlatBlock) -> str:
+        """Return the channel name of a port."""
+        name = port_label(flat.block) if flat.type == "Inport" else (flat.block.value("GotoTag") or "A").strip()
         if name in self.guesses.taken or name in CLOCK:
             name = f"{name}_in"
-        self[name] = atom
+        self[name] = flat
         return name
 
-    def opened(self, atom: FlatBlock) -> ExternalBus:
-        """The bus that a port takes; each of its signals that is used becomes an input."""
-        return ExternalBus(name=self.name(atom), node=self._member)
+    def open_bus(self, flat: FlatBlock) -> ExternalBus:
+        """Return the bus of a port; each used signal becomes an input."""
+        return ExternalBus(name=self.name(flat), node=self._member)
 
     def _member(self, name: str) -> int:
         self.setdefault(name, None)
@@ -110,24 +103,24 @@ class ModelInputs(dict[str, FlatBlock | None]):
 
 
 class PendingCompletions:
-    """What is left to be done for blocks when all blocks in their way are built."""
+    """Completions to run once everything a block depends on is lowered."""
 
     def __init__(self) -> None:
         self._open: deque[tuple[FlatBlock, Callable[[], None]]] = deque()
 
-    def add(self, atom: FlatBlock, complete: Callable[[], None] = lambda: None) -> None:
-        """Have a block and all that it needs built, and then something done for it."""
-        self._open.append((atom, complete))
+    def add(self, flat: FlatBlock, complete: Callable[[], None] = lambda: None) -> None:
+        """Schedule a block for lowering and an optional completion after it."""
+        self._open.append((flat, complete))
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def leave(self, atoms: Collection[FlatBlock], since: int) -> None:
-        """Do nothing for some blocks of what was added behind the first ones; what they need is built all the same."""
+    def drop(self, blocks: Collection[FlatBlock], since: int) -> None:
+        """Drop the completions of some blocks added since a mark; their dependencies are lowered all the same."""
         for at in range(since, len(self._open)):
-            if self._open[at][0] in atoms:
+            if self._open[at][0] in blocks:
                 self._open[at] = (self._open[at][0], lambda: None)
 
     def next(self) -> tuple[FlatBlock, Callable[[], None]] | None:
-        """What was added first of all that is left; None of nothing."""
+        """Return the oldest pending entry, None if there is none."""
         return self._open.popleft() if self._open else None

@@ -1,7 +1,7 @@
-"""The block types that can be built, each with what its parameters are where no one states them.
+"""Registry of block types and their default fields.
 
-A new block is a function with `@block("Type", Parameter="its default")` in a file of its family, imported in
-`blocktypes/__init__.py`. The function gets a `Site` and returns its output, or a tuple of them.
+To add a block, write a function with `@block("Type", Field="default")` in the module of its library in `blocks`. It
+gets a `BlockContext` and returns its output, or a tuple of outputs.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -22,12 +22,14 @@ _ONE_WORD = ("Difference", "DocBlock", "EnumeratedConstant", "Ramp")
 
 @dataclass(frozen=True)
 class BlockType:
-    """A block type. `needs` gives the inputs that its output depends on within the step; None stands for all.
+    """A block type.
 
-    `sample` is the parameter that holds its sample time, or says which one does; no parameter is called "". A `linked`
-    type is only a link to Simulink's own library: a subsystem whose mask is called alike is looked into. A `refused`
-    one is known for the reason why no setting of it can be built. `held` is false where the rule itself says what the
-    outputs are between the hits of the sample time.
+    Attributes:
+        needs: returns the inputs with feedthrough; None for all.
+        sample: name of the field with the sample time, or a function that returns it; "" for none.
+        linked: True if the type is only a link into a Simulink library; a subsystem with a mask of that name is opened.
+        refused: True if no setting of the type is supported; the handler raises the reason.
+        held: False if the handler itself computes the outputs between sample hits.
     """
 
     name: str
@@ -41,7 +43,7 @@ class BlockType:
     held: bool = True
 
     def sample_of(self, block: ModelBlock) -> str:
-        """The parameter that holds a block's sample time."""
+        """Return the field with the sample time of a block."""
         return self.sample if isinstance(self.sample, str) else self.sample(block)
 
 
@@ -49,15 +51,15 @@ BLOCK_TYPES: dict[str, BlockType] = {}
 
 
 def no_feedthrough(_: BlockContext) -> Iterable[int]:
-    """No input: the output of this step is known before."""
+    """Return no inputs: the output depends only on previous steps."""
     return ()
 
 
 def opaque_mask_types() -> frozenset[str]:
-    """The types of masks that are blocks of their own and not looked into.
+    """Return the mask types that are blocks of their own and not opened.
 
-    Those of Simulink's library are several words, but for a few. A mask that is called like a block type, "Integrator",
-    is someone else's.
+    Those of Simulink's library mostly contain blanks. A mask named like a block type, such as "Integrator", is a
+    user's.
     """
     return frozenset(
         name for name, kind in BLOCK_TYPES.items() if not kind.linked and (" " in name or name in _ONE_WORD)
@@ -65,7 +67,7 @@ def opaque_mask_types() -> frozenset[str]:
 
 
 def maskable_types() -> dict[str, bool]:
-    """All types, with whether a mask of Simulink's library may be called so."""
+    """Return all types, True if a mask of Simulink's library may have that type."""
     masks = opaque_mask_types()
     return {name: kind.linked or name in masks for name, kind in BLOCK_TYPES.items()}
 
@@ -80,7 +82,7 @@ def block(
     held: bool = True,
     **defaults: str,
 ) -> Callable[[BlockHandler], BlockHandler]:
-    """Enter a function as the rule of block types."""
+    """Register a function as the handler of block types."""
 
     def enter(rule: BlockHandler) -> BlockHandler:
         for name in names:

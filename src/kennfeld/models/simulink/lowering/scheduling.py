@@ -1,9 +1,4 @@
-"""Conditional subsystems: whether a block runs in a step, and whether its memory begins anew or is written.
-
-Sample times: what blocks state, the step of the model, and when a slower block is hit.
-
-When blocks run: their sample times, what is held between the hits of them, and what keeps still in minor steps.
-"""
+"""When blocks run: sample times, holds between hits, and execution conditions of conditional subsystems."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -15,7 +10,7 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.simulink.expressions.parameter_expressions import Expressions
+from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource, resets_with_subsystem
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures
 from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
@@ -32,28 +27,30 @@ __all__ = [
     "explicit_sample_time",
 ]
 
-CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # types of blocks that have continuous states
+CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
     {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
 )
 
-_NEAR = 1e-6  # of a period, as far as times may be rounded
-_SHORTEST = 1e-9  # s, of a sample time
+_TIME_TOLERANCE = 1e-6  # relative to the period, for rounded times
+_MIN_PERIOD = 1e-9  # s
 
 
 class SampleTime(NamedTuple):
-    """A sample time: the first hit at `offset`, then one every `period`, in s."""
+    """Sample time in s: the first hit at `offset`, then one every `period`."""
 
     period: float
     offset: float = 0.0
 
 
-def explicit_sample_time(atom: FlatBlock, expressions: Expressions, kind: BlockType | None) -> SampleTime | None:
-    """The sample time that a block states; None where it inherits. Raises `NoValueError`."""
-    key = kind.sample_of(atom.block) if kind is not None else "SampleTime"
-    text = _of_chart(atom) or atom.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
-    if atom.kind == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
+def explicit_sample_time(
+    flat: FlatBlock, expressions: ParameterExpressions, kind: BlockType | None
+) -> SampleTime | None:
+    """Return the sample time that a block specifies, None if inherited; raises `EvaluationError`."""
+    key = kind.sample_of(flat.block) if kind is not None else "SampleTime"
+    text = _of_chart(flat) or flat.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
+    if flat.type == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
         return None
-    numbers = expressions.numbers(text, atom.scope).ravel()
+    numbers = expressions.numbers(text, flat.scope).ravel()
     period = float(numbers[0]) if numbers.size else -1.0
     offset = float(numbers[1]) if numbers.size > 1 else 0.0
     if period == -1.0:
@@ -61,22 +58,20 @@ def explicit_sample_time(atom: FlatBlock, expressions: Expressions, kind: BlockT
     if math.isinf(period):
         return SampleTime(CONSTANT)
     if not period >= 0:
-        raise EvaluationError(f"{text.strip()[:40]} is no sample time")
-    if 0 < period < _SHORTEST:
-        raise EvaluationError(
-            f"{text.strip()[:40]} is a sample time of {period:g} s, and {_SHORTEST:g} s is the shortest"
-        )
+        raise EvaluationError(f"must be a sample time, got {text.strip()[:40]}")
+    if 0 < period < _MIN_PERIOD:
+        raise EvaluationError(f"the sample time {text.strip()[:40]} ({period:g} s) must be at least {_MIN_PERIOD:g} s")
     return SampleTime(period, offset if period else 0.0)
 
 
-def _of_chart(atom: FlatBlock) -> str:
-    """The sample time of a chart or function that runs by itself."""
-    chart = atom.block.chart if atom.kind in ("Chart", "MATLAB Function") else None
+def _of_chart(flat: FlatBlock) -> str:
+    """Return the sample time of a chart or function imported alone."""
+    chart = flat.block.chart if flat.type in ("Chart", "MATLAB Function") else None
     return chart.sample_time if chart is not None and chart.update == "DISCRETE" else ""
 
 
 def common_step(periods: Iterable[float]) -> float | None:
-    """The longest step that hits all sample times in s, None of none.
+    """Return the longest step in s that hits all sample times, None if there are none.
 
     >>> common_step([0.02, 0.005, 0.01])
     0.005
@@ -91,10 +86,10 @@ def common_step(periods: Iterable[float]) -> float | None:
 
 @dataclass
 class ModelClock:
-    """The steps of a model: `step` in s, None where the data decide; whether there are continuous states.
+    """Steps of a model: `step` in s, None for that of the data, and whether there are continuous states.
 
-    `multitasking` says whether each sample time is a task of its own, of which the faster run first; None where the
-    file does not say it.
+    `multitasking` is True if each sample time is a task of its own, faster ones first; None if the file does not
+    specify it.
     """
 
     step: float | None
@@ -102,10 +97,10 @@ class ModelClock:
     multitasking: bool | None = False
 
     def hit(self, builder: GraphBuilder, rate: SampleTime) -> int | None:
-        """The node that is 1 where a sample time is hit, None where every step hits it."""
-        if self.step is not None and rate.offset == 0 and rate.period <= self.step * (1 + _NEAR):
+        """Return the node that is 1 at a sample hit, None if every step is one."""
+        if self.step is not None and rate.offset == 0 and rate.period <= self.step * (1 + _TIME_TOLERANCE):
             return None
-        near = builder.const(_NEAR - rate.offset / rate.period)
+        near = builder.const(_TIME_TOLERANCE - rate.offset / rate.period)
         now, before = builder.input("t"), builder.call("sub", builder.input("t"), builder.input("dt"))
         period = builder.const(rate.period)
         count = [
@@ -119,10 +114,10 @@ class ModelClock:
 
 
 class SampleTimes:
-    """The sample times of the blocks in one pass over them."""
+    """Sample times of blocks in one pass."""
 
     def __init__(
-        self, clock: ModelClock, expressions: Expressions, guesses: InferredAttributes, failures: BlockFailures
+        self, clock: ModelClock, expressions: ParameterExpressions, guesses: InferredAttributes, failures: BlockFailures
     ) -> None:
         self.clock = clock
         self.expressions = expressions
@@ -130,136 +125,131 @@ class SampleTimes:
         self.guesses = guesses
         self.failures = failures
 
-    # sample times
-
-    def rate(self, atom: FlatBlock) -> SampleTime | None:
-        """The sample time that a block states by itself; None where it inherits."""
+    def specified_sample_time(self, flat: FlatBlock) -> SampleTime | None:
+        """Return the sample time that a block specifies, None if inherited."""
         try:
-            return explicit_sample_time(atom, self.expressions, BLOCK_TYPES.get(atom.kind))
+            return explicit_sample_time(flat, self.expressions, BLOCK_TYPES.get(flat.type))
         except EvaluationError as error:
-            self.failures.note(atom, f"its sample time has no value: {error}", "", error.undefined)
+            self.failures.note(flat, f"its sample time has no value: {error}", "", error.undefined)
             return None
 
-    def own(self, atom: FlatBlock) -> SampleTime:
-        """The sample time of a block: as stated, else as inherited."""
-        return self.rate(atom) or SampleTime(self.guessed_period(atom))
+    def sample_time(self, flat: FlatBlock) -> SampleTime:
+        """Return the sample time of a block, specified or inherited."""
+        return self.specified_sample_time(flat) or SampleTime(self.inherited_period(flat))
 
-    def stated_period(self, atom: FlatBlock) -> float | None:
-        """The period of the sample time that a block states in s; None where it inherits."""
-        found = self.rate(atom)
-        return None if found is None else found.period
+    def specified_period(self, flat: FlatBlock) -> float | None:
+        """Return the specified period of a block in s, None if inherited."""
+        rate = self.specified_sample_time(flat)
+        return None if rate is None else rate.period
 
-    def guessed_period(self, atom: FlatBlock) -> float:
-        """The period that a block inherits from its inputs, as an earlier pass found it."""
-        return self.guesses.periods.get(atom, CONTINUOUS)
+    def inherited_period(self, flat: FlatBlock) -> float:
+        """Return the period inherited from the inputs, as found in an earlier pass."""
+        return self.guesses.periods.get(flat, CONTINUOUS)
 
-    def task_order(self, one: FlatBlock, other: FlatBlock) -> int:
-        """-1 where the first of two blocks is in a faster task, 1 where in a slower one; 0 where both may be in one."""
+    def task_order(self, block: FlatBlock, other: FlatBlock) -> int:
+        """Return -1 if the first of two blocks is in a faster task, 1 if in a slower one, 0 if they may share one."""
         if not self.clock.multitasking:
             return 0
-        periods = [self.stated_period(atom) for atom in (one, other)]
+        periods = [self.specified_period(flat) for flat in (block, other)]
         if periods[0] is None or periods[1] is None or CONSTANT in periods:
             return 0
         return (periods[0] > periods[1]) - (periods[0] < periods[1])
 
     def hit(self, rate: SampleTime) -> int | None:
-        """The node that is 1 where a sample time is hit, None where every step of the model hits it."""
+        """Return the node that is 1 at a sample hit, None if every step is one."""
         return None if rate.period in (CONTINUOUS, CONSTANT) else self.clock.hit(self.builder, rate)
 
     def hits(self, period: float) -> Signal:
-        """1 at the hits of a sample time."""
+        """Return 1 at the hits of a sample time."""
         node = self.clock.hit(self.builder, SampleTime(period)) if period > 0 else None
         return scalar(self.builder.const(1.0) if node is None else node, max(period, 0.0))
 
-    # signals
-
-    def sampled(self, atom: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
-        """An output as it is with the block's own sample time: held between its hits."""
-        rate = self.own(atom) if remembers else self.rate(atom)
+    def sample(self, flat: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
+        """Return an output at the block's sample time, held between hits."""
+        rate = self.sample_time(flat) if remembers else self.specified_sample_time(flat)
         if rate is None or rate.period in (CONTINUOUS, CONSTANT) or isinstance(wired, ExternalBus):
             return wired
         if isinstance(wired, Bus):
-            return Bus({name: self.sampled(atom, member, remembers) for name, member in wired.members.items()})
+            return Bus({name: self.sample(flat, member, remembers) for name, member in wired.members.items()})
         if wired.period == CONSTANT or (wired.period == rate.period and not remembers):
             return replace(wired, period=rate.period)
-        return self.held(atom, wired, rate)
+        return self.hold(flat, wired, rate)
 
-    def held(self, atom: FlatBlock, wired: Signal, rate: SampleTime) -> Signal:
-        """A signal that is held between the hits of a block's sample time."""
-        wired = self.at_major(wired)
+    def hold(self, flat: FlatBlock, wired: Signal, rate: SampleTime) -> Signal:
+        """Hold a signal between the hits of a block's sample time."""
+        wired = self.hold_in_minor_steps(wired)
         hit = self.clock.hit(self.builder, rate)
         if hit is None:
             return replace(wired, period=rate.period)
-        if atom.passes:
-            message = "it has a sample time of its own in a subsystem that runs several times in a step"
-            self.failures.note(atom, message)
-        made = [self._kept(hit, node) for node in wired.flat]
-        nodes = np.array(made, dtype=np.int64).reshape(wired.shape, order="F")
+        if flat.passes:
+            message = "it has its own sample time in an iterated subsystem, which is not supported"
+            self.failures.note(flat, message)
+        held = [self._hold_node(hit, node) for node in wired.flat]
+        nodes = np.array(held, dtype=np.int64).reshape(wired.shape, order="F")
         return Signal(nodes, rate.period)
 
-    def _kept(self, hit: int, node: int) -> int:
-        """A node that keeps its value between hits."""
+    def _hold_node(self, hit: int, node: int) -> int:
         before = self.builder.state()
         y = self.builder.call("select", hit, node, before)
         self.builder.close(before, node, y)
         return y
 
-    def at_major(self, x: Signal) -> Signal:
-        """A signal that keeps, within the minor steps of the solver, its value of the major step."""
+    def hold_in_minor_steps(self, x: Signal) -> Signal:
+        """Hold a signal during the minor steps of the solver."""
         if x.period != CONTINUOUS or not self.clock.continuous:
             return x
-        made = [self.major(int(node)) for node in x.nodes.ravel()]
-        return replace(x, nodes=np.array(made, dtype=np.int64).reshape(x.shape))
+        nodes = [self.hold_node_in_minor_steps(int(node)) for node in x.nodes.ravel()]
+        return replace(x, nodes=np.array(nodes, dtype=np.int64).reshape(x.shape))
 
-    def major(self, node: int) -> int:
-        """A node that keeps its value of the major step within the minor steps."""
+    def hold_node_in_minor_steps(self, node: int) -> int:
+        """Hold a node during the minor steps of the solver."""
         if not self.clock.continuous or self.builder.nodes[node].op in ("const", "major"):
             return node
         return self.builder.node("major", (node,))
 
 
 class ExecutionConditions:
-    """The conditions of blocks as nodes; `value` gives the signals of what stands for conditional subsystems."""
+    """Execution conditions of blocks as nodes; `value` returns the signals of conditional subsystems."""
 
     def __init__(self, timing: SampleTimes, value: Callable[[SignalSource], SignalOrBus]) -> None:
         self.timing = timing
         self.builder = timing.builder
         self._value = value
 
-    def active(self, atom: FlatBlock) -> int | None:
-        """The node that says whether a block runs; None where it always does."""
-        if atom.control is None:
+    def run_condition(self, flat: FlatBlock) -> int | None:
+        """Return the node that is 1 if a block runs, None if it always does."""
+        if flat.control is None:
             return None
-        node = self._node(atom.control, 0)
-        always = node is not None and self.builder.value(node) == 1 and not atom.repeats
+        node = self._node(flat.control, 0)
+        always = node is not None and self.builder.value(node) == 1 and not flat.repeats
         return None if always else node
 
-    def restart(self, atom: FlatBlock) -> int | None:
-        """The node that says whether the memory of a block begins anew; None where it never does."""
-        if atom.control is None or not resets_with_subsystem(atom):
+    def reset_condition(self, flat: FlatBlock) -> int | None:
+        """Return the node that is 1 if the states of a block are reset, None if they never are."""
+        if flat.control is None or not resets_with_subsystem(flat):
             return None
-        if any(number > 1 for number in atom.passes[len(atom.control.passes) :]):
-            return None  # only the first pass of a step does
-        return self._node(atom.control, 1)
+        if any(number > 1 for number in flat.passes[len(flat.control.passes) :]):
+            return None  # only in the first iteration of a step
+        return self._node(flat.control, 1)
 
     def _node(self, control: FlatBlock, port: int) -> int | None:
-        found = self._value(SignalSource(control, port))
-        return int(found.nodes.ravel()[0]) if isinstance(found, Signal) else None
+        signal = self._value(SignalSource(control, port))
+        return int(signal.nodes.ravel()[0]) if isinstance(signal, Signal) else None
 
-    def written(self, atom: FlatBlock, period: float) -> int | None:
-        """The node that says whether a block's memory is written; None where it always is."""
-        active = self.active(atom)
-        return self.both(active, self.timing.hit(self.timing.rate(atom) or SampleTime(period)))
+    def write_condition(self, flat: FlatBlock, period: float) -> int | None:
+        """Return the node that is 1 if the states of a block are written, None if they always are."""
+        active = self.run_condition(flat)
+        return self.conjunction(active, self.timing.hit(self.timing.specified_sample_time(flat) or SampleTime(period)))
 
-    def both(self, *conditions: int | None) -> int | None:
-        """The node that says whether all conditions hold; None where there are none."""
-        found: int | None = None
+    def conjunction(self, *conditions: int | None) -> int | None:
+        """Return the conjunction of conditions, None if there are none."""
+        conjunction: int | None = None
         for condition in conditions:
             if condition is not None:
-                found = condition if found is None else self.builder.call("and", found, condition)
-        return found
+                conjunction = condition if conjunction is None else self.builder.call("and", conjunction, condition)
+        return conjunction
 
-    def every_step(self, atom: FlatBlock) -> bool:
-        """Whether a block's memory is written in every step of the model."""
-        every = self.timing.hit(self.timing.own(atom)) is None
-        return atom.control is None and every and not atom.repeats and not atom.begins
+    def is_written_every_step(self, flat: FlatBlock) -> bool:
+        """Return True if the states of a block are written in every step."""
+        every = self.timing.hit(self.timing.sample_time(flat)) is None
+        return flat.control is None and every and not flat.repeats and not flat.resets_each_step

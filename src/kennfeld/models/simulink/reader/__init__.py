@@ -1,1 +1,1 @@
-"""Simulink files: from their bytes, in any layout, to a tree of systems, blocks and lines."""
+"""Reader: Simulink files of any layout parsed to a tree of systems, blocks and lines."""

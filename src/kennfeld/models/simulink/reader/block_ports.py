@@ -1,7 +1,4 @@
-"""How many ports a block has where its file leaves that to the type, and which one an Inport or Outport is.
-
-Ports that several blocks share, each for one element of a bus: In Bus Element and Out Bus Element.
-"""
+"""Port counts of block types, port numbers, and bus element ports (In Bus Element, Out Bus Element)."""
 
 import re
 
@@ -9,7 +6,7 @@ from kennfeld.models.simulink.reader.model_tree import ModelBlock, Ports, System
 
 __all__ = ["element_of", "elements", "port_label", "port_number", "ports_of"]
 
-# Files leave out the ports of a block that has as many as a fresh one of its type: one input and one output, but for
+# Files omit the ports of a block that has as many as a new one of its type: one input and one output, except for
 _SOURCES = (
     "BandLimitedWhiteNoise",
     "Clock",
@@ -65,7 +62,7 @@ _ONE_AND_ONE = Ports(1, 1)
 
 
 def port_number(block: ModelBlock) -> int:
-    """The number of an Inport or Outport; 1 where the file says none.
+    """Return the number of an Inport or Outport, 1 if the file does not specify it.
 
     >>> port_number(ModelBlock("Inport", "u", "1", "u", {"Port": "3"}))
     3
@@ -75,7 +72,7 @@ def port_number(block: ModelBlock) -> int:
 
 
 def ports_of(block: ModelBlock) -> Ports:
-    """The ports that the file counts, else those of a fresh block of the type.
+    """Return the port counts in the file, else those of a new block of the type.
 
     >>> ports_of(ModelBlock("Switch", "S", "1", "S")).inputs
     3
@@ -84,7 +81,7 @@ def ports_of(block: ModelBlock) -> Ports:
 
 
 def element_of(block: ModelBlock) -> str | None:
-    """The way to an element, "a.b", of the bus at a port; None of a port that is a block's own."""
+    """Return the path "a.b" of a bus element at a port, None if the block is a plain port."""
     if block.type not in ("Inport", "Outport"):
         return None
     shared = block.value("IsBusElementPort") or block.value("isBusElementPort") or "off"
@@ -92,12 +89,12 @@ def element_of(block: ModelBlock) -> str | None:
 
 
 def elements(system: System, kind: str, port: int) -> list[ModelBlock]:
-    """The blocks of one kind that share a port, by its number."""
-    return [one for one in system.of(kind) if element_of(one) is not None and port_number(one) == port]
+    """Return the blocks of one kind that share a port number."""
+    return [block for block in system.of(kind) if element_of(block) is not None and port_number(block) == port]
 
 
 def port_label(block: ModelBlock) -> str:
-    """What a port at the top is called: as its block, or of an element of a bus as the port and the way to it.
+    """Return the name of a root port: that of its block, or port and path of a bus element.
 
     >>> port_label(ModelBlock("Inport", "In", "1", "In", {"IsBusElementPort": "on", "PortName": "Bus", "Element": "n"}))
     'Bus.n'

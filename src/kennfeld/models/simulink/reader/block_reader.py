@@ -1,9 +1,7 @@
-"""The mask of a block, in the three ways in which files have written it.
+"""Sections to systems, blocks, ports, lines and masks.
 
-A `<Mask>` element (since R2016), an object of the class Simulink.Mask (since R2013), and before that one string for
-all variables, one for all values, and so on.
-
-From sections to the tree: systems, blocks, ports and lines.
+A mask is a `<Mask>` element (since R2016), an object of class Simulink.Mask (since R2013), or one string each for all
+variables, values and so on (before).
 """
 
 import re
@@ -26,10 +24,10 @@ from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, Sectio
 
 __all__ = ["BlockReader", "read_mask"]
 
-_BAR = re.compile(r"(?<!\\)\|")  # separates values; one that belongs to a value has a backslash before it
+_BAR = re.compile(r"(?<!\\)\|")  # separator of values unless escaped by a backslash
 _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 
-_DEEPEST = 60  # subsystems within subsystems
+_MAX_DEPTH = 60  # nested subsystems
 _NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
 _LINKING = frozenset(
     {
@@ -54,18 +52,18 @@ _ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
 _PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
 _NUMBER = re.compile(r"\d{1,6}")
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
-_MOST_PORTS = 10_000  # of a block
+_MAX_PORTS = 10_000  # of a block
 
 
 def read_mask(block: SectionNode) -> Mask | None:
-    """The mask in a block's section; None where it has none."""
+    """Return the mask in a block's section, None if it has none."""
     instance = block.first("InstanceData")
     element = block.first("Mask") or (instance.first("Mask") if instance is not None else None)
     if element is not None:
         return _mask(element, element.all("MaskParameter"))
-    made = next((p for p in block.parts if p.keys.get("PropName") == "MaskObject"), None)
-    if made is not None:
-        return _mask(made, _parameter_objects(made))
+    section = next((p for p in block.parts if p.keys.get("PropName") == "MaskObject"), None)
+    if section is not None:
+        return _mask(section, _parameter_objects(section))
     return _flat(block) if block.keys.get("MaskVariables") or block.keys.get("MaskType") else None
 
 
@@ -75,12 +73,12 @@ def _mask(section: SectionNode, parameters: Iterable[SectionNode]) -> Mask:
 
 
 def _parameter_objects(mask: SectionNode) -> list[SectionNode]:
-    """The objects of the parameters: one by itself, or several in an array."""
-    found: list[SectionNode] = []
+    """Return the parameter objects of a mask: a single one, or an array."""
+    objects: list[SectionNode] = []
     for part in mask.parts:
         if part.keys.get("PropName") == "Parameters":
-            found += [inner for inner in part.parts if "Name" in inner.keys] if part.kind == "Array" else [part]
-    return found
+            objects += [inner for inner in part.parts if "Name" in inner.keys] if part.kind == "Array" else [part]
+    return objects
 
 
 def _parameter(section: SectionNode) -> MaskParameter:
@@ -95,10 +93,10 @@ def _parameter(section: SectionNode) -> MaskParameter:
 
 
 def _options(section: SectionNode) -> tuple[str, ...]:
-    """The choices of a popup: a list of its own, or an array."""
+    """Return the choices of a popup: a list, or an array."""
     arrays = (part for part in section.all("Array") if part.keys.get("PropName") == "TypeOptions")
-    found = section.first("TypeOptions") or next(arrays, None)
-    return tuple(part.text.strip() for part in found.parts) if found is not None else ()
+    node = section.first("TypeOptions") or next(arrays, None)
+    return tuple(part.text.strip() for part in node.parts) if node is not None else ()
 
 
 def _flat(block: SectionNode) -> Mask:
@@ -108,16 +106,16 @@ def _flat(block: SectionNode) -> Mask:
     prompts = _split(keys.get("MaskPromptString", ""))
     parameters = []
     for variable in keys.get("MaskVariables", "").split(";"):
-        found = _VARIABLE.match(variable)
-        if found is None:
+        match = _VARIABLE.match(variable)
+        if match is None:
             continue
-        at = int(found[3][:6]) - 1
+        at = int(match[3][:6]) - 1
         parameters.append(
             MaskParameter(
-                found[1],
+                match[1],
                 _at(values, at),
                 _at(styles, at) or "edit",
-                found[2] == "@",
+                match[2] == "@",
                 _at(prompts, at),
                 tuple(_split(_at(choices, at))) if _at(choices, at) else (),
             )
@@ -130,7 +128,7 @@ def _split(text: str) -> list[str]:
 
 
 def _styles(text: str) -> tuple[list[str], list[str]]:
-    """The kinds of the dialog's fields, and the choices of a popup, which stand in brackets behind its kind.
+    """Return the styles of the dialog fields, and popup choices given in brackets after the style.
 
     >>> _styles("edit,popup(slow|fast),checkbox")
     (['edit', 'popup', 'checkbox'], ['', 'slow|fast', ''])
@@ -151,10 +149,10 @@ def _at(texts: list[str], at: int) -> str:
 
 
 class BlockReader:
-    """Makes systems of sections.
+    """Builds systems from sections.
 
-    `load` gives the section of a system that is kept in a part of its own, `charts` are by the paths of their blocks,
-    `defaults` by block type.
+    `load` returns the section of a system stored in a part of its own; `charts` are charts by block path, `defaults`
+    block defaults by type.
     """
 
     def __init__(
@@ -169,16 +167,16 @@ class BlockReader:
         self.charts = charts
         self.defaults = defaults
         self.enumerations: dict[str, None] = {}
-        self._used: set[str] = set()  # each holds the content of one block; shared ones could multiply without end
+        self._used: set[str] = set()  # each belongs to one block; sharing could multiply content without bound
 
     def system(self, section: SectionNode, path: tuple[str, ...] = ()) -> System:
-        """The system of a section, with everything below it."""
+        """Return the system of a section with everything below it."""
         name = section.keys.get("Ref")
         if name is not None:
             return self._separate(name, path)
-        if len(path) > _DEEPEST:
+        if len(path) > _MAX_DEPTH:
             where = join_path(*path)[:80]
-            raise self.diagnostics.refuse(f"({where})", f"has subsystems more than {_DEEPEST} levels deep")
+            raise self.diagnostics.refuse(f"({where})", f"has subsystems more than {_MAX_DEPTH} levels deep")
         blocks = [self._block(part, number, path) for number, part in enumerate(section.all("Block"))]
         blocks = self._distinct(blocks, path)
         return System(tuple(blocks), self._lines(section, blocks, path))
@@ -190,11 +188,11 @@ class BlockReader:
         self._used.add(name)
         section = self.load(name)
         if section is None:
-            message = f"has its content in {name[:80]}, which is missing or broken"
-            self.diagnostics.error(place, message, "Take a complete copy of the file.")
+            message = f"has its content in {name[:80]}, which is missing or damaged"
+            self.diagnostics.error(place, message, "Use a complete copy of the file.")
             return System()
         if "Ref" in section.keys:
-            raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which holds none")
+            raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which contains no system")
         return self.system(section, path)
 
     def _block(self, section: SectionNode, number: int, parents: tuple[str, ...]) -> ModelBlock:
@@ -230,11 +228,11 @@ class BlockReader:
         )
 
     def _counted(self, section: SectionNode, path: str) -> Ports | None:
-        found = _ports(section)
-        most = max(found.inputs, found.outputs) if found is not None else 0
-        if most > _MOST_PORTS:
-            raise self.diagnostics.refuse(f"({path[:80]})", f"has {most} ports, and {_MOST_PORTS} is the most")
-        return found
+        counted = _ports(section)
+        most = max(counted.inputs, counted.outputs) if counted is not None else 0
+        if most > _MAX_PORTS:
+            raise self.diagnostics.refuse(f"({path[:80]})", f"has {most} ports; at most {_MAX_PORTS} are supported")
+        return counted
 
     def _enumerations(self, parameters: Mapping[str, str]) -> None:
         written = parameters.get("OutDataTypeStr", "")
@@ -242,11 +240,13 @@ class BlockReader:
             self.enumerations[written[5:].strip()] = None
 
     def _distinct(self, blocks: list[ModelBlock], path: tuple[str, ...]) -> list[ModelBlock]:
-        """The blocks, each with a SID of its own, as lines that go by names need it."""
+        """Return the blocks, each with a unique SID, as lines that use names need it."""
         seen: set[str] = set()
         for number, block in enumerate(blocks):
             if block.sid in seen:
-                message = f"has two blocks with the SID {block.sid[:40]}; lines that go by it go to the first"
+                message = (
+                    f"has two blocks with the SID {block.sid[:40]}; lines with that SID are connected to the first"
+                )
                 self.diagnostics.remark(f"{join_path(*path)[:80] or 'the root'} {message}")
                 blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
             seen.add(block.sid)
@@ -257,12 +257,14 @@ class BlockReader:
         lines = [_line(part, addresses) for part in section.all("Line")]
         for unknown in addresses.unknown:
             place = join_path(*path)[:80] or "the root"
-            self.diagnostics.remark(f"{place} has a line at {unknown[:80]}, which is not there; it counts as loose")
+            self.diagnostics.remark(
+                f"{place} has a line to the unknown block or port {unknown[:80]}; it is treated as unconnected"
+            )
         return tuple(lines)
 
 
 class _Addresses:
-    """Finds the blocks of one system by the SIDs or the names that its lines use."""
+    """Finds the blocks of one system by the SIDs or names that its lines use."""
 
     def __init__(self, blocks: list[ModelBlock]) -> None:
         self.by_sid = {block.sid: block for block in blocks}
@@ -270,12 +272,12 @@ class _Addresses:
         self.unknown: list[str] = []
 
     def end(self, section: SectionNode, side: str) -> Endpoint | None:
-        """The source ("Src") or destination ("Dst") that a line or branch names; None where it names none."""
+        """Return the source ("Src") or destination ("Dst") of a line or branch, None if it has none."""
         keys = section.keys
         if side in keys:
-            found = _ADDRESS.match(keys[side])
-            block = self.by_sid.get(found[1]) if found else None
-            return self._endpoint(block, keys[side], found[2] if found else "", found[3] if found else "")
+            match = _ADDRESS.match(keys[side])
+            block = self.by_sid.get(match[1]) if match else None
+            return self._endpoint(block, keys[side], match[2] if match else "", match[3] if match else "")
         name = keys.get(f"{side}Block")
         if name is None:
             return None
@@ -286,14 +288,14 @@ class _Addresses:
 
     def _endpoint(self, block: ModelBlock | None, written: str, port: str, number: str | None) -> Endpoint | None:
         at = int(number) if number else 1
-        if block is None or at > _MOST_PORTS:
+        if block is None or at > _MAX_PORTS:
             self.unknown.append(written if block is None else f"port {at} of {written}")
             return None
         kind = port.lower()
         return Endpoint(block.sid, _SPECIAL.get(kind, kind), at)
 
     def name(self, source: Endpoint | None) -> str:
-        """The name that the source block gives its output."""
+        """Return the name that the source block gives its output."""
         if source is None or source.port != "out":
             return ""
         return self.by_sid[source.block].signals.get(source.number, "")
@@ -313,23 +315,23 @@ def _line(section: SectionNode, addresses: _Addresses) -> SignalLine:
 
 
 def _ports(block: SectionNode) -> Ports | None:
-    """The ports as counted in `<PortCounts in="2" out="1"/>` or `Ports [2, 1]`."""
+    """Return the port counts in `<PortCounts in="2" out="1"/>` or `Ports [2, 1]`."""
     counted = block.first("PortCounts")
     if counted is not None:
-        given = {_COUNTED[key]: _count(value) for key, value in counted.keys.items() if key in _COUNTED}
-        return Ports(**given)
+        counts = {_COUNTED[key]: _count(value) for key, value in counted.keys.items() if key in _COUNTED}
+        return Ports(**counts)
     if "Ports" not in block.keys:
         return None
     return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[: len(_KINDS)]))
 
 
 def _count(written: str) -> int:
-    found = _NUMBER.match(written.strip())
-    return int(found[0]) if found else 0
+    match = _NUMBER.match(written.strip())
+    return int(match[0]) if match else 0
 
 
 def _signals(block: SectionNode) -> dict[int, str]:
-    """The names of the signals at the output ports."""
+    """Return the signal names at the output ports."""
     properties = block.first("PortProperties")
     given = [*block.all("Port"), *(properties.all("Port") if properties else ())]
     names = {}
@@ -341,16 +343,16 @@ def _signals(block: SectionNode) -> dict[int, str]:
 
 
 def _lists(section: SectionNode) -> dict[str, tuple[str, ...]]:
-    """The parameters that are arrays of texts, or one text a port."""
+    """Return the parameters that are arrays of texts or one text per port."""
     arrays = {part.keys.get("PropName", ""): part for part in section.all("Array")}
-    found = {name: tuple(one.text for one in part.parts if not one.parts) for name, part in arrays.items()}
-    given = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
-    return found | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in given.items()}
+    lists = {name: tuple(section.text for section in part.parts if not section.parts) for name, part in arrays.items()}
+    stated = {part.keys.get("ListType", ""): part.keys for part in section.all("List")}
+    return lists | {name: tuple(v for key, v in keys.items() if key != "ListType") for name, keys in stated.items()}
 
 
 def _bus_element(section: SectionNode) -> dict[str, str]:
-    """What packages say in a list of a port that several blocks share, as the parameters that braces have for it."""
-    lists = (one.keys for one in section.all("List") if one.keys.get("ListType") == "InterfaceData")
+    """Return bus element fields of zip packages under their names in `.mdl` files."""
+    lists = (node.keys for node in section.all("List") if node.keys.get("ListType") == "InterfaceData")
     said = next(lists, {})
     if said.get("IsComposite") != "1":
         return {}
@@ -368,5 +370,4 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
 
 
 def _model(keys: Mapping[str, str]) -> str:
-    """The file of a referenced model, as written."""
     return next((keys[key] for key in ("ModelNameDialog", "ModelFile", "ModelName") if keys.get(key)), "")

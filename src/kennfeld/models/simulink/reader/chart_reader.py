@@ -1,4 +1,4 @@
-"""Stateflow charts from the sections of a file, of the XML layouts and of classic `.mdl` files."""
+"""Stateflow charts from sections of XML layouts and of classic `.mdl` files."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -26,14 +26,11 @@ _KINDS = {
 _SETTINGS = ("stateMachineType", "enableNonTerminalStates", "initializeOutput")
 _TABLES = ("state", "junction", "transition", "data", "event")
 
-Content = list[tuple[SectionNode, str, str]]  # section, its id, the id of the state around it
+Content = list[tuple[SectionNode, str, str]]  # section, its id, the id of its parent state
 
 
 def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None]) -> dict[str, StoredChart]:
-    """The charts of a machine by the paths of their blocks.
-
-    `load` gives a chart that is kept in a part of its own.
-    """
+    """Return the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
     machine = stateflow.first("machine")
     children = machine.first("Children") if machine is not None else None
     found = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]
@@ -53,8 +50,8 @@ def _resolved(chart: SectionNode, load: Callable[[str], SectionNode | None]) -> 
 
 
 def _nested(chart: SectionNode) -> Content:
-    """What an XML chart holds, each with the state around it."""
-    found: Content = []
+    """Return the content of an XML chart, each object with its parent state."""
+    content: Content = []
     waiting: deque[tuple[SectionNode, str]] = deque([(chart, "")])
     while waiting:
         holder, parent = waiting.popleft()
@@ -62,14 +59,14 @@ def _nested(chart: SectionNode) -> Content:
         for part in children.parts if children is not None else ():
             if part.kind in _TABLES:
                 number = part.keys.get("SSID", "")
-                found.append((part, number, parent))
+                content.append((part, number, parent))
                 if part.kind == "state":
                     waiting.append((part, number))
-    return found
+    return content
 
 
 class _Flat:
-    """A classic machine: everything in one list, tied together by numbers."""
+    """A classic machine: one flat list of objects linked by numbers."""
 
     def __init__(self, stateflow: SectionNode) -> None:
         parts = list(stateflow.all(*_TABLES))
@@ -82,7 +79,7 @@ class _Flat:
             self.content.setdefault(self._chart(part), []).append(entry)
 
     def _up(self, part: SectionNode) -> str:
-        """The number of what a part belongs to: the first of its treeNode or linkNode."""
+        """Return the number of an object's parent, the first of its treeNode or linkNode."""
         node = part.keys.get("treeNode") or part.keys.get("linkNode", "")
         numbers = node.strip("[] ").split()
         return numbers[0] if numbers else ""
@@ -149,7 +146,6 @@ def _state(section: SectionNode, number: str, parent: str) -> StoredState:
 
 
 def _special(section: SectionNode) -> str:
-    """What a state or function is besides one of the chart."""
     block, table = section.first("simulink"), section.first("truthTable")
     if block is not None:
         return "a Simulink function" if block.get("isSimulinkFcn") == "1" else "a state made of Simulink blocks"
@@ -173,10 +169,10 @@ def _output(section: SectionNode) -> str:
 
 def _transition(section: SectionNode, number: str, parent: str, numbers: Mapping[str, str]) -> StoredTransition:
     def end(kind: str) -> str:
-        found = section.first(kind)
-        if found is None:
+        node = section.first(kind)
+        if node is None:
             return ""
-        return found.keys.get("SSID") or numbers.get(found.keys.get("id", ""), "")
+        return node.keys.get("SSID") or numbers.get(node.keys.get("id", ""), "")
 
     order = _whole(section.keys.get("executionOrder", ""))
     return StoredTransition(number, section.keys.get("labelString", ""), end("src"), end("dst"), order, parent)

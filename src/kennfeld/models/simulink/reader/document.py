@@ -1,8 +1,7 @@
-"""Simulink files of any layout, told by their content, as a `Document`.
+"""Simulink files of any layout, recognized by content and read to a `ModelDocument`.
 
-Where a file keeps the variables of its model workspace.
-
-What a file says of the model as a whole: solver, callbacks, workspace, dictionaries, defaults.
+A document holds the systems, and the settings of the whole model: solver, callbacks, workspace, dictionaries and block
+defaults.
 """
 
 import contextlib
@@ -63,34 +62,34 @@ _NEW_ROOT = "simulink/blockDiagram.json"  # of R2026b and later, whose systems r
 _NEW_DIAGRAM = "BlockDiagram"
 _FIRST_CONFIGURATION = "simulink/configSet0.xml"
 _RELEASES = ("metadata/mwcoreProperties.xml", "metadata/mwcorePropertiesReleaseInfo.xml")
-_MEND = "Simulink files end in .slx or .mdl."
-_LARGEST = 1_000_000_000  # bytes
+_EXTENSION_REMEDY = "Simulink files end in .slx or .mdl."
+_MAX_BYTES = 1_000_000_000  # bytes
 
 
 def setting(model: SectionNode, key: str) -> str:
-    """What the model says under a key, in itself or in one of its groups of settings; empty where it says nothing."""
+    """Return a setting of the model or of one of its groups of settings, "" if there is none."""
     return next((group.keys[key] for group in _groups(model) if key in group.keys), "")
 
 
 def callbacks_of(model: SectionNode) -> dict[str, str]:
-    """The code of the callbacks by their names, of those that have any."""
-    found = {name: setting(model, name) for name in _CALLBACKS}
-    return {name: code for name, code in found.items() if code.strip()}
+    """Return the code of non-empty callbacks by name."""
+    callbacks = {name: setting(model, name) for name in _CALLBACKS}
+    return {name: code for name, code in callbacks.items() if code.strip()}
 
 
 def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str]]:
-    """The parameters that a file states for all blocks of a type, by type."""
-    found: dict[str, dict[str, str]] = {}
+    """Return the fields that a file specifies for all blocks of a type, by type."""
+    defaults: dict[str, dict[str, str]] = {}
     for holder in holders:
         table = holder.first("BlockParameterDefaults") if holder is not None else None
         for block in table.all("Block") if table is not None else ():
             keys = {key: value for key, value in block.keys.items() if key != "BlockType"}
-            found.setdefault(block.keys.get("BlockType", ""), {}).update(keys)
-    return found
+            defaults.setdefault(block.keys.get("BlockType", ""), {}).update(keys)
+    return defaults
 
 
 def active_configuration(model: SectionNode) -> SectionNode | None:
-    """The configuration that a model without configuration parts uses: the one it calls active, else the first."""
+    """Return the active configuration stored in the model's section, else the first."""
     sets = [part for part in model.every() if _class(part) in ("Simulink.ConfigSet", _ELSEWHERE)]
     named = next((part for part in sets if part.keys.get("PropName") == "ActiveConfigurationSet"), None)
     full = [part for part in sets if part is not named or part.parts]
@@ -102,20 +101,20 @@ def active_configuration(model: SectionNode) -> SectionNode | None:
 
 
 def read_solver(configuration: SectionNode | None, model: SectionNode) -> StoredSolver:
-    """The solver of a configuration; of files that have none, what the model says by itself."""
+    """Return the solver of a configuration, or the model's own settings if there is none."""
     if configuration is None:
         return _solver(model) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
     elsewhere = next(configuration.classed(_ELSEWHERE), None)
     if elsewhere is not None:
         return StoredSolver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
-    found = next(configuration.classed(_SOLVER), None)
-    return _solver(found if found is not None else model)
+    section = next(configuration.classed(_SOLVER), None)
+    return _solver(section if section is not None else model)
 
 
 def solver_from(entry: SectionNode) -> StoredSolver:
-    """The solver of a configuration in a data dictionary, whose properties are sections of their own."""
-    found = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
-    said = {part.keys.get("Name", ""): part.text for part in found.all("P")}
+    """Return the solver of a configuration in a data dictionary, whose properties are sections."""
+    section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
+    said = {part.keys.get("Name", ""): part.text for part in section.all("P")}
     name = said.get("SolverName") or said.get("Solver", "")
     step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
     tasks = said.get("EnableMultiTasking") or said.get("SolverMode", "")
@@ -145,7 +144,7 @@ def _groups(model: SectionNode) -> Iterator[SectionNode]:
 def read_workspace(
     model: SectionNode, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics
 ) -> StoredWorkspace:
-    """The model workspace: in a part of the package, in a section beside the model, as code, or in another file."""
+    """Return the model workspace: a part of the package, a section of the file, code, or another file."""
     source = setting(model, "WSDataSource")
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
@@ -169,20 +168,20 @@ def _workspace_package(package: ModelPackage) -> StoredWorkspace:
 
 
 def _encoded(model: SectionNode, sections: list[SectionNode], diagnostics: ReadDiagnostics) -> StoredWorkspace:
-    """The record of MatData that the model names; four characters above the blank stand for three bytes."""
+    """Return the MatData record that the model names; four characters encode three bytes."""
     tag = setting(model, "WSMdlFileData")
     if not tag:
         return StoredWorkspace()
     records = [part for section in sections if section.kind == "MatData" for part in section.all("DataRecord")]
     record = next((part for part in records if part.keys.get("Tag") == tag), None)
     if record is None:
-        diagnostics.remark(f"the model workspace is in {tag[:60]}, which the file does not hold")
+        diagnostics.remark(f"the model workspace is in {tag[:60]}, which the file does not contain")
         return StoredWorkspace()
     return StoredWorkspace("mxarray", _workspace_bytes(record.keys.get("Data", "")))
 
 
 def _workspace_bytes(text: str) -> bytes:
-    """The bytes of a text of 6 bits a character, the blank being 0; the back quote stands for the blank."""
+    """Decode 6-bit characters, offset by the blank; the back quote stands for the blank."""
     characters = np.frombuffer(text.encode("latin-1", "replace"), dtype=np.uint8)
     sixes = ((characters - 32) & 63).astype(np.uint32)
     sixes = sixes[: sixes.size // 4 * 4].reshape(-1, 4)
@@ -191,38 +190,44 @@ def _workspace_bytes(text: str) -> bytes:
 
 
 def recognises_simulink(raw: bytes) -> bool:
-    """Whether bytes, or the first of a file, look like a Simulink model that is no zip archive."""
+    """Return True if the first bytes look like a Simulink model that is not a zip archive."""
     return bool(_CLASSIC.match(raw)) or is_text_package(raw)
 
 
 def read_document(path: str | Path) -> ModelDocument:
-    """The tree of a `.slx` or `.mdl` file of any version.
+    """Read a `.slx` or `.mdl` file of any version.
 
-    Raises `InputError` with every finding where the file is broken, hostile, protected or no Simulink file at all.
-    What is merely unusual is among the document's remarks.
+    Unusual content is listed in the document's remarks.
+
+    Raises:
+        InputError: if the file is damaged, malicious, protected or not a Simulink file, with all findings.
     """
     path = Path(path)
     return document(_bytes(path), path)
 
 
 def document(raw: bytes, path: Path) -> ModelDocument:
-    """The tree of a file's bytes; `path` is only what it is called. Raises `InputError` like `read_document`."""
+    """Read a model from bytes; `path` is only its name. Raises `InputError` like `read_document`."""
     diagnostics = ReadDiagnostics(path.name)
     read = None
     with contextlib.suppress(FileRejectedError):
         read = (
             _packed(raw, path, diagnostics) if is_zip(raw) or is_text_package(raw) else _classic(raw, path, diagnostics)
         )
-    remarks = diagnostics.settle()
+    remarks = diagnostics.raise_if_errors()
     if read is None:
-        raise InputError.of(path.name, "is no Simulink file", _MEND)
+        raise InputError.of(path.name, "is not a Simulink file", _EXTENSION_REMEDY)
     return replace(read, remarks=remarks) if remarks else read
 
 
 def _bytes(path: Path) -> bytes:
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError.of(str(path), f"has more than {_LARGEST / 1e6:.0f} MB", "No model is that large.")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError.of(
+                str(path),
+                f"is larger than {_MAX_BYTES / 1e6:.0f} MB, the limit for a model file",
+                "Check that this is the model file.",
+            )
         return path.read_bytes()
     except OSError as error:
         raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
@@ -230,7 +235,7 @@ def _bytes(path: Path) -> bytes:
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
     if not _CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")):
-        raise diagnostics.refuse("", "is no Simulink file", _MEND)
+        raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
     model = next((section for section in top if section.kind in _DIAGRAMS), None)
     if model is None:
@@ -261,7 +266,7 @@ def _packed(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocume
         return None
     model = next(_diagrams(root), None)
     if model is None:
-        raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _MEND)
+        raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _EXTENSION_REMEDY)
     return _of_package(package, model, path, diagnostics)
 
 
@@ -274,10 +279,12 @@ def _diagrams(root: SectionNode) -> Iterator[SectionNode]:
 def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileRejectedError:
     names = list(package.names())
     if any("encrypted" in name.lower() or name.endswith(".slxp") for name in names):
-        return diagnostics.refuse("", "is a protected model, whose blocks cannot be read", "Ask for the model itself.")
+        return diagnostics.refuse(
+            "", "is a protected model, whose blocks cannot be read", "Ask its supplier for the unprotected model."
+        )
     if any(name.startswith("data/chunk") for name in names):
-        return diagnostics.refuse("", "is a data dictionary and no model", "Name it among the parameters.")
-    return diagnostics.refuse("", f"is no Simulink model: it has no part {_ROOT}", _MEND)
+        return diagnostics.refuse("", "is a data dictionary, not a model", "Give it as parameters.")
+    return diagnostics.refuse("", f"is not a Simulink model: part {_ROOT} is missing", _EXTENSION_REMEDY)
 
 
 def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:
@@ -301,7 +308,7 @@ def _charts(package: ModelPackage) -> dict[str, StoredChart]:
 
 
 def _configuration(package: ModelPackage) -> SectionNode | None:
-    """The part of the active configuration; the first where none is called active."""
+    """Return the part of the active configuration, else the first."""
     info = package.section("simulink/configSetInfo.xml") or package.section("simulink/configSetInfo.json")
     named = list(info.all("ConfigSet", "ConfigSetInfo")) if info is not None else []
     active = next((part for part in named if part.keys.get("Active") in ("true", "on")), None) or next(
@@ -321,7 +328,7 @@ def _release(package: ModelPackage) -> str:
 
 
 class AuxiliaryParts:
-    """Where a file keeps what is not in its diagram: the parts of a package, or the sections beside the model."""
+    """Content outside of the diagram: parts of a package, or sections next to the model."""
 
     def __init__(self, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics) -> None:
         self.package = package
@@ -329,7 +336,7 @@ class AuxiliaryParts:
         self.diagnostics = diagnostics
 
     def kind(self) -> Literal["model", "library", "subsystem"]:
-        """What the package says that it is, where the diagram does not."""
+        """Return the kind of file that the package specifies if the diagram does not."""
         core = self.package.section(_RELEASES[0]) if self.package is not None else None
         content = core.get("contentType").lower() if core is not None else ""
         return "library" if "library" in content else "subsystem" if "subsystem" in content else "model"

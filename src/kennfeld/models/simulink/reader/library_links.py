@@ -1,4 +1,4 @@
-"""Links to libraries, to other models and to files of subsystems: their content, copied to where it is used."""
+"""Resolution of links to libraries, referenced models and subsystem files: their content is copied into the model."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -15,14 +15,14 @@ __all__ = ["LibraryResolver", "ResolvedModel", "is_of_simulink"]
 
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _ENDINGS = (".slx", ".mdl")
-_DEEPEST = 100  # subsystems within subsystems, links followed
-_LONGEST_CHAIN = 30  # links to links
-_MOST_BLOCKS = 200_000  # in a model with all links followed
+_MAX_DEPTH = 100  # nested subsystems, links resolved
+_MAX_CHAIN = 30  # links to links
+_MAX_BLOCKS = 200_000  # in a model with all links resolved
 _OF_SIMULINK = ("simulink", "simulink3", "simulink_extras", "built-in")
 
 
 def is_of_simulink(source: str) -> bool:
-    """Whether a link leads to a library that comes with Simulink itself.
+    """Return True if a link leads to a library of Simulink itself.
 
     >>> is_of_simulink("simulink/Discrete/First-Order Hold")
     True
@@ -32,11 +32,11 @@ def is_of_simulink(source: str) -> bool:
 
 @dataclass(frozen=True)
 class ResolvedModel:
-    """A document whose links are followed.
+    """A document with its links resolved.
 
-    `files` are the files that gave content, by the names of libraries and models. `missing` are the links that no
-    file was found for, with the paths of the blocks that use them; they stay references. `models` are the referenced
-    models, whose workspaces and solvers are their own. `problems` are loops, broken files and unknown blocks.
+    `files` are the files used, by library or model name. `missing` are unresolved links with the paths of the blocks
+    that use them; those stay references. `models` are the referenced models, which have their own workspaces and
+    solvers. `problems` are cycles, damaged files and unknown blocks.
     """
 
     document: ModelDocument
@@ -47,56 +47,56 @@ class ResolvedModel:
 
 
 class LibraryResolver:
-    """The libraries and models that lie beside a model, and in further folders.
+    """The libraries and models next to a model and in further folders.
 
-    A file is looked for by its name in the folder of the file that uses it, then in `folders`, `.slx` before `.mdl`;
-    each is read once. Raises `InputError` where one of `folders` is not there.
+    A file is searched for by name in the folder of the file that uses it, then in `folders`, `.slx` before `.mdl`; each
+    is read once. Raises `InputError` if a folder does not exist.
     """
 
     def __init__(self, folders: Iterable[str | Path] = ()) -> None:
         self.folders = tuple(Path(folder) for folder in folders)
         if missing := [folder for folder in self.folders if not folder.is_dir()]:
-            raise InputError(Finding(str(folder), "there is no such folder", "Check the path.") for folder in missing)
+            raise InputError(Finding(str(folder), "folder not found", "Check the path.") for folder in missing)
         self._read: dict[Path, ModelDocument | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:
-        """The file of a library or model, of the name that links use; None where there is none."""
+        """Return the file of a library or model, None if there is none."""
         stem = re.sub(r"\.(slx|mdl)\Z", "", name)
-        if not _NAME.match(stem):  # a path could name any file of this machine
+        if not _NAME.match(stem):  # a path could name any local file
             return None
         endings = _ENDINGS if stem == name else (name[len(stem) :],)
         places = (folder / (stem + ending) for folder in (beside, *self.folders) for ending in endings)
         return next((path for path in places if path.is_file()), None)
 
-    def open(self, path: Path) -> ModelDocument:
-        """The document of a file; raises `InputError` where it cannot be read, each time it is asked for."""
+    def read(self, path: Path) -> ModelDocument:
+        """Read a file once; raises `InputError` if it cannot be read, on each call."""
         if path not in self._read:
             try:
                 self._read[path] = read_document(path)
             except InputError as error:
                 self._read[path] = error
-        found = self._read[path]
-        if isinstance(found, InputError):
-            raise found
-        return found
+        document = self._read[path]
+        if isinstance(document, InputError):
+            raise document
+        return document
 
     def resolve(self, document: ModelDocument) -> ResolvedModel:
-        """The document with the content of libraries and referenced models in place; nothing is raised.
+        """Copy the content of libraries and referenced models into a document; raises nothing.
 
-        A block that is a link takes the type, parameters and content of the library's block, with its own parameters
-        over them; links to libraries of Simulink itself stay as they are. A model reference gets the root of the
-        referenced model as its system, a subsystem whose content is a file of its own the root of that.
+        A linked block takes type, fields and content of the library block, with its own fields taking precedence; links
+        into libraries of Simulink itself stay. A model reference gets the root of the referenced model as its system, a
+        subsystem file block the root of its file.
         """
-        work = _LinkCopier(self, document)
-        root = work.system(document.root, _Place(document, ""))
-        missing = {source: tuple(paths) for source, paths in work.missing.items()}
+        copier = _LinkCopier(self, document)
+        root = copier.system(document.root, _Place(document, ""))
+        missing = {source: tuple(paths) for source, paths in copier.missing.items()}
         resolved = replace(document, root=root)
-        return ResolvedModel(resolved, work.files, missing, work.models, tuple(work.problems.values()))
+        return ResolvedModel(resolved, copier.files, missing, copier.models, tuple(copier.problems.values()))
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a system is copied to: the document it comes from, its path there and here, the links that led there."""
+    """Where a system is copied to: source document, paths there and here, and the links followed so far."""
 
     document: ModelDocument
     here: str
@@ -105,7 +105,7 @@ class _Place:
     depth: int = 0
 
     def path(self, block: ModelBlock) -> str:
-        """The path of a block of that system in the model that is resolved."""
+        """Return the path of a block in the resolved model."""
         rest = block.path[len(self.there) + 1 :] if self.there else block.path
         return f"{self.here}/{rest}" if self.here else rest
 
@@ -121,12 +121,12 @@ class _LinkCopier:
         self.count = 0
 
     def system(self, system: System, place: _Place) -> System:
-        if place.depth > _DEEPEST:
-            self._problem(place.here, f"has subsystems more than {_DEEPEST} levels deep once its links are followed")
+        if place.depth > _MAX_DEPTH:
+            self._problem(place.here, f"has subsystems more than {_MAX_DEPTH} levels deep after resolving its links")
             return System()
         self.count += len(system.blocks)
-        if self.count > _MOST_BLOCKS:
-            self._problem("", f"has more than {_MOST_BLOCKS} blocks once its links are followed")
+        if self.count > _MAX_BLOCKS:
+            self._problem("", f"has more than {_MAX_BLOCKS} blocks after resolving its links")
             return System()
         return System(tuple(self._block(block, place) for block in system.blocks), system.lines)
 
@@ -152,8 +152,8 @@ class _LinkCopier:
             return alone
         target = library.root.at(source.partition("/")[2])
         if target is None:
-            known = nearest(names[-1], (found.name for found in library.root.every()))
-            self._problem(path, f"links to {source[:120]}, which {library.path.name} does not hold", known)
+            known = nearest(names[-1], (block.name for block in library.root.every()))
+            self._problem(path, f"links to {source[:120]}, which {library.path.name} does not contain", known)
             return alone
         linked = self._instance(block, target, path, library)
         if target.reference is not None or target.system is not None:
@@ -163,7 +163,7 @@ class _LinkCopier:
         return linked
 
     def _below(self, linked: ModelBlock, target: ModelBlock, there: _Place) -> ModelBlock:
-        """What lies below a link: the content of the library's block, or what that links to in turn."""
+        """Return the content behind a link: that of the library block, or of what that links to in turn."""
         if target.reference is not None and not is_of_simulink(target.reference.source):
             further = self._linked(replace(linked, reference=target.reference), linked.path, there)
             return replace(further, reference=linked.reference) if further.type != "Reference" else linked
@@ -172,13 +172,15 @@ class _LinkCopier:
         return linked
 
     def _instance(self, block: ModelBlock, target: ModelBlock, path: str, library: ModelDocument) -> ModelBlock:
-        """The library's block in the place of the link, with the parameters of the link."""
+        """Return the library block in place of the link, with the fields of the link."""
         assert block.reference is not None
         given = block.reference.parameters
         masked = {parameter.name for parameter in target.mask.parameters} if target.mask is not None else set()
         parameters = dict(target.parameters) | {key: given[key] for key in given if key not in masked}
         if block.mask is not None and block.mask.parameters and masked:
-            self._problem(path, "has a mask over that of the library; only the library's is read", severity="warning")
+            self._problem(
+                path, "has a mask in addition to that of the library; only the library's is read", severity="warning"
+            )
         return replace(
             target,
             name=block.name,
@@ -186,33 +188,33 @@ class _LinkCopier:
             path=path,
             parameters=parameters,
             ports=block.ports or target.ports,
-            mask=_set(target.mask, given) if target.mask is not None else block.mask,
+            mask=_set_mask(target.mask, given) if target.mask is not None else block.mask,
             reference=replace(block.reference, file=library.path.name),
             signals=block.signals,
         )
 
     def _model(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
-        found = self._document(block.model, block.model, path, place)
-        if found is None or self._closed(block.model, path, place):
+        document = self._document(block.model, block.model, path, place)
+        if document is None or self._closed(block.model, path, place):
             return replace(block, path=path)
-        self.models[block.model] = found
-        inner = _Place(found, path, "", (*place.chain, block.model), place.depth + 1)
-        return replace(block, path=path, system=self.system(found.root, inner))
+        self.models[block.model] = document
+        inner = _Place(document, path, "", (*place.chain, block.model), place.depth + 1)
+        return replace(block, path=path, system=self.system(document.root, inner))
 
     def _subsystem(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
-        """A subsystem with the content of its file, whose mask it takes where it has none of its own."""
+        """Return a subsystem with the content of its file, whose mask it takes if it has none."""
         name, alone = block.elsewhere, replace(block, path=path)
-        found = self._document(name, name, path, place)
-        if found is None or self._closed(name, path, place):
+        document = self._document(name, name, path, place)
+        if document is None or self._closed(name, path, place):
             return alone
-        if found.kind != "subsystem":
+        if document.kind != "subsystem":
             remedy = f"Save its content as the subsystem file {name}.slx."
-            self._problem(path, f"has its content in {found.path.name}, which is a {found.kind}", remedy)
+            self._problem(path, f"has its content in {document.path.name}, which is a {document.kind}", remedy)
             self.missing.setdefault(name, []).append(path)
             return alone
-        mask = block.mask or (_set(found.mask, block.parameters) if found.mask is not None else None)
-        inner = _Place(found, path, "", (*place.chain, name), place.depth + 1)
-        return replace(alone, mask=mask, system=self.system(found.root, inner))
+        mask = block.mask or (_set_mask(document.mask, block.parameters) if document.mask is not None else None)
+        inner = _Place(document, path, "", (*place.chain, name), place.depth + 1)
+        return replace(alone, mask=mask, system=self.system(document.root, inner))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> ModelDocument | None:
         if name == "$bdroot":  # a library's own name for itself
@@ -222,22 +224,22 @@ class _LinkCopier:
             self.missing.setdefault(source, []).append(path)
             return None
         try:
-            found = self.libraries.open(file)
+            document = self.libraries.read(file)
         except InputError as error:
             self.missing.setdefault(source, []).append(path)
             self.problems |= {str(finding): finding for finding in error.findings}
             return None
         self.files[name] = file
-        return found
+        return document
 
     def _closed(self, source: str, path: str, place: _Place) -> bool:
-        """Whether a link leads back to itself, or has no end."""
+        """Return True if a link is part of a cycle or of a chain that is too long."""
         if source in place.chain:
             loop = " -> ".join((*place.chain[place.chain.index(source) :], source))
             self._problem(path, f"links to itself: {loop}", "Break the loop in one of these libraries.")
             return True
-        if len(place.chain) >= _LONGEST_CHAIN:
-            self._problem(path, f"is a link to a link, more than {_LONGEST_CHAIN} times over")
+        if len(place.chain) >= _MAX_CHAIN:
+            self._problem(path, f"is a chain of more than {_MAX_CHAIN} links")
             return True
         return False
 
@@ -245,12 +247,11 @@ class _LinkCopier:
         self, path: str, message: str, remedy: str = "", severity: Literal["error", "warning"] = "error"
     ) -> None:
         place = f"{self.file} ({path[:120]})" if path else self.file
-        found = Finding(place, message, remedy, severity=severity)
+        finding = Finding(place, message, remedy, severity=severity)
         if len(self.problems) < 100:
-            self.problems.setdefault(message, found)
+            self.problems.setdefault(message, finding)
 
 
-def _set(mask: Mask, given: Mapping[str, str]) -> Mask:
-    """A mask with the expressions of an instance."""
-    parameters = [replace(p, expression=given.get(p.name, p.expression)) for p in mask.parameters]
+def _set_mask(mask: Mask, expressions: Mapping[str, str]) -> Mask:
+    parameters = [replace(p, expression=expressions.get(p.name, p.expression)) for p in mask.parameters]
     return replace(mask, parameters=tuple(parameters))

@@ -1,8 +1,6 @@
-"""A Simulink file as a plain tree: systems of blocks and lines, every parameter as it is written.
+"""A Simulink file as a plain tree: systems of blocks and lines, and Stateflow charts, all fields as written.
 
-Nothing is evaluated here and no default is filled in: what a block does is for others to say.
-
-A Stateflow chart as a plain tree: states, junctions, transitions and data, their labels as written.
+Nothing is evaluated and no default is filled in.
 """
 
 import re
@@ -42,10 +40,10 @@ __all__ = [
 class StoredState:
     """A state, or a function or box drawn as one.
 
-    `type` is as in the file: OR_STATE, AND_STATE, FUNC_STATE, GROUP_STATE; `parent` is the id of the state around it,
-    empty at the top. `decomposition` is CLUSTER_STATE (one child at a time) or SET_STATE (all children at once).
-    `note` marks a box that is but text; `special` says what makes it more than a state or a function of the chart.
-    `output` is the name of the output that tells whether it is active.
+    `type` is as in the file: OR_STATE, AND_STATE, FUNC_STATE, GROUP_STATE; `parent` is the id of the parent state,
+    empty at the top. `decomposition` is CLUSTER_STATE (exclusive children) or SET_STATE (parallel children). `note`
+    marks a text box; `special` is the kind of a state or function that is more than that. `output` is the name of the
+    output that reports activity.
     """
 
     id: str
@@ -61,7 +59,7 @@ class StoredState:
 
     @property
     def name(self) -> str:
-        r"""The first line of the label, without a slash that ends it.
+        r"""First line of the label without a trailing slash.
 
         >>> StoredState("1", "Idle/\nentry: y = 0;").name
         'Idle'
@@ -81,7 +79,7 @@ class StoredJunction:
 
 @dataclass(frozen=True, slots=True)
 class StoredTransition:
-    """An arrow between states or junctions; `source` is empty for a default transition."""
+    """A transition between states or junctions; `source` is empty for a default transition."""
 
     id: str
     label: str
@@ -96,8 +94,8 @@ class StoredData:
     """A variable of a chart.
 
     `scope` is as in the file: INPUT_DATA, OUTPUT_DATA, LOCAL_DATA, PARAMETER_DATA, CONSTANT_DATA, ... `first` is the
-    index of its first element; with `from_workspace` it begins as the variable of its name; `update` is stated where
-    it is integrated.
+    index of its first element. With `from_workspace`, its initial value is the variable of its name; `update` is
+    specified if it is integrated.
     """
 
     name: str
@@ -126,9 +124,9 @@ class StoredEvent:
 class StoredChart:
     """A chart, a MATLAB Function or a truth table.
 
-    `name` is the path of its block without the model's name; `decomposition` is CLUSTER_CHART (one state at a time)
-    or SET_CHART (all at once); `language` is "MATLAB" or "C"; `script` is the code of a MATLAB Function.
-    `bits` says whether the operators of C work on bits; `settings` are further settings that change how it runs.
+    `name` is the path of its block without the model name; `decomposition` is CLUSTER_CHART (exclusive states) or
+    SET_CHART (parallel states); `language` is "MATLAB" or "C"; `script` is the code of a MATLAB Function. `bits` is
+    true if C operators are bitwise; `settings` are further settings that affect execution.
     """
 
     id: str
@@ -150,7 +148,7 @@ class StoredChart:
 
 
 def join_path(*names: str) -> str:
-    """The path of a block from the names along it; a slash within a name is doubled.
+    """Return the path of a block from names; a slash within a name is doubled.
 
     >>> join_path("Engine", "km/h")
     'Engine/km//h'
@@ -159,7 +157,7 @@ def join_path(*names: str) -> str:
 
 
 def split_arguments(text: str) -> tuple[str, ...]:
-    """The parts of a text between commas outside of brackets.
+    """Split a text at commas outside of brackets.
 
     >>> split_arguments("a, [1,2]")
     ('a', ' [1,2]')
@@ -175,7 +173,7 @@ def split_arguments(text: str) -> tuple[str, ...]:
 
 
 def split_path(path: str) -> tuple[str, ...]:
-    """The names along a path, the reverse of `joined`.
+    """Return the names along a path, the inverse of `join_path`.
 
     >>> split_path("Engine/km//h")
     ('Engine', 'km/h')
@@ -189,10 +187,10 @@ def split_path(path: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One end of a line: the SID of a block and its port.
+    """One end of a line: the SID of a block, and its port.
 
-    `port` is "out", "in", or a special port: "enable", "trigger", "ifaction", "reset", "state", and "lconn", "rconn"
-    of physical connections. `number` counts from 1 among the ports of that kind.
+    `port` is "out", "in", a control port ("enable", "trigger", "ifaction", "reset", "state"), or a physical connection
+    ("lconn", "rconn"). `number` counts ports of that kind from 1.
     """
 
     block: str
@@ -202,9 +200,9 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class SignalLine:
-    """A signal: where it comes from, where it goes to, and the name it carries.
+    """A signal line: source, destinations and name.
 
-    `source` is None for a line that hangs loose, `destinations` is empty for one that leads nowhere.
+    `source` is None if the line is unconnected; `destinations` is empty if it leads nowhere.
     """
 
     source: Endpoint | None
@@ -214,7 +212,7 @@ class SignalLine:
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """How many ports of each kind a block has."""
+    """Number of ports of each kind."""
 
     inputs: int = 0
     outputs: int = 0
@@ -229,9 +227,9 @@ class Ports:
 
 @dataclass(frozen=True, slots=True)
 class MaskParameter:
-    """One parameter of a mask: the expression it is set to, and whether that is evaluated or taken as text.
+    """A mask parameter: its expression, and whether that is evaluated or a text.
 
-    `options` are the choices of a popup or of radio buttons.
+    `options` are the choices of a popup or radio buttons.
     """
 
     name: str
@@ -243,7 +241,7 @@ class MaskParameter:
 
     @property
     def meaning(self) -> str:
-        """The expression of its value: a check box is 1 or 0, a choice is its number.
+        """Expression of its value: 1 or 0 for a check box, the number of a choice.
 
         >>> MaskParameter("mode", "slow", "popup", options=("fast", "slow")).meaning
         '2'
@@ -258,7 +256,7 @@ class MaskParameter:
 
 @dataclass(frozen=True, slots=True)
 class Mask:
-    """The mask of a block: parameters in the order of the dialog, and code that runs when they change."""
+    """The mask of a block: parameters in dialog order, and initialization code."""
 
     type: str = ""
     parameters: tuple[MaskParameter, ...] = ()
@@ -267,10 +265,10 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class LibraryLink:
-    """A link to a block of a library.
+    """A link to a library block.
 
-    `source` is the path "library/Block", `type` the type of the mask there (SourceType), `parameters` what this
-    instance sets; `file` names the library's file once its content has been copied in.
+    `source` is the path "library/Block", `type` the mask type there (SourceType), `parameters` the fields of this
+    instance; `file` is the library file once its content is copied in.
     """
 
     source: str
@@ -283,13 +281,12 @@ class LibraryLink:
 class ModelBlock:
     """One block.
 
-    `sid` is unique within its system; where the file gives none, it is made of the block's place. `path` leads from
-    the root of the model, without the model's name. `parameters` are those the file states for this block, `defaults`
-    those it states for all blocks of the type. `ports` is None where the file leaves them to the type (`ports_of`
-    knows those of the types). `script` is the
-    code of a MATLAB Function, `chart` that of any Stateflow block; `model` the file name of a referenced model.
-    `signals` are the names of output ports; `attached` names parts of the file that hold a parameter's value; `lists`
-    are the parameters that are lists of texts.
+    `sid` is unique within its system, derived from the position if the file gives none. `path` leads from the root,
+    without the model name. `parameters` are the fields specified for this block, `defaults` those for all blocks of the
+    type. `ports` is None if the file leaves them to the type (see `ports_of`). `script` is the code of a MATLAB
+    Function, `chart` that of any Stateflow block; `model` is the file name of a referenced model. `signals` are names
+    of output ports; `attached` names parts of the file that contain a field's value; `lists` are the fields that are
+    lists of texts.
     """
 
     type: str
@@ -310,7 +307,7 @@ class ModelBlock:
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def listed(self, name: str) -> tuple[str, ...]:
-        """A parameter that is a list of texts; empty where no one states it.
+        """Return a field that is a list of texts, () if not specified.
 
         >>> ModelBlock("VariantSource", "V", "1", "V", {"VariantControls": "{'a==1','a==2'}"}).listed("VariantControls")
         ('a==1', 'a==2')
@@ -321,13 +318,11 @@ class ModelBlock:
 
     @property
     def elsewhere(self) -> str:
-        """The name of the file that holds the content of a subsystem; empty where the subsystem holds it."""
+        """Name of the subsystem file that contains the content, "" if there is none."""
         return (self.parameters.get("ReferencedSubsystem") or "").strip() if self.type == "SubSystem" else ""
 
     def value(self, name: str, table: Mapping[str, Mapping[str, str]] | None = None) -> str | None:
-        """A parameter as text: as stated for the block, else for its type by the file, else by a table of defaults.
-
-        None where no one states it.
+        """Return a field as text: of the block, else of its type in the file, else from a table of defaults; or None.
 
         >>> ModelBlock("Gain", "K", "1", "K").value("Gain", {"Gain": {"Gain": "1"}})
         '1'
@@ -341,27 +336,27 @@ class ModelBlock:
 
 @dataclass(frozen=True)
 class System:
-    """The blocks and lines of one level, in the order of the file."""
+    """The blocks and lines of one system, in file order."""
 
     blocks: tuple[ModelBlock, ...] = ()
     lines: tuple[SignalLine, ...] = ()
 
     @cached_property
     def by_sid(self) -> Mapping[str, ModelBlock]:
-        """The blocks of this level by their SIDs."""
+        """Blocks by SID."""
         return {block.sid: block for block in self.blocks}
 
     @cached_property
     def by_name(self) -> Mapping[str, ModelBlock]:
-        """The blocks of this level by their names, white space normalised."""
+        """Blocks by name, with normalized white space."""
         return {block.name: block for block in self.blocks}
 
     def of(self, *types: str) -> Iterator[ModelBlock]:
-        """The blocks of this level that are of one of the types."""
+        """Yield the blocks of this system of one of the types."""
         return (block for block in self.blocks if block.type in types)
 
     def every(self) -> Iterator[ModelBlock]:
-        """All blocks of this level and below, a subsystem before its content."""
+        """Yield all blocks of this system and below, a subsystem before its content."""
         waiting = [iter(self.blocks)]
         while waiting:
             block = next(waiting[-1], None)
@@ -373,24 +368,24 @@ class System:
                 waiting.append(iter(block.system.blocks))
 
     def at(self, path: str) -> ModelBlock | None:
-        """The block of a path ("Engine/Torque"); None where there is none."""
+        """Return the block at a path ("Engine/Torque"), None if there is none."""
         system: System | None = self
-        found = None
+        block = None
         for name in split_path(path):
-            found = system.by_name.get(name) if system is not None else None
-            if found is None:
+            block = system.by_name.get(name) if system is not None else None
+            if block is None:
                 return None
-            system = found.system
-        return found
+            system = block.system
+        return block
 
 
 @dataclass(frozen=True, slots=True)
 class StoredSolver:
-    """The settings of the active configuration, as written.
+    """Settings of the active configuration as written.
 
-    `reference` names a configuration that is kept elsewhere (a variable of the base workspace, an entry of a data
-    dictionary); the other fields are then what the file says by itself, if anything. `tasks` says whether each sample
-    time is a task of its own, in the word of the release: on, off, Auto, SingleTasking, MultiTasking.
+    `reference` names a configuration stored elsewhere (a base workspace variable or data dictionary entry); the other
+    fields are then those of the file, if any. `tasks` is the tasking setting in the word of the release: on, off, Auto,
+    SingleTasking, MultiTasking.
     """
 
     name: str = ""
@@ -404,7 +399,7 @@ class StoredSolver:
 
 @dataclass(frozen=True, slots=True)
 class StoredWorkspace:
-    """Where the variables of the model workspace are.
+    """Location of the model workspace.
 
     `kind` is "none", "mxarray" or "mat" (in `raw`), "m-code" (in `text`), or "file" (its name in `text`).
     """
@@ -418,10 +413,10 @@ class StoredWorkspace:
 class ModelDocument:
     """A Simulink file.
 
-    `version` is a release ("R2017b") or, from files that name none, the number of the Simulink version. `callbacks`
-    is the code of InitFcn, PreLoadFcn and the like; `dictionaries` are the names of `.sldd` files; `defaults` are by
-    block type; `enumerations` are the enumerated types that blocks name; `charts` are all of the file; `mask` is that
-    of a subsystem file for the blocks that show it; `remarks` are sentences on what could not be read.
+    `version` is a release ("R2017b") or, in older files, the Simulink version number. `callbacks` is the code of
+    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `defaults` are by block type;
+    `enumerations` are the enumerated types that blocks name; `charts` are all charts of the file; `mask` is that of a
+    subsystem file for the blocks that reference it; `remarks` are sentences on what could not be read.
     """
 
     name: str

@@ -1,23 +1,10 @@
-"""XML parts of Simulink files as sections.
+"""Generic section tree of Simulink files and its XML, JSON and brace syntaxes.
 
-External documents are never loaded; an entity (which could name a file of this machine, or grow without end) is
-refused where it is declared.
-
-What all Simulink files share below their syntax: sections that hold keys, texts and further sections.
-
-A Simulink file as a plain tree: systems of blocks and lines, every parameter as it is written.
-
-Nothing is evaluated here and no default is filled in: what a block does is for others to say.
-
-What is noticed while a Simulink file is read: errors refuse it, remarks go with the document.
-
-The classic `.mdl` syntax: `Kind { key value ... }`, a line each.
-
-A value is a quoted string (those on the lines below it belong to it) or the rest of the line; a matrix may go on over
-several lines. Lines that begin with `#` are comments. The syntax is not published; the rules are those of the files
-that Simulink 2 to R2021a wrote.
-
-JSON parts of the newest Simulink files as sections: what stood in XML before stands there under the same names.
+XML: external documents are never loaded, and entity declarations (which could read local files or expand without bound)
+are rejected. JSON (newest releases) has the structure of the XML under the same names. Brace syntax (classic `.mdl`):
+`Kind { key value ... }`, one entry a line; a value is a quoted string, continued on the lines below it, or the rest of
+the line; a matrix may span lines; lines starting with `#` are comments. The syntax is not published; the rules are
+those of files written by Simulink 2 to R2021a.
 """
 
 import json
@@ -40,12 +27,12 @@ __all__ = [
     "xml_section",
 ]
 
-DEEPEST = 200  # sections within sections; a subsystem takes two of them, and models have about ten subsystems in a row
-MOST_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has some 30 000
+MAX_DEPTH = 200  # nested sections; a subsystem takes two, and models nest about ten subsystems
+MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has about 30 000
 
-_MOST = 50  # findings that are kept of each sort; a garbled file has thousands of them
+_MAX_FINDINGS = 50  # of each kind; a garbled file has thousands
 
-_DAMAGED = "The file may be cut off or damaged: take a complete copy."
+_DAMAGED = "The file may be truncated or damaged: use a complete copy."
 
 _LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
@@ -72,17 +59,17 @@ _ENCODINGS = {
 }
 _HEAD = 65536
 _BRACE_ELEMENTS = ("Cell", "String")
-_LONGEST_MATRIX = 2000  # lines
+_MAX_MATRIX_LINES = 2000  # lines
 
 _CLASS, _NUMBER, _PROPERTIES, _ELEMENTS, _VALUE = "_object_class", "_id", "_properties", "_elements", "_value"
 
 
 @dataclass(slots=True)
 class SectionNode:
-    """One section: an XML element, or braces and what they hold.
+    """One section: an XML element, or braces and their content.
 
-    `keys` are what it says of itself: attributes, `<P Name="key">value</P>`, or lines `key value`; `links` are keys
-    whose value is kept in another part of the file, by that part's name. A `$` before a key is left out.
+    `keys` are attributes, `<P Name="key">value</P>`, or lines `key value`, without a leading `$`; `links` are keys
+    whose value is stored in another part of the file, with the name of that part.
     """
 
     kind: str
@@ -93,22 +80,22 @@ class SectionNode:
     text: str = ""
 
     def all(self, *kinds: str) -> Iterator["SectionNode"]:
-        """The sections directly within that are of one of the kinds."""
+        """Yield the direct child sections of one of the kinds."""
         return (part for part in self.parts if part.kind in kinds)
 
     def first(self, *kinds: str) -> "SectionNode | None":
-        """The first section directly within that is of one of the kinds."""
+        """Return the first direct child section of one of the kinds."""
         return next(self.all(*kinds), None)
 
     def get(self, key: str, default: str = "") -> str:
-        """What the section says under a key, be it a key or a section that holds text."""
+        """Return the value of a key, or the text of a child section of that kind."""
         if key in self.keys:
             return self.keys[key]
         part = self.first(key)
         return part.text if part is not None else default
 
     def every(self) -> Iterator["SectionNode"]:
-        """This section and all within it, an outer one before its content."""
+        """Yield this section and all below it, parents first."""
         waiting = [self]
         while waiting:
             section = waiting.pop()
@@ -116,48 +103,48 @@ class SectionNode:
             waiting.extend(reversed(section.parts))
 
     def classed(self, name: str) -> Iterator["SectionNode"]:
-        """The sections within, at any depth, that hold an object of a class."""
+        """Yield the sections below, at any depth, that contain an object of a class."""
         return (section for section in self.every() if name in (section.keys.get("ClassName"), section.kind))
 
 
 class FileRejectedError(Exception):
-    """Ends the reading of one part of a file; what is wrong is noted already."""
+    """Ends the reading of one part of a file; the error is already recorded."""
 
 
 @dataclass
 class ReadDiagnostics:
-    """The findings of one file."""
+    """Findings and remarks of one file."""
 
     file: str
     errors: list[Finding] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def error(self, place: str, message: str, remedy: str = "") -> None:
-        """Note what makes the file unusable; `place` is within the file and may be empty."""
-        if len(self.errors) < _MOST:
+        """Record an error; `place` is within the file and may be empty."""
+        if len(self.errors) < _MAX_FINDINGS:
             self.errors.append(Finding(f"{self.file} {place}".rstrip(), message, remedy))
 
     def refuse(self, place: str, message: str, remedy: str = "") -> FileRejectedError:
-        """Note what makes the file unusable, and the exception that ends its reading."""
+        """Record an error and return the exception that ends the reading."""
         self.error(place, message, remedy)
         return FileRejectedError()
 
     def remark(self, sentence: str) -> None:
-        """Note what was left aside."""
-        if len(self.remarks) < _MOST:
+        """Record a remark on skipped content."""
+        if len(self.remarks) < _MAX_FINDINGS:
             self.remarks.append(sentence)
 
-    def settle(self) -> tuple[str, ...]:
-        """The remarks; raises `InputError` with every finding if there was an error."""
+    def raise_if_errors(self) -> tuple[str, ...]:
+        """Return the remarks; raise `InputError` with all findings if there was an error."""
         if self.errors:
             raise InputError(self.errors)
         return tuple(self.remarks)
 
 
 def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool = True) -> SectionNode | None:
-    """The root of an XML part as a section; None with an error noted where it is broken or refused.
+    """Return the root of an XML part, None with an error recorded if it is malformed or rejected.
 
-    `fold` makes `<P Name="key">value</P>` a key of the section around it; without it, it stays a section.
+    `fold` turns `<P Name="key">value</P>` into a key of its parent; otherwise it stays a section.
     """
     builder = _XmlSectionBuilder(part, diagnostics, fold)
     try:
@@ -167,7 +154,7 @@ def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool 
     except (expat.ExpatError, ValueError, LookupError) as error:
         message = expat.errors.messages.get(getattr(error, "code", 0), str(error))
         place = f"{part} line {getattr(error, 'lineno', 1)}"
-        diagnostics.error(place, f"is no well-formed XML: {message}", _DAMAGED)
+        diagnostics.error(place, f"is not well-formed XML: {message}", _DAMAGED)
         return None
     return builder.root
 
@@ -202,10 +189,10 @@ class _XmlSectionBuilder:
         elif self.root is None:
             self.root = section
         self.open.append(section)
-        if len(self.open) > DEEPEST:
-            raise self._refused(f"has elements more than {DEEPEST} levels deep")
-        if self.count > MOST_SECTIONS:
-            raise self._refused(f"has more than {MOST_SECTIONS} elements")
+        if len(self.open) > MAX_DEPTH:
+            raise self._refused(f"has elements more than {MAX_DEPTH} levels deep")
+        if self.count > MAX_SECTIONS:
+            raise self._refused(f"has more than {MAX_SECTIONS} elements")
 
     def _key(self, attributes: dict[str, str]) -> None:
         self.pieces.clear()
@@ -231,14 +218,14 @@ class _XmlSectionBuilder:
         raise self._refused(f"declares the entity {name[:60]}", "Remove the declarations within <!DOCTYPE ...>.")
 
     def _skipped(self, name: str, _: bool) -> None:
-        raise self._refused(f"uses the entity {name[:60]}, which it does not declare", "Write the characters.")
+        raise self._refused(f"uses the undeclared entity {name[:60]}", "Replace it by its characters.")
 
     def _refused(self, message: str, remedy: str = "") -> FileRejectedError:
         return self.diagnostics.refuse(f"{self.part} line {self.parser.CurrentLineNumber}", message, remedy)
 
 
 def normalize_name(name: str) -> str:
-    r"""A name with every run of white space, line ends included, as one space.
+    r"""Return a name with each run of white space, line ends included, replaced by one blank.
 
     >>> normalize_name("engine +\n impeller")
     'engine + impeller'
@@ -247,7 +234,7 @@ def normalize_name(name: str) -> str:
 
 
 def brace_text(raw: bytes) -> str:
-    """The characters of a classic file, in the encoding that it names; unreadable ones are replaced."""
+    """Decode a classic file in the encoding it names; undecodable characters are replaced."""
     named = _ENCODING.search(raw[:_HEAD])
     encoding = _ENCODINGS.get(named[1].decode("ascii", "replace").lower(), "") if named else ""
     for candidate in (encoding, "utf-8", "cp1252"):
@@ -259,7 +246,7 @@ def brace_text(raw: bytes) -> str:
 
 
 def brace_sections(text: str, diagnostics: ReadDiagnostics) -> list[SectionNode]:
-    """The sections at the top of a file ("Model", "Stateflow", "MatData"); errors are noted."""
+    """Return the top-level sections ("Model", "Stateflow", "MatData"); errors are recorded."""
     reader = _BraceParser(re.split(r"\r\n|\r|\n", text), diagnostics)
     try:
         reader.read()
@@ -276,7 +263,7 @@ class _BraceParser:
         self.top: list[SectionNode] = []
         self.open: list[SectionNode] = []
         self.count = 0
-        self.whole = True  # whether every matrix so far had its closing bracket
+        self.whole = True  # True if every matrix so far had its closing bracket
 
     def read(self) -> None:
         while self.at < len(self.lines):
@@ -290,14 +277,14 @@ class _BraceParser:
                 self._line(line)
         if self.open:
             first = self.open[-1]
-            message = f"is cut off: {first.kind[:60]} of line {first.line} is never closed"
-            self.diagnostics.error(f"line {len(self.lines)}", message, "Take a complete copy of the file.")
+            message = f"is truncated: {first.kind[:60]} of line {first.line} is never closed"
+            self.diagnostics.error(f"line {len(self.lines)}", message, "Use a complete copy of the file.")
 
     def _line(self, line: str) -> None:
-        found = _LINE.match(line)
-        if found is None:
+        match = _LINE.match(line)
+        if match is None:
             raise self._wrong(line)
-        key, value = found.groups()
+        key, value = match.groups()
         if value == "{":
             self._open(key)
         elif not self.open:
@@ -306,7 +293,7 @@ class _BraceParser:
             self._key(key.removeprefix("$"), self._value(value))
 
     def _key(self, key: str, value: str) -> None:
-        """A key with its value; the elements of an array all have the same key."""
+        """Add a key; all elements of an array have the same key."""
         if key in _BRACE_ELEMENTS and self.open[-1].kind == "Array":
             self.open[-1].parts.append(SectionNode(key, self.at, text=value))
         else:
@@ -317,16 +304,14 @@ class _BraceParser:
         (self.open[-1].parts if self.open else self.top).append(section)
         self.open.append(section)
         self.count += 1
-        if len(self.open) > DEEPEST:
-            raise self.diagnostics.refuse(f"line {self.at}", f"has sections more than {DEEPEST} levels deep")
-        if self.count > MOST_SECTIONS:
-            raise self.diagnostics.refuse(f"line {self.at}", f"has more than {MOST_SECTIONS} sections")
+        if len(self.open) > MAX_DEPTH:
+            raise self.diagnostics.refuse(f"line {self.at}", f"has sections more than {MAX_DEPTH} levels deep")
+        if self.count > MAX_SECTIONS:
+            raise self.diagnostics.refuse(f"line {self.at}", f"has more than {MAX_SECTIONS} sections")
 
     def _close(self) -> None:
         if not self.open:
-            raise self.diagnostics.refuse(
-                f"line {self.at}", "has a } that closes nothing", "Take a complete copy of the file."
-            )
+            raise self.diagnostics.refuse(f"line {self.at}", "has an unmatched }", "Use a complete copy of the file.")
         self.open.pop()
 
     def _value(self, value: str) -> str:
@@ -342,47 +327,47 @@ class _BraceParser:
                 break
             pieces.append(_piece(line))
             self.at += 1
-        return _ESCAPE.sub(lambda found: _ESCAPED.get(found[1], found[1]), "".join(pieces))
+        return _ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), "".join(pieces))
 
     def _matrix(self, value: str) -> str:
-        """A matrix that goes on over further lines, up to the bracket that closes it."""
+        """Return a matrix continued on further lines up to its closing bracket."""
         depth, start = value.count("[") - value.count("]"), self.at
         pieces = [value]
-        while depth > 0 and self.at < min(len(self.lines), start + _LONGEST_MATRIX):
+        while depth > 0 and self.at < min(len(self.lines), start + _MAX_MATRIX_LINES):
             line = self.lines[self.at].strip()
             if line in ("}", "") or line.endswith("{"):
                 break
             pieces.append(line)
             depth += line.count("[") - line.count("]")
             self.at += 1
-        if depth > 0:  # looking ahead once more for each of them would take forever
+        if depth > 0:  # looking ahead again for each would take quadratic time
             self.at, self.whole = start, False
             return value
         return " ".join(pieces)
 
     def _wrong(self, line: str) -> FileRejectedError:
         message = f"is neither a key with its value nor a section: {line[:60]}"
-        return self.diagnostics.refuse(f"line {self.at}", message, "Take a complete copy of the file.")
+        return self.diagnostics.refuse(f"line {self.at}", message, "Use a complete copy of the file.")
 
 
 def _piece(value: str) -> str:
-    """What stands between the first quotes of a line."""
-    found = _STRING.match(value)
-    return found[1] if found else value.strip('"')
+    """Return the text between the first quotes of a line."""
+    match = _STRING.match(value)
+    return match[1] if match else value.strip('"')
 
 
 def json_section(raw: bytes, part: str, diagnostics: ReadDiagnostics) -> SectionNode | None:
-    """The root of a JSON part as a section; None with an error noted where it is broken.
+    """Return the root of a JSON part, None with an error recorded if it is malformed.
 
-    A root that holds one thing only is that thing: `{"BlockDiagram": {...}}`.
+    A root with a single member is that member: `{"BlockDiagram": {...}}`.
     """
     try:
         root = json.loads(raw)
     except (ValueError, RecursionError) as error:
-        diagnostics.error(part, f"is no well-formed JSON: {str(error)[:120]}", _DAMAGED)
+        diagnostics.error(part, f"is not well-formed JSON: {str(error)[:120]}", _DAMAGED)
         return None
     if not isinstance(root, dict):
-        diagnostics.error(part, "is no JSON object", _DAMAGED)
+        diagnostics.error(part, "is not a JSON object", _DAMAGED)
         return None
     converter = _Converter(part, diagnostics)
     if len(root) == 1 and isinstance(inner := next(iter(root.values())), dict):
@@ -396,14 +381,12 @@ class _Converter:
         self.diagnostics = diagnostics
         self.count = 0
 
-    def section(self, kind: str, given: dict[str, Any], depth: int = 0) -> SectionNode:
+    def section(self, kind: str, members: dict[str, Any], depth: int = 0) -> SectionNode:
         self.count += 1
-        if depth > DEEPEST or self.count > MOST_SECTIONS:
-            raise self.diagnostics.refuse(
-                self.part, f"holds more than {MOST_SECTIONS} things or {DEEPEST} levels of them"
-            )
+        if depth > MAX_DEPTH or self.count > MAX_SECTIONS:
+            raise self.diagnostics.refuse(self.part, f"has more than {MAX_SECTIONS} elements or {MAX_DEPTH} levels")
         section = SectionNode(kind, 0)
-        for key, value in given.items():
+        for key, value in members.items():
             if key == _PROPERTIES and isinstance(value, dict):
                 inner = self.section(kind, value, depth + 1)
                 section.keys |= inner.keys
@@ -429,9 +412,9 @@ class _Converter:
             section.keys[key] = _text(value)
 
     def _named(self, key: str, value: dict[str, Any], depth: int) -> SectionNode:
-        made = self.section(key, value, depth + 1)
-        made.keys.setdefault("PropName", key)
-        return made
+        section = self.section(key, value, depth + 1)
+        section.keys.setdefault("PropName", key)
+        return section
 
     def _array(self, key: str, elements: list[Any], depth: int) -> SectionNode:
         objects = [self.section("Object", inner, depth + 1) for inner in elements if isinstance(inner, dict)]
@@ -439,7 +422,7 @@ class _Converter:
 
 
 def _text(value: Any) -> str:
-    """A value as the XML of other releases writes it."""
+    """Return a value as the XML of other releases writes it."""
     if isinstance(value, bool):
         return "on" if value else "off"
     return value if isinstance(value, str) else "" if value is None else json.dumps(value)

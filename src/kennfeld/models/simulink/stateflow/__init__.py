@@ -1,1 +1,1 @@
-"""Stateflow charts: from the tree that `charts.py` reads to the graph of one step."""
+"""Stateflow charts as nodes of the graph."""

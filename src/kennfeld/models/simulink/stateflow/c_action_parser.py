@@ -1,7 +1,7 @@
-"""The C action language of charts, as statements and expressions of `kennfeld.matlab.syntax`.
+"""The parser of the C action language of charts; it produces the syntax tree of `kennfeld.matlab.syntax`.
 
-Elements of arrays are counted from 0 in it and from 1 in the tree. `&`, `|`, `^` and `~` are and, or, power and not
-unless the chart says that they work on bits, which is not supported.
+Array indices count from 0 in C and from 1 in the tree. `&`, `|`, `^` and `~` mean and, or, power and not, unless the
+chart enables bitwise operations, which are not supported.
 """
 
 import re
@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["ActionSyntaxError", "c_expression", "c_statements"]
+__all__ = ["ActionSyntaxError", "parse_c_expression", "parse_c_statements"]
 
-_DEEPEST = 60  # brackets within brackets
+_MAX_DEPTH = 60  # nested brackets
 _WORD = re.compile(
     r"""(?P<number>0[xX][0-9a-fA-F]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?:[fFuUlLcr]{0,3})(?![A-Za-z0-9_])
     |(?P<name>[A-Za-z_]\w*)
@@ -40,7 +40,7 @@ _FUNCTIONS = {"labs": "abs", "ldexp": "", "ml": "", "rand": "", "mod": "rem"}
 
 
 class ActionSyntaxError(Exception):
-    """Text that is none of what charts may hold; it says why."""
+    """Code that is not valid or not supported in charts."""
 
 
 class _Token(NamedTuple):
@@ -48,41 +48,41 @@ class _Token(NamedTuple):
     text: str
 
 
-def c_expression(text: str, bits: bool = False) -> m.Expression:
-    """The tree of an expression; raises `CError`.
+def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
+    """Parse an expression; raises `ActionSyntaxError`.
 
-    >>> c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
+    >>> parse_c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
     True
     """
     reader = _ActionParser(text, bits)
     reader.pass_lines()
-    found = reader.expression()
+    tree = reader.expression()
     reader.pass_lines()
     if reader.token.kind != "over":
-        raise ActionSyntaxError(f"{reader.token.text!r} does not belong to the expression {text.strip()[:60]}")
-    return found
+        raise ActionSyntaxError(f"unexpected {reader.token.text!r} after the expression {text.strip()[:60]}")
+    return tree
 
 
-def c_statements(text: str, bits: bool = False) -> tuple[m.Statement, ...]:
-    """The statements of actions, parted by `;`, `,` or line ends; raises `CError`."""
+def parse_c_statements(text: str, bits: bool = False) -> tuple[m.Statement, ...]:
+    """Parse the statements of an action, separated by `;`, `,` or line ends; raises `ActionSyntaxError`."""
     return _ActionParser(text, bits).statements()
 
 
-def _joined(tokens: list[_Token]) -> list[_Token]:
-    """The words without line ends behind which an expression goes on with an operator."""
-    made: list[_Token] = []
+def _join_lines(tokens: list[_Token]) -> list[_Token]:
+    """Remove line ends in front of binary operators, which continue an expression."""
+    joined: list[_Token] = []
     for token in tokens:
         if token.kind == "operator" and token.text in _BINARY:
-            while made and made[-1].kind == "line":
-                made.pop()
-        made.append(token)
-    return made
+            while joined and joined[-1].kind == "line":
+                joined.pop()
+        joined.append(token)
+    return joined
 
 
 class _ActionParser:
     def __init__(self, text: str, bits: bool) -> None:
-        found = (match for match in _WORD.finditer(text) if match.lastgroup != "blank")
-        self.tokens = _joined([_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in found])
+        matches = (match for match in _WORD.finditer(text) if match.lastgroup != "blank")
+        self.tokens = _join_lines([_Token(str(match.lastgroup), match[match.lastgroup or 0]) for match in matches])
         self.tokens.append(_Token("over", "the end"))
         self.bits, self.at, self.depth, self.text = bits, 0, 0, text
 
@@ -111,49 +111,49 @@ class _ActionParser:
     # statements
 
     def statements(self) -> tuple[m.Statement, ...]:
-        found: list[m.Statement] = []
+        statements: list[m.Statement] = []
         while True:
             while self.token.kind == "line" or self.next_is(";", ","):
                 self.at += 1
             if self.token.kind == "over":
-                return tuple(found)
-            found.append(self._statement())
+                return tuple(statements)
+            statements.append(self._statement())
             if self.token.kind not in ("line", "over") and not self.next_is(";", ","):
                 raise ActionSyntaxError(
-                    f"{self.token.text!r} does not belong to the statement in {self.text.strip()[:60]}"
+                    f"unexpected {self.token.text!r} after the statement in {self.text.strip()[:60]}"
                 )
 
     def _statement(self) -> m.Statement:
         if self.next_is("++", "--"):
             sign = self.take().text[0]
-            return self._changed(self._postfix(), sign, m.Number(1.0))
+            return self._update(self._postfix(), sign, m.Number(1.0))
         if self.next_is("[") and self._is_several():
             return m.Assign(self._targets(), self._value())
         first = self.expression()
         if self.next_is("=", ":="):
             return m.Assign((self._target(first),), self._value())
         if self.next_is("++", "--"):
-            return self._changed(first, self.take().text[0], m.Number(1.0))
+            return self._update(first, self.take().text[0], m.Number(1.0))
         if self.next_is(*_CHANGES):
             operator = _CHANGES[self.take().text]
-            return self._changed(first, operator, self.expression())
-        self._no_bits()
+            return self._update(first, operator, self.expression())
+        self._reject_bitwise()
         return m.Evaluate(first)
 
     def _value(self) -> m.Expression:
         self.at += 1
         self.pass_lines()
-        found = self.expression()
+        value = self.expression()
         if self.next_is("=", ":="):
-            raise ActionSyntaxError(f"it assigns several variables at once in {self.text.strip()[:60]}")
-        return found
+            raise ActionSyntaxError(f"chained assignment in {self.text.strip()[:60]}")
+        return value
 
-    def _changed(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
+    def _update(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
         return m.Assign((self._target(target),), m.Binary(operator, target, by))
 
     def _target(self, target: m.Expression) -> m.Expression:
         if not isinstance(target, (m.Name, m.Call, m.Field)):
-            raise ActionSyntaxError(f"nothing can be assigned to what stands left in {self.text.strip()[:60]}")
+            raise ActionSyntaxError(f"cannot assign to the left side in {self.text.strip()[:60]}")
         return target
 
     def _is_several(self) -> bool:
@@ -164,51 +164,51 @@ class _ActionParser:
 
     def _targets(self) -> tuple[m.Expression, ...]:
         self.at += 1
-        found: list[m.Expression] = []
+        targets: list[m.Expression] = []
         while not self.next_is("]"):
-            found.append(self._target(self._postfix()))
+            targets.append(self._target(self._postfix()))
             if self.next_is(","):
                 self.at += 1
         self.at += 1
-        return tuple(found)
+        return tuple(targets)
 
     # expressions
 
     def expression(self) -> m.Expression:
         self.depth += 1
-        if self.depth > _DEEPEST:
-            raise ActionSyntaxError(f"brackets are nested more than {_DEEPEST} deep")
-        found = self._binary(0)
+        if self.depth > _MAX_DEPTH:
+            raise ActionSyntaxError(f"brackets are nested more than {_MAX_DEPTH} deep")
+        tree = self._binary(0)
         self.depth -= 1
-        return found
+        return tree
 
-    def _no_bits(self) -> None:
+    def _reject_bitwise(self) -> None:
         if self.next_is(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
-            raise ActionSyntaxError(f"the operation {self.token.text} on bits is not supported")
+            raise ActionSyntaxError(f"bitwise operator {self.token.text} is not supported")
 
     def _binary(self, level: int) -> m.Expression:
         if level == len(_LEVELS):
             return self._unary()
         left = self._binary(level + 1)
         while self.next_is(*_LEVELS[level]):
-            self._no_bits()
+            self._reject_bitwise()
             operator = self.take().text
             self.pass_lines()
             right = self._binary(level + 1)
             left = (
                 _remainder(left, right) if operator == "%%" else m.Binary(_WRITTEN.get(operator, operator), left, right)
             )
-        self._no_bits()
+        self._reject_bitwise()
         return left
 
     def _unary(self) -> m.Expression:
         if self.next_is("-", "+", "!", "~"):
-            self._no_bits()
+            self._reject_bitwise()
             operator = self.take().text
             return m.Unary("~" if operator == "!" else operator, self._unary())
         left = self._postfix()
         while self.next_is("^"):
-            self._no_bits()
+            self._reject_bitwise()
             self.at += 1
             left = m.Binary("^", left, self._signed())
         return left
@@ -219,17 +219,17 @@ class _ActionParser:
         return self._postfix()
 
     def _postfix(self) -> m.Expression:
-        found = self._primary()
+        tree = self._primary()
         while True:
             if self.next_is("("):
-                found = self._call(found)
+                tree = self._call(tree)
             elif self.next_is("["):
-                found = m.Call(found, self._indices())
+                tree = m.Call(tree, self._indices())
             elif self.next_is(".") and self.tokens[self.at + 1].kind == "name":
                 self.at += 1
-                found = m.Field(found, self.take().text)
+                tree = m.Field(tree, self.take().text)
             else:
-                return found
+                return tree
 
     def _call(self, of: m.Expression) -> m.Expression:
         name = of.name if isinstance(of, m.Name) else ""
@@ -237,15 +237,15 @@ class _ActionParser:
         if isinstance(of, m.Field) and of.of == m.Name("ml"):
             name = "ml"
         if name in _FUNCTIONS and not _FUNCTIONS[name]:
-            raise ActionSyntaxError(f"it calls {name}, which is not supported")
+            raise ActionSyntaxError(f"{name} is not supported")
         return m.Call(m.Name(_FUNCTIONS[name]) if name in _FUNCTIONS else of, arguments)
 
     def _arguments(self) -> tuple[m.Expression, ...]:
         self.at += 1
-        found: list[m.Expression] = []
+        arguments: list[m.Expression] = []
         self.pass_lines()
         while not self.next_is(")"):
-            found.append(self.expression())
+            arguments.append(self.expression())
             self.pass_lines()
             if self.next_is(","):
                 self.at += 1
@@ -253,18 +253,18 @@ class _ActionParser:
             elif not self.next_is(")"):
                 self.expect(")")
         self.at += 1
-        return tuple(found)
+        return tuple(arguments)
 
     def _indices(self) -> tuple[m.Expression, ...]:
-        found: list[m.Expression] = []
+        indices: list[m.Expression] = []
         while self.next_is("["):
             self.at += 1
             index = self.expression()
             self.expect("]")
-            found.append(
+            indices.append(
                 m.Number(index.value + 1) if isinstance(index, m.Number) else m.Binary("+", index, m.Number(1.0))
             )
-        return tuple(found)
+        return tuple(indices)
 
     def _primary(self) -> m.Expression:
         token = self.take()
@@ -277,10 +277,10 @@ class _ActionParser:
                 return m.Text(text[1:-1], text[0] == '"')
             case "operator", "(":
                 self.pass_lines()
-                found = self.expression()
+                tree = self.expression()
                 self.expect(")")
-                return found
-        raise ActionSyntaxError(f"{token.text!r} cannot be read in {self.text.strip()[:60]}")
+                return tree
+        raise ActionSyntaxError(f"unexpected {token.text!r} in {self.text.strip()[:60]}")
 
 
 def _remainder(left: m.Expression, right: m.Expression) -> m.Expression:

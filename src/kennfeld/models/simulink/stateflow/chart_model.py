@@ -1,4 +1,4 @@
-"""A chart with its parts tied together: states in states, transitions at what they leave, names in their scopes."""
+"""The linked model of a chart: nested states, transitions at their sources, names in their scopes."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -14,9 +14,9 @@ from kennfeld.models.simulink.reader.model_tree import (
 )
 from kennfeld.models.simulink.stateflow.label_parser import (
     ActionLanguage,
-    state_label,
-    transition_label,
-    without_comments,
+    parse_state_label,
+    parse_transition_label,
+    strip_comments,
 )
 
 __all__ = [
@@ -30,12 +30,12 @@ __all__ = [
     "TransitionEdge",
 ]
 
-_DEEPEST = 40  # states within states
+_MAX_DEPTH = 40  # nested states
 
 
 @dataclass(eq=False)
 class StateAction:
-    """Statements of a state; `kind` is "entry", "during", "exit" or "on", then with the `event`."""
+    """Statements of a state; `kind` is "entry", "during", "exit" or "on", the latter with its `event`."""
 
     kind: str
     body: tuple[m.Statement, ...]
@@ -44,10 +44,10 @@ class StateAction:
 
 @dataclass(eq=False)
 class StateNode:
-    """A state, or the chart itself, which has no parent. `number` counts it among its siblings, from 1.
+    """A state, or the chart itself, which has no parent; `number` counts it among its siblings, from 1.
 
-    `outer` and `inner` are the transitions that leave it outwards and inwards, `defaults` those that lead to its
-    children from nowhere.
+    `outer` and `inner` are the transitions that leave it outwards and inwards, `defaults` the default transitions to
+    its children.
     """
 
     id: str
@@ -64,8 +64,8 @@ class StateNode:
     defaults: "list[TransitionEdge]" = field(default_factory=list)
 
     @property
-    def around(self) -> "Iterator[StateNode]":
-        """The state and those around it, from the inside."""
+    def ancestors(self) -> "Iterator[StateNode]":
+        """The state and its ancestors, innermost first."""
         here: StateNode | None = self
         while here is not None:
             yield here
@@ -73,45 +73,45 @@ class StateNode:
 
     @property
     def active_key(self) -> str:
-        """The memory of whether it is active, of a state among parallel ones."""
+        """The memory of the activity of a parallel state."""
         return f"active {self.id}"
 
     @property
     def child_key(self) -> str:
-        """The memory of which of its children is active, by their numbers; 0 where none is."""
+        """The memory of the number of the active child; 0 if there is none."""
         return f"child {self.id}"
 
     @property
     def history_key(self) -> str:
-        """The memory of which of its children was active last."""
+        """The memory of the number of the last active child."""
         return f"history {self.id}"
 
     @property
     def path(self) -> str:
-        """The names from the outside; empty for the chart."""
-        return ".".join(reversed([one.name for one in self.around if one.parent is not None]))
+        """The names from the outermost state; empty for the chart."""
+        return ".".join(reversed([state.name for state in self.ancestors if state.parent is not None]))
 
     @property
-    def below(self) -> "Iterator[StateNode]":
+    def descendants(self) -> "Iterator[StateNode]":
         """The state and all states in it."""
         yield self
         for child in self.children:
-            yield from child.below
+            yield from child.descendants
 
 
 @dataclass(eq=False)
 class JunctionNode:
-    """A connective or history junction; `holder` is the state around it."""
+    """A connective or history junction; `holder` is the state that contains it."""
 
     id: str
     holder: StateNode
     history: bool = False
-    arrows: "list[TransitionEdge]" = field(default_factory=list)
+    transitions: "list[TransitionEdge]" = field(default_factory=list)
 
 
 @dataclass(eq=False)
 class TransitionEdge:
-    """A transition; `holder` is the state that it is drawn in."""
+    """A transition; `holder` is the state that contains it."""
 
     place: str
     target: StateNode | JunctionNode
@@ -124,13 +124,13 @@ class TransitionEdge:
 
     @property
     def free(self) -> bool:
-        """Whether nothing can keep it from being taken."""
+        """True if the transition is unconditional."""
         return not self.events and self.condition is None
 
 
 @dataclass(eq=False)
 class ChartFunction:
-    """A function of the chart: its flow chart, or its code in MATLAB."""
+    """A function of the chart: its flow chart, or its MATLAB code."""
 
     name: str
     state: StateNode
@@ -142,7 +142,7 @@ class ChartFunction:
 
 @dataclass(frozen=True)
 class ChartVariable:
-    """A variable; `key` tells it from all others of the chart."""
+    """A variable; `key` identifies it within the chart."""
 
     key: str
     written: StoredData
@@ -150,7 +150,7 @@ class ChartVariable:
 
 @dataclass(frozen=True)
 class ChartEvent:
-    """An event; `owner` is the state that executes where it is broadcast."""
+    """An event; `owner` is the state that is executed when it is broadcast."""
 
     key: str
     written: StoredEvent
@@ -158,7 +158,7 @@ class ChartEvent:
 
 
 class ChartModel:
-    """The parts of a chart."""
+    """The states, junctions, transitions, functions, variables and events of a chart."""
 
     def __init__(self, chart: StoredChart) -> None:
         self.chart = chart
@@ -171,8 +171,8 @@ class ChartModel:
         self.events: dict[tuple[str, str], ChartEvent] = {}
         self._drawn = {state.id: state for state in chart.states}
         self._states()
-        self._knots = {one.id: self._knot(one.id, one.type, one.parent) for one in chart.junctions}
-        self._arrows()
+        self._junctions = {one.id: self._junction(one.id, one.type, one.parent) for one in chart.junctions}
+        self._add_transitions()
         self._names()
 
     # states
@@ -191,23 +191,23 @@ class ChartModel:
         parent = self.holder(drawn.parent)
         if parent is None:
             return None
-        if len(list(parent.around)) > _DEEPEST:
-            raise UnsupportedError(f"its states lie more than {_DEEPEST} deep within each other")
-        made = StateNode(drawn.id, drawn.name, parent, drawn.decomposition == "SET_STATE", order=drawn.order)
-        self.states[drawn.id] = made
+        if len(list(parent.ancestors)) > _MAX_DEPTH:
+            raise UnsupportedError(f"states are nested more than {_MAX_DEPTH} levels deep")
+        state = StateNode(drawn.id, drawn.name, parent, drawn.decomposition == "SET_STATE", order=drawn.order)
+        self.states[drawn.id] = state
         if drawn.type == "FUNC_STATE":
-            self._function(drawn, made)
-            return made
-        label = state_label(drawn.label, self.chart.language)
-        made.name = label.name
-        made.actions = tuple(self._actions(drawn, made))
+            self._function(drawn, state)
+            return state
+        label = parse_state_label(drawn.label, self.chart.language)
+        state.name = label.name
+        state.actions = tuple(self._actions(drawn, state))
         if drawn.special:
-            raise UnsupportedError(f"its state {made.path} is {drawn.special}")
-        parent.children.append(made)
-        return made
+            raise UnsupportedError(f"state {state.path} is {drawn.special}, which is not supported")
+        parent.children.append(state)
+        return state
 
     def holder(self, number: str) -> StateNode | None:
-        """The state of a number; of a box the state around it."""
+        """Return the state with an identifier; for a box, the state that contains it."""
         if number in self.states:
             return self.states[number]
         drawn = self._drawn.get(number)
@@ -220,71 +220,73 @@ class ChartModel:
             orders = [child.order for child in state.children]
             if len(set(orders)) < len(orders):
                 raise UnsupportedError(
-                    f"the file does not say in which order the parallel states of {_said(state)} run"
+                    f"the execution order of the parallel states of {_describe(state)} is not stated"
                 )
             state.children.sort(key=lambda child: child.order)
         for number, child in enumerate(state.children, 1):
             child.number = number
 
     def _actions(self, drawn: StoredState, state: StateNode) -> Iterator[StateAction]:
-        label = state_label(drawn.label, self.chart.language)
+        label = parse_state_label(drawn.label, self.chart.language)
         if label.bare and self.chart.language == "C":
-            message = f"its state {state.path} has actions without a keyword, which releases read differently"
-            raise UnsupportedError(message, "Write entry: or entry, during: before them.")
-        for one in label.actions:
-            place = f"its state {state.path}"
-            if one.kind == "bind":
-                raise UnsupportedError(f"{place} binds variables or events")
-            events = self.language.events(one.event, place)
-            yield StateAction(one.kind, self.language.statements(one.code, place), events)
+            message = f"state {state.path} has actions without a keyword, whose meaning depends on the release"
+            raise UnsupportedError(message, "Write entry: or entry, during: before these actions.")
+        for action in label.actions:
+            place = f"state {state.path}"
+            if action.kind == "bind":
+                raise UnsupportedError(f"{place}: bind actions are not supported")
+            events = self.language.events(action.event, place)
+            yield StateAction(action.kind, self.language.statements(action.code, place), events)
 
     def _function(self, drawn: StoredState, state: StateNode) -> None:
-        signature = without_comments(drawn.label, self.chart.language).strip()
-        left, equals, right = signature.rpartition("=")
+        signature = strip_comments(drawn.label, self.chart.language).strip()
+        outputs, equals, right = signature.rpartition("=")
         name, _, rest = right.partition("(")
         words = [word.strip() for word in rest.partition(")")[0].split(",") if word.strip()]
-        results = [word for word in left.strip(" \t\n[]").replace(",", " ").split() if equals]
+        results = [word for word in outputs.strip(" \t\n[]").replace(",", " ").split() if equals]
         state.name = name.strip()
-        made = ChartFunction(state.name, state, tuple(words), tuple(results), drawn.script, drawn.special)
-        self.functions[state.parent.id if state.parent else "", state.name] = made
+        function = ChartFunction(state.name, state, tuple(words), tuple(results), drawn.script, drawn.special)
+        self.functions[state.parent.id if state.parent else "", state.name] = function
 
     # transitions
 
-    def _knot(self, number: str, kind: str, parent: str) -> JunctionNode:
+    def _junction(self, number: str, kind: str, parent: str) -> JunctionNode:
         holder = self.holder(parent) or self.root
         if kind == "HISTORY_JUNCTION":
             holder.history = True
         return JunctionNode(number, holder, kind == "HISTORY_JUNCTION")
 
-    def _arrows(self) -> None:
+    def _add_transitions(self) -> None:
         for drawn in self.chart.transitions:
             holder = self.holder(drawn.parent)
-            target = self._knots.get(drawn.target) or self.states.get(drawn.target)
+            target = self._junctions.get(drawn.target) or self.states.get(drawn.target)
             if target is None or holder is None:
                 if drawn.label.strip() or drawn.source:
-                    raise UnsupportedError(f"a transition of it ({drawn.label.strip()[:60]}) leads nowhere")
+                    raise UnsupportedError(f"transition {drawn.label.strip()[:60]} has no destination")
                 continue
-            self._leaving(drawn, holder).append(self._arrow(drawn, target, holder))
-        for arrows in self._all_arrows():
-            _sort(arrows)
+            self._leaving(drawn, holder).append(self._transition(drawn, target, holder))
+        for transitions in self._all_transitions():
+            _sort(transitions)
 
-    def _all_arrows(self) -> Iterable[list[TransitionEdge]]:
+    def _all_transitions(self) -> Iterable[list[TransitionEdge]]:
         for state in self.states.values():
             yield from (state.outer, state.inner, state.defaults)
-        yield from (knot.arrows for knot in self._knots.values())
+        yield from (junction.transitions for junction in self._junctions.values())
 
     def _leaving(self, drawn: StoredTransition, holder: StateNode) -> list[TransitionEdge]:
-        if drawn.source in self._knots:
-            return self._knots[drawn.source].arrows
+        if drawn.source in self._junctions:
+            return self._junctions[drawn.source].transitions
         source = self.states.get(drawn.source)
         if source is None or not drawn.source:
             return holder.defaults
         return source.inner if source is holder else source.outer
 
-    def _arrow(self, drawn: StoredTransition, target: StateNode | JunctionNode, holder: StateNode) -> TransitionEdge:
-        label = transition_label(drawn.label, self.chart.language)
-        said = " ".join(drawn.label.split())[:60]
-        place = f"its transition {said}" if said else "a transition of it"
+    def _transition(
+        self, drawn: StoredTransition, target: StateNode | JunctionNode, holder: StateNode
+    ) -> TransitionEdge:
+        label = parse_transition_label(drawn.label, self.chart.language)
+        text = " ".join(drawn.label.split())[:60]
+        place = f"transition {text}" if text else "transition without label"
         if label.fault:
             raise UnsupportedError(f"{place}: {label.fault}")
         condition = self.language.expression(label.condition, place) if label.condition else None
@@ -294,87 +296,87 @@ class ChartModel:
         return TransitionEdge(place, target, holder, drawn.order, events, condition, before, after)
 
     @property
-    def knots(self) -> Iterable[JunctionNode]:
+    def junctions(self) -> Iterable[JunctionNode]:
         """All junctions."""
-        return self._knots.values()
+        return self._junctions.values()
 
     @property
     def awaited(self) -> Iterator[m.Expression]:
         """All events that labels wait for."""
-        for arrows in self._all_arrows():
-            for arrow in arrows:
-                yield from arrow.events
+        for transitions in self._all_transitions():
+            for transition in transitions:
+                yield from transition.events
         for state in self.states.values():
             for action in state.actions:
                 yield from action.event
 
     @property
     def inputs(self) -> list[ChartEvent]:
-        """The events that come from outside, in the order of the elements of the trigger."""
-        return [one for one in self.events.values() if one.written.scope == "INPUT_EVENT"]
+        """The input events, in the order of the trigger elements."""
+        return [event for event in self.events.values() if event.written.scope == "INPUT_EVENT"]
 
     # names
 
     def _names(self) -> None:
-        for one in self.chart.data:
-            holder = self.holder(one.parent)
-            key = f"{holder.path}.{one.name}" if holder is not None and holder.parent is not None else one.name
-            self.data[holder.id if holder is not None else "", one.name] = ChartVariable(key, one)
+        for data in self.chart.data:
+            holder = self.holder(data.parent)
+            key = f"{holder.path}.{data.name}" if holder is not None and holder.parent is not None else data.name
+            self.data[holder.id if holder is not None else "", data.name] = ChartVariable(key, data)
         for event in self.chart.events:
             owner = self.holder(event.parent) or self.root
             self.events[owner.id, event.name] = ChartEvent(f"{owner.path}.{event.name}", event, owner)
 
     def datum(self, name: str, scope: StateNode) -> ChartVariable | None:
-        """The variable that a name means in a state."""
-        return next((found for one in scope.around if (found := self.data.get((one.id, name)))), None)
+        """Return the variable of a name in the scope of a state."""
+        return next((variable for state in scope.ancestors if (variable := self.data.get((state.id, name)))), None)
 
     def event(self, name: str, scope: StateNode) -> ChartEvent | None:
-        """The event that a name means in a state."""
-        return next((found for one in scope.around if (found := self.events.get((one.id, name)))), None)
+        """Return the event of a name in the scope of a state."""
+        return next((event for state in scope.ancestors if (event := self.events.get((state.id, name)))), None)
 
     def function(self, name: str, scope: StateNode) -> ChartFunction | None:
-        """The function that a name means in a state; where none is around, the only one of the name."""
-        near = next((found for one in scope.around if (found := self.functions.get((one.id, name)))), None)
+        """Return the function of a name in the scope of a state, else the only one of this name."""
+        near = next((function for state in scope.ancestors if (function := self.functions.get((state.id, name)))), None)
         if near is not None:
             return near
-        far = [one for (_, other), one in self.functions.items() if other == name]
+        far = [state for (_, key), state in self.functions.items() if key == name]
         return far[0] if len(far) == 1 else None
 
-    def state(self, way: list[str], scope: StateNode) -> StateNode | None:
-        """The state at the end of a way of names, sought from the inside to the outside, then anywhere."""
-        for one in scope.around:
-            found = _down(one, way) or (_down(one, way[1:]) if one.name == way[0] and len(way) > 1 else None)
-            if found is not None:
-                return found
-        if len(way) == 1 and scope.name == way[0]:
+    def state(self, path: list[str], scope: StateNode) -> StateNode | None:
+        """Return the state at the end of a path of names, sought from the inside outwards, then anywhere."""
+        for start in scope.ancestors:
+            state = _down(start, path) or (_down(start, path[1:]) if start.name == path[0] and len(path) > 1 else None)
+            if state is not None:
+                return state
+        if len(path) == 1 and scope.name == path[0]:
             return scope
-        ends = [one for one in self.root.below if one.path.split(".")[-len(way) :] == way]
+        ends = [start for start in self.root.descendants if start.path.split(".")[-len(path) :] == path]
         return ends[0] if len(ends) == 1 else None
 
 
-def _down(state: StateNode, way: list[str]) -> StateNode | None:
+def _down(state: StateNode, path: list[str]) -> StateNode | None:
     here: StateNode | None = state
-    for name in way:
+    for name in path:
         here = next((child for child in here.children if child.name == name), None) if here is not None else None
     return here
 
 
-def _said(state: StateNode) -> str:
+def _describe(state: StateNode) -> str:
     return state.path or "the chart"
 
 
-def _sort(arrows: list[TransitionEdge]) -> None:
-    """By the order that the file states; old files order by what labels ask for."""
-    if len(arrows) > 1 and len({arrow.order for arrow in arrows}) < len(arrows):
-        kinds = [_kind(arrow) for arrow in arrows]
+def _sort(transitions: list[TransitionEdge]) -> None:
+    """Sort by the stated execution order; old files order by the kind of label."""
+    if len(transitions) > 1 and len({transition.order for transition in transitions}) < len(transitions):
+        kinds = [_kind(transition) for transition in transitions]
         if len(set(kinds)) < len(kinds):
             raise UnsupportedError(
-                f"the file does not say when {arrows[0].place} is tried", "Save it with a newer release."
+                f"the execution order of {transitions[0].place} is not stated", "Save the model with a newer release."
             )
-        arrows.sort(key=_kind)
+        transitions.sort(key=_kind)
     else:
-        arrows.sort(key=lambda arrow: arrow.order)
+        transitions.sort(key=lambda transition: transition.order)
 
 
-def _kind(arrow: TransitionEdge) -> int:
-    return (0 if arrow.condition is not None else 1) if arrow.events else (2 if arrow.condition is not None else 3)
+def _kind(transition: TransitionEdge) -> int:
+    return 2 * (not transition.events) + (transition.condition is None)

@@ -1,4 +1,4 @@
-"""Functions of MATLAB in the code of a chart: those of the library of MATLAB Functions."""
+"""MATLAB functions in the code of a chart, from the library of MATLAB Function blocks."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -13,18 +13,25 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import SymbolicValue, as_array, force
 
-__all__ = ["is_of_library", "results_of"]
+__all__ = ["call_library_function", "is_library_function"]
 
-_FIXED: Final = frozenset({"zeros", "ones", "reshape", "linspace", "numel", "length"})  # sizes are told by expressions
-_ALONG: Final = frozenset({"min", "max", "sum", "prod"})  # of more forms of arrays than expressions know
+_FIXED: Final = frozenset({"zeros", "ones", "reshape", "linspace", "numel", "length"})  # their sizes must be constant
+_ALONG: Final = frozenset({"min", "max", "sum", "prod"})  # block parameters support fewer shapes of arrays
 
 
-def is_of_library(name: str) -> bool:
-    """Whether a name is that of a function which expressions do not know by themselves."""
+def is_library_function(name: str) -> bool:
+    """Return True if the library, but not the expressions of block parameters, has this function."""
     return name in SYMBOLIC_FUNCTIONS and (name in _ALONG or name not in KNOWN | _FIXED)
 
 
-def results_of(builder: GraphBuilder, name: str, arguments: Sequence[SymbolicValue], wanted: int) -> list[Nodes]:
-    """The results of a function, as many as are wanted or fewer, each Int[rows, columns]; raises `CodeError`."""
-    made = SYMBOLIC_FUNCTIONS[name].results(StatementInterpreter(EvaluationContext(builder)).calls, arguments, wanted)
-    return [np.asarray(as_array(force(one), f"a result of {name}"), dtype=np.int64) for one in made]
+def call_library_function(
+    builder: GraphBuilder, name: str, arguments: Sequence[SymbolicValue], wanted: int
+) -> list[Nodes]:
+    """Return up to `wanted` results of a function, each Int[rows, columns].
+
+    Raises:
+        ProgramError: The function is not defined for these arguments.
+    """
+    evaluator = StatementInterpreter(EvaluationContext(builder)).calls
+    results = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, wanted)
+    return [np.asarray(as_array(force(result), f"a result of {name}"), dtype=np.int64) for result in results]

@@ -1,6 +1,6 @@
-"""Functions of a chart, drawn as flow charts or written as code: each call has variables of its own.
+"""Statements and functions of the code of a chart, run under a guard.
 
-The statements of a chart's code, each run under a guard; both sides of a decision are built, loops unrolled.
+Both sides of a decision are built, loops are unrolled, and each function call has its own variables.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,93 +25,20 @@ if TYPE_CHECKING:
 
 __all__ = ["ChartFunctionCalls", "GuardedStatements"]
 
-Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # the node of a condition, asked where a guard holds
+Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # returns the node of a condition under a guard
 
-_SHOWN = frozenset({"disp", "display", "printf", "fprintf", "sprintf", "warning", "error", "assert"})
-
-
-class ChartFunctionCalls:
-    """The functions of a machine's chart."""
-
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.diagram = machine.diagram
-        self.variables = machine.variables
-        self._frames = 0
-
-    def call(
-        self, function: ChartFunction, given: list[Nodes | None], context: ActionContext, guard: Guard
-    ) -> tuple[list[Nodes], Guard | None]:
-        """Run a function of the chart; what it gives, and the guard where it comes back."""
-        if function.refused:
-            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", DEFAULT_REMEDY)
-        if len(given) > len(function.parameters):
-            raise UnsupportedError(f"{context.place}: {function.name} is given {len(given)} values")
-        with self.machine.deeper(f"calls {function.name}"):
-            frame, after = self._followed(function, given, context, guard)
-        results = [f"{frame}.{name}" for name in function.results]
-        missing = [name for name in results if name not in self.variables]
-        if missing and after is not None:
-            raise UnsupportedError(f"its function {function.name} gives {missing[0].split('.')[-1]} no value")
-        return [self.variables.values[name] for name in results], after
-
-    def _followed(
-        self, function: ChartFunction, given: list[Nodes | None], context: ActionContext, guard: Guard
-    ) -> tuple[str, Guard | None]:
-        """Follow a function; the frame that its variables are in, and the guard where it comes back."""
-        self._frames += 1
-        frame = f"{function.name}#{self._frames}"
-        here = replace(context, scope=function.state, frame=frame, place=f"its function {function.name}")
-        here = replace(here, alive=lambda found: found)
-        self._bind(function, frame, given)
-        after = self._coded(function, here, guard) if function.script else self._drawn(function, here, guard)
-        return frame, after
-
-    def _bind(self, function: ChartFunction, frame: str, given: list[Nodes | None]) -> None:
-        for name, nodes in zip(function.parameters, given, strict=False):
-            if nodes is not None:
-                self.variables.values[f"{frame}.{name}"] = nodes
-        if function.script:
-            return
-        for data in self.diagram.data.values():
-            mine = self.diagram.holder(data.written.parent) is function.state
-            if mine and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
-                start = self.variables.values[data.key]
-                self.variables.values[f"{frame}.{data.written.name}"] = start
-
-    def _drawn(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
-        self.machine.flow(function.state, context, guard)
-        return guard
-
-    def _coded(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
-        try:
-            script = parse_script(function.script, function.name)
-        except InputError as error:
-            raise UnsupportedError(f"its function {function.name}: {error.findings[0].message}") from None
-        found = next((one for one in script.functions if one.name == function.name), None)
-        if found is None:
-            raise UnsupportedError(f"the code of its function {function.name} defines no function of that name")
-        for name, other in zip(found.parameters, function.parameters, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{other}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{name}"] = value
-        after = self.machine.statements.function(found.body, context, guard)
-        for name, other in zip(found.results, function.results, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{other}"] = value
-        return after
+_OUTPUT_FUNCTIONS = frozenset({"disp", "display", "printf", "fprintf", "sprintf", "warning", "error", "assert"})
 
 
 @dataclass
 class _Jumps:
-    """Where statements have left a loop, gone to its next turn, or left the function."""
+    """The guards of `break` and `continue` in a loop."""
 
     found: dict[str, list[Guard | None]] = field(default_factory=lambda: {"break": [], "continue": []})
 
 
 class GuardedStatements:
-    """Runs statements for a machine."""
+    """Runs the statements of a chart."""
 
     def __init__(self, machine: "ChartExecution", values: ChartExpressions) -> None:
         self.machine = machine
@@ -121,7 +48,7 @@ class GuardedStatements:
         self._returns: list[list[Guard | None]] = []
 
     def run(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None) -> Guard | None:
-        """Run statements; the guard where they come to their end, None where they never do."""
+        """Run statements; return the guard at their end, None if they never reach it."""
         for statement in body:
             if guard is None:
                 return None
@@ -133,12 +60,12 @@ class GuardedStatements:
         return guard
 
     def function(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard) -> Guard | None:
-        """Run the body of a function; the guard where it comes back."""
+        """Run the body of a function; return the guard after it."""
         self._returns.append([])
         loops, self._loops = self._loops, []
         end = self.run(body, context, guard)
         self._loops = loops
-        return self.logic.either([end, *self._returns.pop()])
+        return self.logic.any_of([end, *self._returns.pop()])
 
     def _statement(self, statement: m.Statement, context: ActionContext, guard: Guard) -> Guard | None:
         match statement:
@@ -160,7 +87,7 @@ class GuardedStatements:
                 self._jump(kind, context, guard)
                 return None
         kind = type(statement).__name__.lower()
-        raise UnsupportedError(f"{context.place}: it has a statement that is not supported ({kind})")
+        raise UnsupportedError(f"{context.place}: unsupported statement ({kind})")
 
     # assignments and calls
 
@@ -172,10 +99,10 @@ class GuardedStatements:
             return guard
         name = value.of.name if isinstance(value, m.Call) and isinstance(value.of, m.Name) else ""
         if not isinstance(value, m.Call):
-            raise UnsupportedError(f"{context.place}: it takes several results of what is no function")
+            raise UnsupportedError(f"{context.place}: several results require a function call")
         results, after = self._results(name, value.arguments, len(targets), context, guard)
         if len(results) < len(targets):
-            raise UnsupportedError(f"{context.place}: it takes {len(targets)} results of {name}, which has fewer")
+            raise UnsupportedError(f"{context.place}: {name} returns fewer than {len(targets)} results")
         for target, result in zip(targets, results, strict=False):
             self._store(target, result, context, guard)
         return after
@@ -183,16 +110,14 @@ class GuardedStatements:
     def _results(
         self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: ActionContext, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
-        """The results of a function of the chart or of MATLAB, and the guard where what called it goes on."""
+        """Return the results of a function of the chart or of MATLAB, and the guard after the call."""
         function = self.values.diagram.function(name, context.scope)
         if function is not None:
-            given = self.values.given(arguments, context, guard)
-            return self.machine.functions.call(function, given, context, guard)
-        results = self.values.library(name, arguments, wanted, context, guard)
+            values = self.values.evaluate_arguments(arguments, context, guard)
+            return self.machine.functions.call(function, values, context, guard)
+        results = self.values.call_library(name, arguments, wanted, context, guard)
         if not results:
-            message = (
-                f"it takes several results of {name}, which is no function of the chart or of MATLAB that is known"
-            )
+            message = f"unknown function {name} with several results"
             raise UnsupportedError(f"{context.place}: {message}")
         return results, guard
 
@@ -200,11 +125,11 @@ class GuardedStatements:
         if target is None:
             return
         base, indices = (target.of, target.arguments) if isinstance(target, m.Call) else (target, None)
-        key = self.values.key_of(base, context)
+        key = self.values.resolve_key(base, context)
         if key is None and context.frame and isinstance(base, m.Name) and indices is None:
             key = f"{context.frame}.{base.name}"
         if key is None:
-            raise UnsupportedError(f"{context.place}: it assigns to what is no variable of the chart")
+            raise UnsupportedError(f"{context.place}: assignment to an unknown variable")
         self.machine.check_writable(key, context)
         old = self.values.variables.values.get(key)
         if indices is not None:
@@ -212,7 +137,7 @@ class GuardedStatements:
         else:
             self.values.variables.set(key, new, guard)
         if old is not None:
-            self.machine.events.written(key, old, guard)
+            self.machine.events.notify_change(key, old, guard)
 
     def _evaluate(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Guard | None:
         sent = self.values.event(tree, context)
@@ -222,12 +147,12 @@ class GuardedStatements:
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
         function = self.values.diagram.function(name, context.scope)
         if function is not None and isinstance(tree, m.Call):
-            given = self.values.given(tree.arguments, context, guard)
-            return self.machine.functions.call(function, given, context, guard)[1]
-        if name in _SHOWN:
+            values = self.values.evaluate_arguments(tree.arguments, context, guard)
+            return self.machine.functions.call(function, values, context, guard)[1]
+        if name in _OUTPUT_FUNCTIONS:
             return guard
         message = name or (tree.name if isinstance(tree, m.Name) else "an expression")
-        raise UnsupportedError(f"{context.place}: it runs {message}, which is no event or function of the chart")
+        raise UnsupportedError(f"{context.place}: {message} is not an event or a function of the chart")
 
     # decisions
 
@@ -238,8 +163,8 @@ class GuardedStatements:
         context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
-        made = [(partial(self.values.one, branch.condition), branch.body) for branch in branches]
-        return self._decide(made, otherwise, context, guard)
+        conditions = [(partial(self.values.scalar, branch.condition), branch.body) for branch in branches]
+        return self._decide(conditions, otherwise, context, guard)
 
     def _switch(
         self,
@@ -250,79 +175,79 @@ class GuardedStatements:
         guard: Guard,
     ) -> Guard | None:
         chosen = self.values.nodes(subject, context, guard)
-        made = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
-        return self._decide(made, otherwise, context, guard)
+        conditions = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
+        return self._decide(conditions, otherwise, context, guard)
 
     def _matches(self, subject: Nodes, case: m.Expression, context: ActionContext, guard: Guard) -> int:
-        """Whether a case, or one of several in curly brackets, is that of a switch."""
-        several = case.rows if isinstance(case, m.CellArray) else ((case,),)
-        found = self.values.builder.const(0.0)
-        for one in (one for row in several for one in row):
-            value = self.values.nodes(one, context, guard)
+        """Return the node that is 1 if a case, or one of several in braces, matches."""
+        options = case.rows if isinstance(case, m.CellArray) else ((case,),)
+        matches = self.values.builder.const(0.0)
+        for option in (option for row in options for option in row):
+            value = self.values.nodes(option, context, guard)
             if subject.size != 1 or value.size != 1:
-                raise UnsupportedError(f"{context.place}: switch decides on several elements")
+                raise UnsupportedError(f"{context.place}: switch requires scalars")
             equal = self.values.builder.call("eq", int(subject.item()), int(value.item()))
-            found = self.values.builder.call("or", found, equal)
-        return found
+            matches = self.values.builder.call("or", matches, equal)
+        return matches
 
     def _decide(
         self,
-        ways: Sequence[tuple[Condition, tuple[m.Statement, ...]]],
+        paths: Sequence[tuple[Condition, tuple[m.Statement, ...]]],
         otherwise: tuple[m.Statement, ...],
         context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
-        """Run the first statements whose condition holds, else the others."""
+        """Run the statements of the first condition that holds, else the others."""
         ends: list[tuple[Guard | None, Guard | None]] = []
-        left: Guard | None = guard
-        for condition, body in ways:
-            if left is None:
+        remaining: Guard | None = guard
+        for condition, body in paths:
+            if remaining is None:
                 break
-            holds = condition(context, left)
-            begun = self.logic.where(left, holds)
+            holds = condition(context, remaining)
+            begun = self.logic.narrow(remaining, holds)
             ends.append((begun, self.run(body, context, begun)))
-            left = self.logic.where(left, holds, holds=False)
-        ends.append((left, self.run(otherwise, context, left)))
+            remaining = self.logic.narrow(remaining, holds, holds=False)
+        ends.append((remaining, self.run(otherwise, context, remaining)))
         if all(begun is end for begun, end in ends):  # no side was left early
             return guard
-        return self.logic.either([end for _, end in ends])
+        return self.logic.any_of([end for _, end in ends])
 
     # loops
 
     def _for(
         self, name: str, values: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
     ) -> Guard | None:
-        left: Guard | None = guard
+        remaining: Guard | None = guard
         jumps = _Jumps()
         self._loops.append(jumps)
         for column in self.values.nodes(values, context, guard).T:
-            if left is None:
+            if remaining is None:
                 break
-            self._store(m.Name(name), np.asarray(column).reshape(-1, 1), context, left)
-            left = self._turn(body, context, left, jumps)
+            self._store(m.Name(name), np.asarray(column).reshape(-1, 1), context, remaining)
+            remaining = self._turn(body, context, remaining, jumps)
         self._loops.pop()
-        return self.logic.either([left, *jumps.found["break"]])
+        return self.logic.any_of([remaining, *jumps.found["break"]])
 
     def _while(
         self, condition: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
     ) -> Guard | None:
-        left: Guard | None = guard
+        remaining: Guard | None = guard
         jumps, over = _Jumps(), list[Guard | None]()
         self._loops.append(jumps)
-        while left is not None:
+        while remaining is not None:
             self.machine.work()
-            holds = self.values.one(condition, context, left)
-            over.append(self.logic.where(left, holds, holds=False))
-            left = self._turn(body, context, self.logic.where(left, holds), jumps)
+            holds = self.values.scalar(condition, context, remaining)
+            over.append(self.logic.narrow(remaining, holds, holds=False))
+            remaining = self._turn(body, context, self.logic.narrow(remaining, holds), jumps)
         self._loops.pop()
-        return self.logic.either([*over, *jumps.found["break"]])
+        return self.logic.any_of([*over, *jumps.found["break"]])
 
     def _turn(
         self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None, jumps: _Jumps
     ) -> Guard | None:
         end = self.run(body, context, guard)
-        gone, jumps.found["continue"] = jumps.found["continue"], []
-        return self.logic.either([end, *gone])
+        continued, jumps.found["continue"] = jumps.found["continue"], []
+        return self.logic.any_of([end, *continued])
 
     def _jump(self, kind: str, context: ActionContext, guard: Guard) -> None:
         if kind == "return" and self._returns:
@@ -330,4 +255,77 @@ class GuardedStatements:
         elif self._loops and kind in self._loops[-1].found:
             self._loops[-1].found[kind].append(guard)
         else:
-            raise UnsupportedError(f"{context.place}: {kind} stands outside of what it leaves")
+            raise UnsupportedError(f"{context.place}: {kind} outside of a loop or function")
+
+
+class ChartFunctionCalls:
+    """Calls of the functions of a chart, drawn as flow charts or written as code."""
+
+    def __init__(self, machine: "ChartExecution") -> None:
+        self.machine = machine
+        self.diagram = machine.diagram
+        self.variables = machine.variables
+        self._frames = 0
+
+    def call(
+        self, function: ChartFunction, arguments: list[Nodes | None], context: ActionContext, guard: Guard
+    ) -> tuple[list[Nodes], Guard | None]:
+        """Call a function of the chart; return its results, and the guard after it."""
+        if function.refused:
+            raise UnsupportedError(f"{function.name} is {function.refused}, which is not supported", DEFAULT_REMEDY)
+        if len(arguments) > len(function.parameters):
+            raise UnsupportedError(f"{context.place}: too many arguments of {function.name} ({len(arguments)})")
+        with self.machine.nested(f"recursive call of {function.name}"):
+            frame, after = self._run(function, arguments, context, guard)
+        results = [f"{frame}.{name}" for name in function.results]
+        missing = [name for name in results if name not in self.variables]
+        if missing and after is not None:
+            raise UnsupportedError(f"function {function.name} does not assign its output {missing[0].split('.')[-1]}")
+        return [self.variables.values[name] for name in results], after
+
+    def _run(
+        self, function: ChartFunction, arguments: list[Nodes | None], context: ActionContext, guard: Guard
+    ) -> tuple[str, Guard | None]:
+        """Run a function; return the frame of its variables, and the guard after it."""
+        self._frames += 1
+        frame = f"{function.name}#{self._frames}"
+        here = replace(context, scope=function.state, frame=frame, place=f"function {function.name}")
+        here = replace(here, alive=lambda inner: inner)
+        self._bind(function, frame, arguments)
+        after = self._run_code(function, here, guard) if function.script else self._run_drawn(function, here, guard)
+        return frame, after
+
+    def _bind(self, function: ChartFunction, frame: str, arguments: list[Nodes | None]) -> None:
+        for name, nodes in zip(function.parameters, arguments, strict=False):
+            if nodes is not None:
+                self.variables.values[f"{frame}.{name}"] = nodes
+        if function.script:
+            return
+        for data in self.diagram.data.values():
+            is_local = self.diagram.holder(data.written.parent) is function.state
+            if is_local and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
+                start = self.variables.values[data.key]
+                self.variables.values[f"{frame}.{data.written.name}"] = start
+
+    def _run_drawn(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
+        self.machine.run_flow_chart(function.state, context, guard)
+        return guard
+
+    def _run_code(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
+        try:
+            script = parse_script(function.script, function.name)
+        except InputError as error:
+            raise UnsupportedError(f"function {function.name}: {error.findings[0].message}") from None
+        definition = next((candidate for candidate in script.functions if candidate.name == function.name), None)
+        if definition is None:
+            raise UnsupportedError(f"the code of function {function.name} defines no function of this name")
+        for name, own_name in zip(definition.parameters, function.parameters, strict=False):
+            value = self.variables.values.get(f"{context.frame}.{own_name}")
+            if value is not None:
+                self.variables.values[f"{context.frame}.{name}"] = value
+        after = self.machine.statements.function(definition.body, context, guard)
+        for name, own_name in zip(definition.results, function.results, strict=False):
+            value = self.variables.values.get(f"{context.frame}.{name}")
+            if value is not None:
+                self.variables.values[f"{context.frame}.{own_name}"] = value
+        return after

@@ -1,8 +1,7 @@
-"""Temporal logic: the memories of timers as a chart wakes up and enters states, and what `after` and its like say.
+"""Temporal logic: the timers of a chart, and the operators that read them.
 
-What a chart counts: the memories behind `after`, `before`, `at`, `every`, `temporalCount`, `elapsed`, `duration`.
-
-Each state counts for itself, from when it was entered; time is what has passed since then.
+Timers store counts and times for `after`, `before`, `at`, `every`, `temporalCount`, `elapsed` and `duration`. Each
+state counts from its entry.
 """
 
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab.traversal import calls_in
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_model import (
     ChartEvent,
@@ -19,7 +19,6 @@ from kennfeld.models.simulink.stateflow.chart_model import (
     TransitionEdge,
 )
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
-from kennfeld.models.simulink.stateflow.label_parser import calls_in
 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
@@ -31,11 +30,11 @@ CHANGES = frozenset({"hasChanged", "hasChangedFrom", "hasChangedTo"})
 TICKS = frozenset({"tick", "wakeup"})
 SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
-_NEAR = 1e-6  # of a step, as far as times may be rounded
+_TIME_TOLERANCE = 1e-6  # of a step, for rounding of times
 
 
 class Timer(NamedTuple):
-    """A memory of a state: how often an event came, when the state was entered, or since when a condition holds."""
+    """A memory of a state: a count of events or ticks, its time of entry, or since when a condition holds."""
 
     kind: str  # "ticks", "events", "entered", "true"
     state: StateNode
@@ -50,17 +49,17 @@ class Timer(NamedTuple):
 
 
 def temporal_unit(name: str, arguments: tuple[m.Expression, ...]) -> str:
-    """What a temporal operator counts: the name of an event, or of a unit of time."""
+    """Return the event or the unit of time that a temporal operator counts."""
     if name in ("elapsed", "et") and not arguments:
         return "sec"
     wanted = 1 if name in ("temporalCount", "elapsed", "et") else 2
     if len(arguments) != wanted or not isinstance(arguments[-1], m.Name):
-        raise UnsupportedError(f"{name} is used in a way that is not supported")
+        raise UnsupportedError(f"this use of {name} is not supported")
     return arguments[-1].name
 
 
 class ChartTimers:
-    """All timers of a chart, and the data whose changes it asks for."""
+    """All timers of a chart, and the variables whose changes it queries."""
 
     def __init__(self, diagram: ChartModel) -> None:
         self.diagram = diagram
@@ -71,16 +70,16 @@ class ChartTimers:
                 self._note(tree, state)
 
     def of(self, state: StateNode) -> Iterator[Timer]:
-        """The timers of a state."""
+        """Return the timers of a state."""
         return (timer for timer in self.all.values() if timer.state is state)
 
     def timer(self, name: str, arguments: tuple[m.Expression, ...], state: StateNode) -> Timer:
-        """The timer that a temporal operator of a state reads."""
+        """Return the timer that a temporal operator in a state reads."""
         if name == "count":
-            raise UnsupportedError("it uses count, which is not supported")
+            raise UnsupportedError("count is not supported")
         if name == "duration":
             if len(arguments) not in (1, 2):
-                raise UnsupportedError("duration is used in a way that is not supported")
+                raise UnsupportedError("this use of duration is not supported")
             return Timer("true", state, condition=arguments[0])
         unit = temporal_unit(name, arguments)
         if unit in TICKS:
@@ -89,7 +88,7 @@ class ChartTimers:
             return Timer("entered", state)
         event = self.diagram.event(unit, state)
         if event is None:
-            raise UnsupportedError(f"{name} counts {unit}, which is no event of the chart")
+            raise UnsupportedError(f"{name} counts {unit}, which is not an event of the chart")
         return Timer("events", state, event)
 
     def _note(self, tree: object, state: StateNode) -> None:
@@ -104,25 +103,25 @@ class ChartTimers:
         base = tree.of if isinstance(tree, m.Call) else tree
         data = self.diagram.datum(base.name, state) if isinstance(base, m.Name) else None
         if data is None or data.written.scope not in ("INPUT_DATA", "OUTPUT_DATA", "LOCAL_DATA"):
-            raise UnsupportedError("it asks for the change of what is no input, output or local variable of the chart")
+            raise UnsupportedError("change operators require an input, output or local variable of the chart")
         self.watched[data.key] = None
 
 
 def _trees(state: StateNode) -> Iterator[object]:
-    """All code that runs for a state: its actions, and the transitions that begin at it."""
+    """Yield the code that runs for a state: its actions, and the transitions that begin at it."""
     yield tuple((action.event, action.body) for action in state.actions)
     waiting = [*state.outer, *state.inner, *state.defaults]
     seen: set[JunctionNode] = set()
     while waiting:
-        arrow: TransitionEdge = waiting.pop()
-        yield (arrow.events, arrow.condition, arrow.before, arrow.after)
-        if isinstance(arrow.target, JunctionNode) and arrow.target not in seen:
-            seen.add(arrow.target)
-            waiting += arrow.target.arrows
+        transition: TransitionEdge = waiting.pop()
+        yield (transition.events, transition.condition, transition.before, transition.after)
+        if isinstance(transition.target, JunctionNode) and transition.target not in seen:
+            seen.add(transition.target)
+            waiting += transition.target.transitions
 
 
 class TemporalLogic:
-    """The timers of a machine."""
+    """Counts and evaluates the timers of a chart."""
 
     def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
@@ -132,66 +131,66 @@ class TemporalLogic:
         self.variables = machine.variables
 
     def count(self, event: str, guard: Guard) -> None:
-        """Count an event, or that the chart wakes up."""
+        """Count an event, or a wake-up of the chart."""
         for key, timer in self.timers.all.items():
             waking = timer.kind == "ticks" and self.machine.events.is_waking(event)
             if waking or (timer.kind == "events" and timer.event is not None and timer.event.key == event):
-                more = self.builder.call("add", self.variables.one(key, guard), self.builder.const(1.0))
+                more = self.builder.call("add", self.variables.scalar(key, guard), self.builder.const(1.0))
                 self.variables.put(key, more, guard)
 
     def restart(self, state: StateNode, guard: Guard) -> None:
-        """Begin to count anew as a state is entered."""
+        """Restart the timers of a state at its entry."""
         for timer in self.timers.of(state):
             self.variables.put(
                 timer.key, self.machine.time if timer.kind == "entered" else self.builder.const(0.0), guard
             )
 
     def measure(self, context: ActionContext, guard: Guard) -> None:
-        """Note since when the conditions of `duration` hold."""
+        """Record since when the conditions of `duration` hold."""
         for key, timer in self.timers.all.items():
             if timer.kind != "true" or timer.condition is None:
                 continue
-            where = self.logic.where(guard, self.machine.activity.active(timer.state, guard))
+            where = self.logic.narrow(guard, self.machine.activity.active(timer.state, guard))
             if where is None:
                 continue
-            here = replace(context, scope=timer.state, owner=timer.state, place=f"its state {timer.state.path}")
-            holds = self.machine.values.one(timer.condition, here, where)
-            held = self.variables.one(key, where)
-            begun = self.builder.call("and", holds, self.builder.call("not", held))
-            since = self.variables.one(f"since {key}", where)
+            here = replace(context, scope=timer.state, owner=timer.state, place=f"state {timer.state.path}")
+            holds = self.machine.values.scalar(timer.condition, here, where)
+            was_true = self.variables.scalar(key, where)
+            begun = self.builder.call("and", holds, self.builder.call("not", was_true))
+            since = self.variables.scalar(f"since {key}", where)
             self.variables.put(f"since {key}", self.builder.call("select", begun, self.machine.time, since), where)
             self.variables.put(key, self.builder.call("ne", holds, self.builder.const(0.0)), where)
 
-    def temporal(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> int:
-        """The value of a temporal operator: a truth of `after` and its like, a number of `temporalCount`."""
+    def evaluate(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> int:
+        """Return the value of a temporal operator: a truth value for `after`, a number for `temporalCount`."""
         timer = self.timers.timer(name, arguments, context.owner)
         if timer.key not in self.variables:
-            raise UnsupportedError(f"{context.place}: {name} stands where no state counts")
-        count = self.variables.one(timer.key, guard)
+            raise UnsupportedError(f"{context.place}: {name} is not valid here")
+        count = self.variables.scalar(timer.key, guard)
         if timer.kind == "true":
-            passed = self.builder.call("sub", self.machine.time, self.variables.one(f"since {timer.key}", guard))
+            passed = self.builder.call("sub", self.machine.time, self.variables.scalar(f"since {timer.key}", guard))
             scale = self._scale(arguments[1]) if len(arguments) == 2 else 1.0
-            return self.builder.call("select", count, self._over(passed, scale), self.builder.const(0.0))
+            return self.builder.call("select", count, self._divide(passed, scale), self.builder.const(0.0))
         near = self.builder.const(0.0)
         if timer.kind == "entered":
             scale = SECONDS[temporal_unit(name, arguments)]
-            count = self._over(self.builder.call("sub", self.machine.time, count), scale)
-            near = self._over(self.builder.call("mul", self.builder.const(_NEAR), self.machine.dt), scale)
+            count = self._divide(self.builder.call("sub", self.machine.time, count), scale)
+            near = self._divide(self.builder.call("mul", self.builder.const(_TIME_TOLERANCE), self.machine.dt), scale)
         if name in ("temporalCount", "elapsed", "et"):
             return count
-        wanted = self.machine.values.one(arguments[0], context, guard)
-        return self._compared(name, count, wanted, near)
+        wanted = self.machine.values.scalar(arguments[0], context, guard)
+        return self._compare(name, count, wanted, near)
 
     def _scale(self, unit: m.Expression) -> float:
         if not isinstance(unit, m.Name) or unit.name not in SECONDS:
-            raise UnsupportedError("duration is counted in what is no unit of time")
+            raise UnsupportedError("duration requires a unit of time")
         return SECONDS[unit.name]
 
-    def _over(self, seconds: int, scale: float) -> int:
+    def _divide(self, seconds: int, scale: float) -> int:
         return self.builder.call("div", seconds, self.builder.const(scale))
 
-    def _compared(self, name: str, count: int, wanted: int, near: int) -> int:
-        """What has passed against what is asked for, rounding left aside."""
+    def _compare(self, name: str, count: int, wanted: int, near: int) -> int:
+        """Compare an elapsed count or time with the required one, with a tolerance for rounding."""
         call = self.builder.call
         reached = call("ge", call("add", count, near), wanted)
         if name == "after":
@@ -199,7 +198,7 @@ class TemporalLogic:
         if name == "before":
             return call("not", reached)
         if self.builder.value(near) != 0.0:
-            raise UnsupportedError(f"it uses {name} with a time, which is not supported", "Count ticks.")
+            raise UnsupportedError(f"{name} with a time is not supported", "Use ticks.")
         if name == "at":
             return call("eq", count, wanted)
         turns = call("sub", count, call("mul", wanted, call("floor", call("div", count, wanted))))

@@ -1,9 +1,7 @@
-"""Events: which one is being processed, those that a chart sends, and those that entering, leaving, changing make.
+"""Dispatch of events, and the search for valid paths of transitions through junctions.
 
-Transitions tried in their order, through junctions, with the way back where none leads on.
-
-Ways that meet again at a junction from which one always leads on are followed once from there: so a flow chart stays
-as long as it is drawn, and a loop is unrolled turn by turn.
+Transitions are tried in their order, with backtracking if none leads on. Paths that meet at a junction without
+backtracking are merged there, so that a flow chart is built once, and a loop is unrolled pass by pass.
 """
 
 from dataclasses import dataclass, field
@@ -31,12 +29,12 @@ __all__ = ["EventDispatch", "Fired", "JunctionSearch", "committed_junctions"]
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
 _CHANGED = ("change", "chg")
 
-_MOST_TURNS = 400  # of a loop among junctions
-_DEEPEST = 150  # junctions on one way that may have to be gone back
+_MAX_PASSES = 400  # through a junction
+_MAX_DEPTH = 150  # junctions on a path with backtracking
 
 
 class EventDispatch:
-    """The events of a machine; `sent` is how many it has sent to itself."""
+    """The events of a chart; `sent` counts those it has sent to itself."""
 
     def __init__(self, machine: "ChartExecution") -> None:
         self.machine = machine
@@ -47,11 +45,11 @@ class EventDispatch:
         self.sent = 0
         self._implicit = _implicit(machine.diagram)
 
-    def happens(self, events: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Guard | None:
-        """The guard where any of several events is what is being processed."""
-        return self.logic.either([self._happens(event, context, guard) for event in events])
+    def match(self, events: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Guard | None:
+        """Return the guard where one of several events is being processed."""
+        return self.logic.any_of([self._match_event(event, context, guard) for event in events])
 
-    def _happens(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Guard | None:
+    def _match_event(self, tree: m.Expression, context: ActionContext, guard: Guard) -> Guard | None:
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
         if isinstance(tree, m.Call) and name in TEMPORAL:
             return self._timed(name, tree.arguments, context, guard)
@@ -59,14 +57,14 @@ class EventDispatch:
             return guard if context.event == self._implied(name, tree, context) else None
         if isinstance(tree, m.Name) and tree.name in TICKS and self.diagram.event(tree.name, context.scope) is None:
             return guard if self.is_waking(context.event) else None
-        found = self.machine.values.event(tree, context)
-        if found is None:
-            raise UnsupportedError(f"{context.place}: it waits for what is no event of the chart")
-        return guard if context.event == found[0].key else None
+        sent = self.machine.values.event(tree, context)
+        if sent is None:
+            raise UnsupportedError(f"{context.place}: unknown event")
+        return guard if context.event == sent[0].key else None
 
     def is_waking(self, event: str) -> bool:
-        """Whether what is processed comes from outside, not from the chart itself."""
-        return not event or any(one.key == event for one in self.diagram.inputs)
+        """Return True if an event comes from outside of the chart."""
+        return not event or any(known.key == event for known in self.diagram.inputs)
 
     def _timed(
         self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard
@@ -77,41 +75,41 @@ class EventDispatch:
         event = self.diagram.event(unit, context.scope)
         if unit not in TICKS and unit not in SECONDS and (event is None or event.key != context.event):
             return None
-        return self.logic.where(guard, self.machine.counting.temporal(name, arguments, context, guard))
+        return self.logic.narrow(guard, self.machine.counting.evaluate(name, arguments, context, guard))
 
     def _implied(self, name: str, tree: m.Call, context: ActionContext) -> str:
-        """The key of the event that a state is entered or left, or a variable is changed."""
+        """Return the key of an implicit event: entry, exit, or change of a variable."""
         argument = tree.arguments[0] if len(tree.arguments) == 1 else m.Number(0.0)
         if name in _CHANGED:
-            key = self.machine.values.key_of(argument, context)
+            key = self.machine.values.resolve_key(argument, context)
             if key is None:
-                raise UnsupportedError(f"{context.place}: {name} asks for what is no variable of the chart")
+                raise UnsupportedError(f"{context.place}: {name} requires a variable of the chart")
             return f"change {key}"
         return f"{_IMPLICIT[name]} {self.machine.values.state(argument, context).id}"
 
-    def tell(self, kind: str, state: StateNode, guard: Guard) -> None:
-        """Process the event that a state was entered or left, where a label asks for it."""
+    def notify_state(self, kind: str, state: StateNode, guard: Guard) -> None:
+        """Broadcast the entry or exit of a state, if a label waits for it."""
         if (kind, state.name) in self._implicit:
             self._broadcast(f"{kind} {state.id}", self.diagram.root, guard)
 
-    def written(self, key: str, old: Nodes, guard: Guard) -> None:
-        """Process the event that a variable has changed, where a label asks for it."""
+    def notify_change(self, key: str, old: Nodes, guard: Guard) -> None:
+        """Broadcast the change of a variable, if a label waits for it."""
         if ("change", key.rpartition(".")[2]) not in self._implicit:
             return
-        pairs = zip(self.variables.get(key, guard).ravel(), self.logic.simplified(old, guard).ravel(), strict=True)
+        pairs = zip(self.variables.get(key, guard).ravel(), self.logic.simplify_all(old, guard).ravel(), strict=True)
         for new, before in pairs:
             differs = self.builder.call("ne", int(new), int(before)) if new != before else self.builder.const(0.0)
-            where = self.logic.where(guard, differs)
+            where = self.logic.narrow(guard, differs)
             if where is not None:
                 self._broadcast(f"change {key}", self.diagram.root, where)
 
     def send(self, event: ChartEvent, to: StateNode | None, context: ActionContext, guard: Guard) -> None:
-        """Process an event at once: in the state that it is sent to, else in the one that it belongs to."""
+        """Process an event at once: in the state it is sent to, else in its owner."""
         if event.written.scope == "OUTPUT_EVENT":
             self._emit(event, guard)
             return
         if event.written.scope != "LOCAL_EVENT":
-            raise UnsupportedError(f"{context.place}: it sends {event.written.name}, which comes from outside")
+            raise UnsupportedError(f"{context.place}: event {event.written.name} is an input and cannot be sent")
         self.machine.counting.count(event.key, guard)
         self._broadcast(event.key, to or event.owner, guard)
 
@@ -120,35 +118,35 @@ class EventDispatch:
             self.machine.called(event, guard)
             return
         key = f"output {event.key}"
-        now = self.variables.one(key, guard)
+        now = self.variables.scalar(key, guard)
         self.variables.put(key, self.builder.call("sub", self.builder.const(1.0), now), guard)
 
     def _broadcast(self, event: str, to: StateNode, guard: Guard) -> None:
         self.sent += 1
-        with self.machine.deeper("sends events to itself"):
-            where = self.logic.where(guard, self.machine.activity.active(to, guard))
-            context = ActionContext(to, to, event, place=f"its state {to.path}" if to.path else "the chart")
+        with self.machine.nested("recursive broadcast of events"):
+            where = self.logic.narrow(guard, self.machine.activity.active(to, guard))
+            context = ActionContext(to, to, event, place=f"state {to.path}" if to.path else "chart")
             if where is not None and to.parent is None:
-                self.machine.activity.children(to, context, where)
+                self.machine.activity.execute_children(to, context, where)
             elif where is not None:
                 self.machine.activity.execute(to, context, where)
 
 
 def _implicit(diagram: ChartModel) -> frozenset[tuple[str, str]]:
-    """The implicit events that labels ask for: the kind of each, and the name of the state or variable."""
-    found: set[tuple[str, str]] = set()
+    """Return kind and name of the implicit events that labels wait for."""
+    events: set[tuple[str, str]] = set()
     for event in diagram.awaited:
         if not isinstance(event, m.Call) or not isinstance(event.of, m.Name) or len(event.arguments) != 1:
             continue
         kind = "change" if event.of.name in _CHANGED else _IMPLICIT.get(event.of.name, "")
         argument = event.arguments[0]
         if isinstance(argument, (m.Name, m.Field)):
-            found.add((kind, argument.name))
-    return frozenset(found)
+            events.add((kind, argument.name))
+    return frozenset(events)
 
 
-class _Way(NamedTuple):
-    """What has been passed so far: the transition actions to run, the states that the transitions are drawn in."""
+class _Path(NamedTuple):
+    """The part of a path passed so far: transition actions to run, and the states that contain the transitions."""
 
     actions: tuple[tuple[tuple[m.Statement, ...], str], ...] = ()
     holders: frozenset[StateNode] = frozenset()
@@ -156,119 +154,121 @@ class _Way(NamedTuple):
 
 @dataclass(eq=False)
 class Fired:
-    """A way that ends at a state; `guard` says where it is taken."""
+    """A path that ends at a state; `guard` says where it is taken."""
 
     target: StateNode
-    way: _Way
+    path: _Path
     guard: Guard
 
 
 @dataclass
 class JunctionSearch:
-    """Follows the transitions from one place."""
+    """Follows the transitions from one source."""
 
     machine: "ChartExecution"
     context: ActionContext
     fired: list[Fired] = field(default_factory=list)
-    _waiting: "dict[tuple[JunctionNode | StateNode, _Way], list[Guard]]" = field(default_factory=dict)
+    _waiting: "dict[tuple[JunctionNode | StateNode, _Path], list[Guard]]" = field(default_factory=dict)
     _ended: list[Guard] = field(default_factory=list)
     _turns: dict[JunctionNode, int] = field(default_factory=dict)
     _depth: int = 0
 
-    def run(self, arrows: list[TransitionEdge], guard: Guard) -> Guard | None:
-        """Try transitions; `fired` has those that lead to states, what is returned is the guard where none does."""
-        left = self._tried(arrows, guard, _Way())
+    def run(self, transitions: list[TransitionEdge], guard: Guard) -> Guard | None:
+        """Try transitions; `fired` collects those that lead to states. Return the guard where none does."""
+        remaining = self._try(transitions, guard, _Path())
         while (meeting := self._next()) is not None:
             guards = self._waiting.pop(meeting)
-            begun = self.machine.logic.either(guards)
+            begun = self.machine.logic.any_of(guards)
             if begun is not None and isinstance(meeting[0], JunctionNode):
-                self._turn(meeting[0])
-                self._tried(meeting[0].arrows, begun, meeting[1])
-        for (target, way), guards in self._waiting.items():
-            taken = self.machine.logic.either(guards)
+                self._count_pass(meeting[0])
+                self._try(meeting[0].transitions, begun, meeting[1])
+        for (target, path), guards in self._waiting.items():
+            taken = self.machine.logic.any_of(guards)
             if isinstance(target, StateNode) and taken is not None:
-                self.fired.append(Fired(target, way, taken))
-        return self.machine.logic.either([left, *self._ended])
+                self.fired.append(Fired(target, path, taken))
+        return self.machine.logic.any_of([remaining, *self._ended])
 
-    def _next(self) -> "tuple[JunctionNode | StateNode, _Way] | None":
-        """A junction where ways meet that no other such leads to, unless they lead to each other."""
+    def _next(self) -> "tuple[JunctionNode | StateNode, _Path] | None":
+        """Return a waiting junction that no other one leads to, except in loops."""
         reach = self.machine.reach
-        met = [(one, one[0]) for one in self._waiting if isinstance(one[0], JunctionNode)]
-        for one, knot in met:
-            if not any(knot in reach[other] and other not in reach[knot] for _, other in met if other is not knot):
-                return one
-        return met[0][0] if met else None
+        meetings = [(meeting, meeting[0]) for meeting in self._waiting if isinstance(meeting[0], JunctionNode)]
+        for meeting, junction in meetings:
+            others = (other for _, other in meetings if other is not junction)
+            if not any(junction in reach[other] and other not in reach[junction] for other in others):
+                return meeting
+        return meetings[0][0] if meetings else None
 
-    def _tried(self, arrows: list[TransitionEdge], guard: Guard, way: _Way) -> Guard | None:
-        """The guard where none of the transitions leads on."""
-        left: Guard | None = guard
-        for arrow in arrows:
-            if left is None:
+    def _try(self, transitions: list[TransitionEdge], guard: Guard, path: _Path) -> Guard | None:
+        """Try transitions in order; return the guard where none leads on."""
+        remaining: Guard | None = guard
+        for transition in transitions:
+            if remaining is None:
                 return None
             self.machine.work()
-            taken = self._taken(arrow, left)
-            if taken is None:
+            matched = self._match(transition, remaining)
+            if matched is None:
                 continue
-            after = self.machine.statements.run(arrow.before, self.context.at(arrow.place), taken)
-            back = self._reached(arrow, after, way) if after is not None else None
-            left = self.machine.logic.besides(left, taken)
+            after = self.machine.statements.run(transition.before, self.context.at(transition.place), matched)
+            back = self._continue_from(transition, after, path) if after is not None else None
+            remaining = self.machine.logic.exclude(remaining, matched)
             if back is not None:
-                left = self.machine.logic.either([left, back])
-        return left
+                remaining = self.machine.logic.any_of([remaining, back])
+        return remaining
 
-    def _taken(self, arrow: TransitionEdge, guard: Guard) -> Guard | None:
-        """The guard where a transition may be followed."""
-        context = self.context.at(arrow.place)
-        found = self.machine.events.happens(arrow.events, context, guard) if arrow.events else guard
-        if found is None or arrow.condition is None:
-            return found
-        condition = self.machine.values.one(arrow.condition, context, found)
-        return self.machine.logic.where(found, condition)
+    def _match(self, transition: TransitionEdge, guard: Guard) -> Guard | None:
+        """Return the guard where a transition is valid."""
+        context = self.context.at(transition.place)
+        matched = self.machine.events.match(transition.events, context, guard) if transition.events else guard
+        if matched is None or transition.condition is None:
+            return matched
+        condition = self.machine.values.scalar(transition.condition, context, matched)
+        return self.machine.logic.narrow(matched, condition)
 
-    def _reached(self, arrow: TransitionEdge, guard: Guard, way: _Way) -> Guard | None:
-        """Go on from the end of a transition; the guard where it has to be given up."""
-        actions = (*way.actions, (arrow.after, arrow.place)) if arrow.after else way.actions
-        way = _Way(actions, way.holders | {arrow.holder})
-        target = arrow.target
+    def _continue_from(self, transition: TransitionEdge, guard: Guard, path: _Path) -> Guard | None:
+        """Continue at the end of a transition; return the guard where it must be abandoned."""
+        actions = (*path.actions, (transition.after, transition.place)) if transition.after else path.actions
+        path = _Path(actions, path.holders | {transition.holder})
+        target = transition.target
         if isinstance(target, JunctionNode) and target.history:
             target = target.holder
-        if isinstance(target, StateNode) or target in self.machine.sure:
-            if isinstance(target, JunctionNode) and not target.arrows:
+        if isinstance(target, StateNode) or target in self.machine.committed:
+            if isinstance(target, JunctionNode) and not target.transitions:
                 self._ended.append(guard)
             else:
-                self._waiting.setdefault((target, way), []).append(guard)
+                self._waiting.setdefault((target, path), []).append(guard)
             return None
-        self._turn(target)
+        self._count_pass(target)
         self._depth += 1
-        if self._depth > _DEEPEST:
-            raise self._endless(_DEEPEST)
-        left = self._tried(target.arrows, guard, way)
+        if self._depth > _MAX_DEPTH:
+            raise self._endless_loop(_MAX_DEPTH)
+        remaining = self._try(target.transitions, guard, path)
         self._depth -= 1
-        return left
+        return remaining
 
-    def _turn(self, knot: JunctionNode) -> None:
-        """Count how often a junction is passed."""
+    def _count_pass(self, junction: JunctionNode) -> None:
+        """Count the passes through a junction."""
         self.machine.work()
-        self._turns[knot] = self._turns.get(knot, 0) + 1
-        if self._turns[knot] > _MOST_TURNS:
-            raise self._endless(_MOST_TURNS)
+        self._turns[junction] = self._turns.get(junction, 0) + 1
+        if self._turns[junction] > _MAX_PASSES:
+            raise self._endless_loop(_MAX_PASSES)
 
-    def _endless(self, most: int) -> UnsupportedError:
-        message = f"its junctions make a loop of more than {most} turns, or one whose end depends on signals"
+    def _endless_loop(self, most: int) -> UnsupportedError:
+        message = f"junctions form a loop of more than {most} passes, or one whose end depends on signals"
         return UnsupportedError(message, DEFAULT_REMEDY)
 
 
-def committed_junctions(knots: list[JunctionNode]) -> frozenset[JunctionNode]:
-    """The junctions that are never gone back from: where nothing leaves them, or one way is always free."""
-    sure = {knot for knot in knots if not knot.arrows and not knot.history}
+def committed_junctions(junctions: list[JunctionNode]) -> frozenset[JunctionNode]:
+    """Return the junctions without backtracking: terminal ones, or with an unconditional transition."""
+    sure = {junction for junction in junctions if not junction.transitions and not junction.history}
     while True:
         more = {
-            knot
-            for knot in knots
-            if knot not in sure
+            junction
+            for junction in junctions
+            if junction not in sure
             and any(
-                arrow.free and (isinstance(arrow.target, StateNode) or arrow.target.history or arrow.target in sure)
-                for arrow in knot.arrows
+                transition.free
+                and (isinstance(transition.target, StateNode) or transition.target.history or transition.target in sure)
+                for transition in junction.transitions
             )
         }
         if not more:

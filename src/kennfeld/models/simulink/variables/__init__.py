@@ -1,1 +1,1 @@
-"""The variables of a model: where their values come from, and what a name means to a block."""
+"""Variables of a model: their sources, and name resolution in masks."""

@@ -1,9 +1,4 @@
-"""Parts of structs, by the names on the way to them: `a.b.c`.
-
-The variables found so far, while one source after the other is read.
-
-What a name means in a block's parameters: masks from the inside out, then the variables of the model.
-"""
+"""Name resolution in block fields: mask parameters from the innermost mask outwards, then model variables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +8,9 @@ import numpy as np
 
 from kennfeld.errors import Finding
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.evaluator import free_names
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
+from kennfeld.matlab.traversal import names_assigned, names_read
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
@@ -38,16 +33,15 @@ __all__ = [
 
 ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
-USER_SOURCE = "given"  # the source of values that are given by name
+USER_SOURCE = "given"  # source of values given by name
 
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of the model: its value, and what its source says of it.
+    """A variable of the model: its value, and further information from its source.
 
-    `lower` and `upper` are a number each, or one for each number of the value. `source` names that source; `axes` are
-    those that a calibration file gives a table. What is `fixed`, such as the members of an enumeration, is no
-    parameter.
+    `lower` and `upper` are one number, or one for each number of the value. `axes` are those that a calibration file
+    gives a table. A `fixed` variable, such as an enumeration member, is not a parameter.
     """
 
     value: ParameterValue
@@ -60,7 +54,7 @@ class Variable:
     fixed: bool = False
 
     def limited(self, lower: float | None, upper: float | None) -> "Variable":
-        """The variable with the limits of its source, None for none; those that its own value breaks are left aside."""
+        """Return the variable with limits, None for none; limits that its own value violates are ignored."""
         lowest, highest = -np.inf if lower is None else lower, np.inf if upper is None else upper
         value = self.value.get("Table") if isinstance(self.value, Mapping) else self.value
         if not isinstance(value, np.ndarray) or not np.all((value >= lowest) & (value <= highest)):
@@ -70,9 +64,9 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class MaskVariable:
-    """A mask's parameter: an expression over the names outside of the mask, or the text itself.
+    """A mask parameter: an expression over the names outside of the mask, or a text.
 
-    `field` is "Path:Name", how the literal is promoted; `written` is what the dialog shows.
+    `field` is "Path:Name", under which the literal is promoted; `written` is the text in the dialog.
     """
 
     text: str
@@ -84,7 +78,7 @@ class MaskVariable:
 
 @dataclass(frozen=True, eq=False)
 class MaskCodeVariable:
-    """A variable that a mask's code makes in a way that no single expression says."""
+    """A variable that mask code computes by more than a single expression."""
 
     name: str
     code: str
@@ -100,41 +94,47 @@ class Scope:
     outer: "Scope | None" = None
 
     def within(self, block: ModelBlock) -> "Scope":
-        """The names inside of a subsystem."""
+        """Return the scope with the mask of a block added."""
         if block.mask is None or not (block.mask.parameters or block.mask.initialization.strip()):
             return self
         inside = Scope(self.variables, {}, self)
-        for one in block.mask.parameters:
-            field = f"{block.path}:{one.name}"
-            inside.masked[one.name] = MaskVariable(one.meaning, self, one.evaluated, field, one.expression)
-        return _coded(inside, block.mask.initialization)
+        for parameter in block.mask.parameters:
+            field = f"{block.path}:{parameter.name}"
+            inside.masked[parameter.name] = MaskVariable(
+                parameter.meaning, self, parameter.evaluated, field, parameter.expression
+            )
+        return _run_mask_code(inside, block.mask.initialization)
 
     def inside(self, block: ModelBlock, models: "Mapping[str, Scope]") -> "Scope":
-        """The names inside of a subsystem, or of a referenced model, which has names of its own.
+        """Return the scope inside a subsystem, or inside a referenced model, which has its own names.
 
-        To those the block may give other values, its model arguments; an empty one leaves that of the model.
+        The block may set model arguments; an empty one leaves the value of the model.
         """
         own = models.get(block.model)
         if own is None:
             return self.within(block)
         around = self.within(block)
-        given = {name: text for name, text in _arguments(block) if text.strip()}
-        made = {name: MaskVariable(text, around, True, f"{block.path}:{name}", text) for name, text in given.items()}
-        return Scope(own.variables, {**made}, own) if made else own
+        arguments = {name: text for name, text in _arguments(block) if text.strip()}
+        variables = {
+            name: MaskVariable(text, around, True, f"{block.path}:{name}", text) for name, text in arguments.items()
+        }
+        return Scope(own.variables, {**variables}, own) if variables else own
 
     def shown(self) -> dict[str, str]:
-        """What the dialogs of the masks around show, by the names of their parameters; the inner ones win."""
-        found: dict[str, str] = {}
+        """Return the dialog values of the enclosing masks by parameter name; inner ones take precedence."""
+        values: dict[str, str] = {}
         here: Scope | None = self
         while here is not None:
             said = {
-                name: one.written for name, one in here.masked.items() if isinstance(one, MaskVariable) and one.field
+                name: variable.written
+                for name, variable in here.masked.items()
+                if isinstance(variable, MaskVariable) and variable.field
             }
-            found, here = {**said, **found}, here.outer
-        return found
+            values, here = {**said, **values}, here.outer
+        return values
 
     def find(self, name: str) -> "MaskVariable | MaskCodeVariable | Variable | None":
-        """What a name means here."""
+        """Return the meaning of a name, None if it is undefined."""
         here: Scope | None = self
         while here is not None:
             if name in here.masked:
@@ -142,13 +142,13 @@ class Scope:
             here = here.outer
         return self.variables.get(name)
 
-    def part(self, way: Sequence[str]) -> Variable | None:
-        """The part of a struct that a calibration file gives a value by its full name, "Control.Gain"."""
-        return self.variables.get(".".join(way)) if len(way) > 1 else None
+    def part(self, path: Sequence[str]) -> Variable | None:
+        """Return the struct field that a calibration file sets by its full name, "Control.Gain"."""
+        return self.variables.get(".".join(path)) if len(path) > 1 else None
 
 
 def _arguments(block: ModelBlock) -> Iterator[tuple[str, str]]:
-    """The arguments of a referenced model with their expressions: lists of texts, in old files parted by commas."""
+    """Yield the model arguments of a block with their expressions; in old files one text separated by commas."""
     names, values = (
         block.listed(key) or split_arguments(block.value(key) or "")
         for key in ("ParameterArgumentNames", "ParameterArgumentValues")
@@ -156,16 +156,16 @@ def _arguments(block: ModelBlock) -> Iterator[tuple[str, str]]:
     return zip(map(str.strip, names), values, strict=False)
 
 
-def _coded(scope: Scope, code: str) -> Scope:
-    """The names after a mask's code has run: plain assignments stay expressions, one layer each.
+def _run_mask_code(scope: Scope, code: str) -> Scope:
+    """Return the scope after mask code: plain assignments stay expressions, one layer each.
 
-    What other statements make, and what depends on that, is what the whole code leaves.
+    Variables assigned by other statements, and those that depend on them, are taken from running all of the code.
     """
     script, _ = parse_leniently(code)
     inside, left = scope, set[str]()
     for statement in script.statements:
-        name = _plainly_assigned(statement)
-        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *free_names(statement.value)}):
+        name = _assigned_name(statement)
+        if name and isinstance(statement, m.Assign) and left.isdisjoint({name, *names_read(statement.value)}):
             inside = Scope(scope.variables, {name: MaskVariable(format_expression(statement.value), inside)}, inside)
         else:
             left |= names_assigned(statement)
@@ -174,42 +174,20 @@ def _coded(scope: Scope, code: str) -> Scope:
     )
 
 
-def _plainly_assigned(statement: m.Statement) -> str:
-    """The name that a statement gives a value as a whole; empty where it does something else."""
+def _assigned_name(statement: m.Statement) -> str:
+    """Return the name that a statement assigns as a whole, "" for other statements."""
     targets = statement.targets if isinstance(statement, m.Assign) else ()
     return targets[0].name if len(targets) == 1 and isinstance(targets[0], m.Name) else ""
 
 
-def names_assigned(statement: m.Statement) -> frozenset[str]:
-    """The variables that a statement gives values to."""
-    match statement:
-        case m.Assign(targets):
-            return frozenset(name for target in targets if (name := _base(target)))
-        case m.For(target, _, body):
-            return frozenset({_base(target)}).union(*map(names_assigned, body))
-        case m.While(_, body):
-            return frozenset().union(*map(names_assigned, body))
-        case m.If(branches, otherwise) | m.Switch(_, branches, otherwise):
-            bodies = [*(one for branch in branches for one in branch.body), *otherwise]
-            return frozenset().union(*map(names_assigned, bodies))
-    return frozenset()
-
-
 def names_assigned_by_functions(code: str) -> frozenset[str]:
-    """The variables that a text of functions gives values to."""
+    """Return the variables that the functions in a code assign."""
     script, _ = parse_leniently(code)
-    bodies = [one.body for one in script.functions]
-    return frozenset(name for body in bodies for statement in body for name in names_assigned(statement))
-
-
-def _base(target: m.Expression | None) -> str:
-    while isinstance(target, (m.Field, m.Call, m.CellIndex)):
-        target = target.of
-    return target.name if isinstance(target, m.Name) else ""
+    return names_assigned(script.functions)
 
 
 def to_parameter_value(value: Any) -> ParameterValue | None:
-    """A value in the few forms that models use: arrays of float64, texts, structs, tuples; None for others.
+    """Return a value as array of float64, text, struct or tuple, None if unsupported.
 
     >>> to_parameter_value(3), to_parameter_value({"a": [1, 2]})
     (array([3.]), {'a': array([1., 2.])})
@@ -234,20 +212,20 @@ def _several(value: Any) -> ParameterValue | None:
     return known if len(known) == len(parts) else None
 
 
-def nested_field(value: ParameterValue, way: list[str]) -> ParameterValue:
-    """The part of a struct at the end of a way; raises `NoValueError`."""
-    for at, name in enumerate(way[1:], 1):
+def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
+    """Return the struct field at the end of a path; raises `EvaluationError`."""
+    for at, name in enumerate(path[1:], 1):
         if not isinstance(value, Mapping) or name not in value:
-            raise EvaluationError(f"{'.'.join(way[:at])} has no part {name}", ".".join(way))
+            raise EvaluationError(f"{'.'.join(path[:at])} has no field {name}", ".".join(path))
         value = value[name]
     return value
 
 
 class VariableTable(dict[str, Variable]):
-    """Variables by name, with what was noticed while they were read.
+    """Variables by name, with findings of their sources.
 
-    `undefined` says by name why scripts could give a variable no value, `solvers` are configurations by name,
-    `strangers` parameters of calibration files that the model itself does not know.
+    `undefined` gives reasons why scripts could not assign a variable, `solvers` are configurations by name, `strangers`
+    parameters of calibration files unknown to the model.
     """
 
     def __init__(self) -> None:
@@ -258,14 +236,14 @@ class VariableTable(dict[str, Variable]):
         self.strangers = ParameterSet()
 
 
-def equal_values(one: ParameterValue, other: ParameterValue) -> bool:
-    """Whether two values are equal."""
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray)):
+def equal_values(value: ParameterValue, other: ParameterValue) -> bool:
+    """Return True if two values are equal."""
+    if isinstance(value, np.ndarray) or isinstance(other, np.ndarray):
+        if not (isinstance(value, np.ndarray) and isinstance(other, np.ndarray)):
             return False
-        return np.array_equal(np.atleast_2d(one), np.atleast_2d(other), equal_nan=True)
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(equal_values(one[key], other[key]) for key in one)
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(equal_values, one, other))
-    return type(one) is type(other) and one == other
+        return np.array_equal(np.atleast_2d(value), np.atleast_2d(other), equal_nan=True)
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        return value.keys() == other.keys() and all(equal_values(value[key], other[key]) for key in value)
+    if isinstance(value, tuple) and isinstance(other, tuple):
+        return len(value) == len(other) and all(map(equal_values, value, other))
+    return type(value) is type(other) and value == other

@@ -1,7 +1,4 @@
-"""What a model says of itself: the settings of its solver, and the names under which a mask asks for them.
-
-The variables of a model: from its dictionary, from files and values given, from its own workspace.
-"""
+"""Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -38,7 +35,7 @@ from kennfeld.models.simulink.variables.stored_variables import Value as Stored
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["ParameterSource", "collect_variables", "model_properties", "settings_of"]
+__all__ = ["ParameterSource", "collect_variables", "model_properties", "solver_settings"]
 
 ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
 
@@ -48,74 +45,82 @@ _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 
 def collect_variables(document: ModelDocument, given: Iterable[ParameterSource]) -> VariableTable:
-    """The variables that a model's expressions may use.
+    """Collect the variables that a model's expressions may use.
 
-    Enumerations that blocks name and whose class files lie beside the model come first, then data dictionaries, then
-    the code of the model's callbacks, then what is given in its order, then the workspace of the model, which hides
-    them; values of calibration files and parameter sets go over all. Findings tell what could not be read.
+    In increasing precedence: enumerations whose class files are next to the model, data dictionaries, callback code,
+    `given` in order, the model workspace, and values of calibration files and parameter sets. The findings list what
+    could not be read.
     """
-    found = VariableTable()
-    _beside(found, document)
+    variables = VariableTable()
+    _add_adjacent_files(variables, document)
     over: list[ParameterSet] = []
-    _callbacks(found, document)
-    for one in given:
-        if isinstance(one, ParameterSet):
-            over.append(one)
-        elif isinstance(one, Mapping):
-            found.update({name: Variable(value, source=USER_SOURCE) for name, value in _plain(one).items()})
+    _callbacks(variables, document)
+    for parameter_set in given:
+        if isinstance(parameter_set, ParameterSet):
+            over.append(parameter_set)
+        elif isinstance(parameter_set, Mapping):
+            variables.update(
+                {name: Variable(value, source=USER_SOURCE) for name, value in _given_values(parameter_set).items()}
+            )
         else:
-            over += _file(found, Path(one))
-    by_name = {name: one for name, one in found.items() if one.source == USER_SOURCE}
-    _workspace(found, document)
-    found.findings += [
-        _hidden(document, name) for name, one in by_name.items() if not equal_values(one.value, found[name].value)
+            over += _add_file(variables, Path(parameter_set))
+    by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
+    _workspace(variables, document)
+    variables.findings += [
+        _hidden(document, name)
+        for name, variable in by_name.items()
+        if not equal_values(variable.value, variables[name].value)
     ]
     given_over = {parameter.name: parameter for values in over for parameter in values.values()}
-    found.strangers = ParameterSet(one for name, one in given_over.items() if name.partition(".")[0] not in found)
-    found.update({name: _with(found.get(name), parameter) for name, parameter in given_over.items()})
-    return found
+    variables.strangers = ParameterSet(
+        parameter for name, parameter in given_over.items() if name.partition(".")[0] not in variables
+    )
+    variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in given_over.items()})
+    return variables
 
 
 def _hidden(document: ModelDocument, name: str) -> Finding:
-    message = "is given another value by the model workspace, which hides the one that is given"
-    remedy = "Give it in a ParameterSet or a calibration file: those go over the workspace."
+    message = "is also defined in the model workspace, which overrides the given value"
+    remedy = "Give it in a ParameterSet or a calibration file: these override the workspace."
     return Finding(f"{document.name} {name}", message, remedy, severity="warning")
 
 
-def _beside(found: VariableTable, document: ModelDocument) -> None:
-    """Take the enumerations and the data dictionaries that lie beside a model; a path could name any other file."""
+def _add_adjacent_files(variables: VariableTable, document: ModelDocument) -> None:
+    """Add enumerations and data dictionaries next to a model; only names without folders are followed."""
     folder = document.path.parent
     for name in document.enumerations:
         enumeration = enumeration_file(folder, name)
-        found.update({name: enumeration} if enumeration is not None else {})
+        variables.update({name: enumeration} if enumeration is not None else {})
     for name in document.dictionaries:
         if Path(name).name == name:
-            _dictionary(found, folder / name)
+            _add_dictionary(variables, folder / name)
         else:
             place = f"{document.name} {name[:80]}"
-            found.findings.append(Finding(place, "the data dictionary is not beside the model"))
+            variables.findings.append(Finding(place, "the data dictionary was not found next to the model"))
 
 
-def _plain(given: Mapping[str, object]) -> dict[str, ParameterValue]:
-    """Values that are given by name; raises `InputError` with each that is of no use."""
+def _given_values(given: Mapping[str, object]) -> dict[str, ParameterValue]:
+    """Return values given by name; raise `InputError` for all unsupported ones."""
     values = {name: to_parameter_value(value) for name, value in given.items()}
     wrong = [name for name, value in values.items() if value is None]
     if wrong:
-        remedy = "Give numbers, texts, lists or dictionaries of them; parameters in a ParameterSet."
-        raise InputError([Finding("parameters", f"{name}={given[name]!r:.60} is no value", remedy) for name in wrong])
+        remedy = "Use numbers, texts, lists or dictionaries of them, or Parameters in a ParameterSet."
+        raise InputError(
+            [Finding("parameters", f"{name}={given[name]!r:.60} is not a supported value", remedy) for name in wrong]
+        )
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _file(found: VariableTable, path: Path) -> list[ParameterSet]:
-    """Take the variables of a file; a calibration file's values are returned."""
+def _add_file(variables: VariableTable, path: Path) -> list[ParameterSet]:
+    """Add the variables of a file; parameter sets of a calibration file are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
-        read_file(path)  # one that is not there is a mistake here, but not where a model names it
-        _entries(found, path)
+        read_file(path)  # a missing file is an error here, but not if a model names it
+        _entries(variables, path)
     elif ending == ".mat":
-        _add(found, mat_variables(read_file(path)), path.name)
+        _add(variables, mat_variables(read_file(path)), path.name)
     elif ending == ".m":
-        run_parameter_script(found, path)
+        run_parameter_script(variables, path)
     else:
         from kennfeld.calfiles import read
 
@@ -123,51 +128,53 @@ def _file(found: VariableTable, path: Path) -> list[ParameterSet]:
     return []
 
 
-def _dictionary(found: VariableTable, path: Path) -> None:
-    """Take the variables of the model's own dictionary; what is wrong with it is a finding."""
+def _add_dictionary(variables: VariableTable, path: Path) -> None:
+    """Add the variables of the model's own dictionary; errors become findings."""
     try:
-        _entries(found, path)
+        _entries(variables, path)
     except InputError as error:
-        found.findings += error.findings
+        variables.findings += error.findings
 
 
-def _entries(found: VariableTable, path: Path) -> None:
+def _entries(variables: VariableTable, path: Path) -> None:
     read = read_dictionary(path)
-    _add(found, read.data, path.name)
-    found.solvers.update(read.solvers)
-    found.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
+    _add(variables, read.data, path.name)
+    variables.solvers.update(read.solvers)
+    variables.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
 
 
-def _callbacks(found: VariableTable, document: ModelDocument) -> None:
+def _callbacks(variables: VariableTable, document: ModelDocument) -> None:
     for name in _CALLBACKS:
         if name in document.callbacks:
-            run_text(found, document.callbacks[name], f"{document.name} {name}", document.path.parent)
+            run_text(variables, document.callbacks[name], f"{document.name} {name}", document.path.parent)
 
 
-def _workspace(found: VariableTable, document: ModelDocument) -> None:
+def _workspace(variables: VariableTable, document: ModelDocument) -> None:
     kind = document.workspace.kind
     if kind == "m-code":
-        before = dict(found)
-        run_text(found, document.workspace.text, "model workspace", document.path.parent)
-        found.update({name: before[name] for name in before.keys() - found.keys()})  # what it cannot say may be given
+        before = dict(variables)
+        run_text(variables, document.workspace.text, "model workspace", document.path.parent)
+        variables.update(
+            {name: before[name] for name in before.keys() - variables.keys()}
+        )  # the user may give what is missing
     elif kind == "file":
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
-            _file(found, path)
+            _add_file(variables, path)
         else:
-            found.findings.append(Finding(document.name, f"its workspace is in {path.name}, which is not there"))
+            variables.findings.append(Finding(document.name, f"its workspace is in {path.name}, which was not found"))
     else:
-        _add(found, workspace_variables(document.workspace), "model workspace")
+        _add(variables, workspace_variables(document.workspace), "model workspace")
 
 
-def _add(found: VariableTable, data: StoredVariables, source: str) -> None:
+def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
     for name, entry in data.entries.items():
         variable = _variable(entry, source)
         if variable is not None:
-            found[name] = variable
+            variables[name] = variable
     for name, why in data.unreadable.items():
         place = f"{source} {name}".strip()
-        found.findings.append(Finding(place, why, severity="warning"))
+        variables.findings.append(Finding(place, why, severity="warning"))
 
 
 def _variable(entry: StoredVariable, source: str) -> Variable | None:
@@ -177,14 +184,14 @@ def _variable(entry: StoredVariable, source: str) -> Variable | None:
     value = _value(entry)
     if value is None:
         return None
-    made = Variable(value, unit=entry.unit, description=entry.description, source=source)
-    return made.limited(entry.minimum, entry.maximum)
+    variable = Variable(value, unit=entry.unit, description=entry.description, source=source)
+    return variable.limited(entry.minimum, entry.maximum)
 
 
 def _value(stored: Stored) -> ParameterValue | None:
     if isinstance(stored, StoredVariable):
         if stored.breakpoints:
-            parts = {f"Breakpoints{i + 1}": _value(one) for i, one in enumerate(stored.breakpoints)}
+            parts = {f"Breakpoints{i + 1}": _value(variable) for i, variable in enumerate(stored.breakpoints)}
             parts = {"Table": _value(stored.value), **parts}
             return {name: part for name, part in parts.items() if part is not None}
         return _value(stored.value)
@@ -192,18 +199,18 @@ def _value(stored: Stored) -> ParameterValue | None:
         parts = {name: _value(part) for name, part in stored.items()}
         return {name: part for name, part in parts.items() if part is not None}
     if isinstance(stored, tuple):
-        several = tuple(_value(part) for part in stored)
-        if len(several) == 1:
-            return several[0]
-        return tuple(part for part in several if part is not None)
+        values = tuple(_value(part) for part in stored)
+        if len(values) == 1:
+            return values[0]
+        return tuple(part for part in values if part is not None)
     return to_parameter_value(stored) if stored is not None else None
 
 
-def _with(known: Variable | None, parameter: Parameter) -> Variable:
-    """A variable with the value of a parameter; what is known of it stays, where the parameter says nothing else."""
+def _with_parameter(known: Variable | None, parameter: Parameter) -> Variable:
+    """Return a variable with the value of a parameter, keeping known information that the parameter lacks."""
     unit = parameter.unit or (known.unit if known is not None else "")
     value, axes = np.asarray(parameter.values, dtype=np.float64), tuple(parameter.axes)
-    if known is not None and isinstance(known.value, np.ndarray) and _extents(known.value) == _extents(value):
+    if known is not None and isinstance(known.value, np.ndarray) and _sizes(known.value) == _sizes(value):
         value = value.reshape(known.value.shape)
     description = parameter.description or (known.description if known is not None else "")
     lower: float | Numbers = known.lower if known is not None else -np.inf
@@ -213,27 +220,27 @@ def _with(known: Variable | None, parameter: Parameter) -> Variable:
     return Variable(np.atleast_1d(value), lower, upper, unit, description, "a calibration file", axes)
 
 
-def _extents(values: Numbers) -> list[int]:
-    """The sizes along the dimensions that have more than one element: those of a row are those of a column."""
+def _sizes(values: Numbers) -> list[int]:
+    """Return the sizes along dimensions with more than one element, so that rows and columns compare equal."""
     return [size for size in values.shape if size != 1]
 
 
-def settings_of(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
-    """The settings of the solver, those of the file or of the configuration that it refers to, and what is missing."""
+def solver_settings(document: ModelDocument, variables: VariableTable) -> tuple[StoredSolver, str]:
+    """Return the solver settings of the file or of its referenced configuration, and a sentence if that is missing."""
     settings, seen = document.solver, set[str]()
     while settings.reference:
         name = settings.reference
         if name in seen or name not in variables.solvers:
-            why = "leads back to itself" if name in seen else "was not found"
-            return settings, f"the configuration {name[:60]} {why}: give the dictionary that holds it"
+            why = "refers to itself" if name in seen else "was not found"
+            return settings, f"configuration {name[:60]} {why}: give its dictionary as parameters"
         seen.add(name)
         settings = variables.solvers[name]
     return settings, ""
 
 
 def model_properties(document: ModelDocument, variables: VariableTable) -> dict[str, Variable]:
-    """What `get_param` can ask of a model, under the names that stand for it: a struct of its settings as texts."""
-    settings, _ = settings_of(document, variables)
+    """Return the properties that `get_param` may query of a model, as structs of texts."""
+    settings, _ = solver_settings(document, variables)
     said = {"SolverName": settings.name, "Solver": settings.name, "FixedStep": settings.fixed_step}
     said |= {"StartTime": settings.start, "StopTime": settings.stop, "MaxStep": settings.max_step}
     value: dict[str, ParameterValue] = {"Name": document.name, **{key: text for key, text in said.items() if text}}

@@ -1,7 +1,4 @@
-"""Variables of a model workspace or a data dictionary, as far as they are plain values or well-known objects.
-
-The variables of a model workspace: as the model file keeps them, or as a MAT-file.
-"""
+"""Variables stored in a model workspace, data dictionary or MAT-file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,7 +19,7 @@ from kennfeld.matlab.mat_nodes import (
     Node,
 )
 from kennfeld.matlab.mat_reader import load_nodes
-from kennfeld.matlab.mcos import single, workspace
+from kennfeld.matlab.mcos import read_array, read_workspace
 from kennfeld.models.simulink.reader.model_tree import StoredWorkspace
 
 __all__ = [
@@ -38,9 +35,9 @@ __all__ = [
 
 Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "StoredVariable", None]
 
-_MOST_BYTES = 200_000_000  # unpacked
-_MOST_ARRAYS = 1_000_000
-_NEEDED = ("Value", "Table", "Breakpoints")  # what an object is there for
+_MAX_BYTES = 200_000_000  # unpacked
+_MAX_ARRAYS = 1_000_000
+_NEEDED = ("Value", "Table", "Breakpoints")  # the value proper of an object
 _WHY = {
     "complex numbers": "it is complex",
     "sparse matrix": "it is a sparse matrix that is too large",
@@ -52,11 +49,11 @@ _WHY = {
 class StoredVariable:
     """One variable.
 
-    `value` is an array of at least two dimensions (numbers and booleans), a text, a mapping (a struct), a tuple (a
-    cell array, an array of structs or objects), another entry (an object within), or None where the file gives none.
-    `kind` is the class: "double", "single", "struct", "Simulink.Parameter", ... `type` is the data type that an object
-    states ("auto", "single", "fixdt(1,16,4)"), `minimum` and `maximum` its limits. Of a Simulink.LookupTable, `value`
-    is the table and `breakpoints` are its axes; all else it says is in `properties`.
+    `value` is an array of at least two dimensions (numbers and booleans), a text, a mapping (a struct), a tuple (a cell
+    array, an array of structs or objects), another entry (an inner object), or None if the file gives none. `kind` is
+    the class: "double", "single", "struct", "Simulink.Parameter", ... `type` is the data type that an object specifies
+    ("auto", "single", "fixdt(1,16,4)"), `minimum` and `maximum` are its limits. For a Simulink.LookupTable, `value` is
+    the table and `breakpoints` are its axes; everything else is in `properties`.
     """
 
     name: str
@@ -73,14 +70,14 @@ class StoredVariable:
 
 @dataclass(frozen=True)
 class StoredVariables:
-    """The variables of one source; `unreadable` says by name what could not be decoded, and why."""
+    """The variables of one source; `unreadable` gives the reason by name of what could not be decoded."""
 
     entries: Mapping[str, StoredVariable] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
 def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
-    """An object by its properties: what calibration needs of it by name, the rest as it is."""
+    """Return an object by its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
         return _lookup(name, kind, properties, _part(table), tuple(map(_part, _several(axes))))
@@ -97,20 +94,20 @@ def _lookup(
     table: Mapping[str, Value],
     axes: tuple[Mapping[str, Value], ...],
 ) -> StoredVariable:
-    made = _plain(name, kind, table)
+    variable = _plain(name, kind, table)
     named = [
         _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
         for number, axis in enumerate(axes, 1)
     ]
     return StoredVariable(
         name,
-        made.value,
+        variable.value,
         kind,
-        made.type,
-        made.unit,
-        made.minimum,
-        made.maximum,
-        made.description,
+        variable.type,
+        variable.unit,
+        variable.minimum,
+        variable.maximum,
+        variable.description,
         tuple(named),
         properties,
     )
@@ -131,7 +128,6 @@ def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVaria
 
 
 def _part(value: Value) -> Mapping[str, Value]:
-    """The properties of an inner struct or object."""
     if isinstance(value, StoredVariable):
         return {**value.properties, "Value": value.value}
     return value if isinstance(value, Mapping) else {"Value": value}
@@ -144,12 +140,12 @@ def _several(value: Value) -> tuple[Value, ...]:
 
 
 def _text(properties: Mapping[str, Value], key: str) -> str:
-    found = properties.get(key)
-    return found if isinstance(found, str) else ""
+    text = properties.get(key)
+    return text if isinstance(text, str) else ""
 
 
 def _limit(value: Value) -> float | None:
-    """A limit; none where it is empty or infinite."""
+    """Return a limit, None if it is empty or infinite."""
     if not isinstance(value, np.ndarray) or value.size != 1:
         return None
     number = float(readonly(value).flat[0])
@@ -157,9 +153,9 @@ def _limit(value: Value) -> float | None:
 
 
 def workspace_variables(workspace: StoredWorkspace) -> StoredVariables:
-    """The variables that a model file keeps in itself; none where they are code or in another file.
+    """Return the variables stored in the model file itself, none if they are code or in another file.
 
-    What cannot be read is told by name in `unreadable`; a workspace that is broken altogether under the name "".
+    `unreadable` lists what cannot be read; the name "" stands for the whole workspace.
     """
     if workspace.kind == "mxarray":
         return mxarray_variables(workspace.raw)
@@ -167,28 +163,28 @@ def workspace_variables(workspace: StoredWorkspace) -> StoredVariables:
 
 
 def mxarray_value(raw: bytes) -> Value:
-    """The value of a single array in the form of `.mxarray` parts; raises `DamageError` where there is none."""
+    """Return the value of a single `.mxarray` array; raises `MatFileError` if there is none."""
     try:
-        return _NodeDecoder().value(single(raw, _MOST_BYTES), "")
+        return _NodeDecoder().value(read_array(raw, _MAX_BYTES), "")
     except _UnreadError as why:
         raise MatFileError(str(why)) from None
 
 
 def mxarray_variables(raw: bytes) -> StoredVariables:
-    """The variables in the bytes of a `.mxarray` part."""
+    """Return the variables in the bytes of a `.mxarray` part."""
     try:
-        return _data(workspace(raw, _MOST_BYTES), "the model workspace cannot be read")
+        return _data(read_workspace(raw, _MAX_BYTES), "the model workspace cannot be read")
     except MatFileError as error:
-        return StoredVariables(unreadable={"": f"the model workspace is in an unknown form: {error}"})
+        return StoredVariables(unreadable={"": f"the model workspace has an unknown format: {error}"})
 
 
 def mat_variables(raw: bytes) -> StoredVariables:
-    """The variables in the bytes of a MAT-file of any version."""
-    return _data(load_nodes(raw, _MOST_BYTES, _MOST_ARRAYS), "the MAT-file cannot be read")
+    """Return the variables in the bytes of a MAT-file of any version."""
+    return _data(load_nodes(raw, _MAX_BYTES, _MAX_ARRAYS), "the MAT-file cannot be read")
 
 
 def _data(loaded: MatFileContent, message: str) -> StoredVariables:
-    """The variables that can be used; of what is lost with its name, the file itself is told."""
+    """Return the usable variables; losses without a name are recorded for the file."""
     reader, entries = _NodeDecoder(), {}
     for name, node in loaded.variables.items():
         try:
@@ -202,7 +198,7 @@ def _data(loaded: MatFileContent, message: str) -> StoredVariables:
 
 
 def _entry(name: str, node: Node, value: Value) -> StoredVariable:
-    """A variable under its name: an object keeps what it says of itself."""
+    """Return a variable; an object keeps its properties."""
     if isinstance(value, StoredVariable):
         return replace(value, name=name)
     if isinstance(node, MatNumbers):
@@ -213,17 +209,17 @@ def _entry(name: str, node: Node, value: Value) -> StoredVariable:
 
 
 class _UnreadError(Exception):
-    """A value is of no use here; the text says why."""
+    """A value cannot be used; the text gives the reason."""
 
 
 @dataclass
 class _NodeDecoder:
-    """Turns nodes into values; `unreadable` says what was left out within them."""
+    """Converts nodes to values; `unreadable` lists what was skipped within them."""
 
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def value(self, node: Node, path: str) -> Value:
-        """The value of a node; raises `_UnreadError` where it is none of those that are used here."""
+        """Return the value of a node; raise `_UnreadError` if it is unsupported."""
         match node:
             case MatNumbers():
                 return _numbers(node)
@@ -232,14 +228,14 @@ class _NodeDecoder:
             case MatStruct():
                 return stored_variable("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
             case MatStructArray():
-                return tuple(self.value(one, f"{path}({n})") for n, one in enumerate(node.elements, 1))
+                return tuple(self.value(element, f"{path}({n})") for n, element in enumerate(node.elements, 1))
             case MatCells():
-                return tuple(self.value(one, f"{path}{{{n}}}") for n, one in enumerate(node.cells, 1))
+                return tuple(self.value(element, f"{path}{{{n}}}") for n, element in enumerate(node.cells, 1))
             case MatUnreadable():
                 raise _UnreadError(_why(node))
 
     def _fields(self, node: MatStruct, path: str) -> Mapping[str, Value]:
-        """The fields of a struct; one that cannot be read is told, and does not take the others with it."""
+        """Return the fields of a struct; unreadable ones are recorded and skipped."""
         fields = {}
         for name, inner in node.fields.items():
             try:
@@ -249,7 +245,7 @@ class _NodeDecoder:
         return fields
 
     def _properties(self, node: MatStruct) -> Mapping[str, Value]:
-        """The properties of an object; one that cannot be read is left out, unless the object is there for it."""
+        """Return the properties of an object; unreadable ones are skipped unless they are its value."""
         properties = {}
         for name, inner in node.fields.items():
             try:
@@ -261,12 +257,11 @@ class _NodeDecoder:
 
 
 def _numbers(node: MatNumbers) -> Float:
-    with np.errstate(invalid="ignore"):  # some not-a-numbers of single precision warn
+    with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
         return readonly(node.values)
 
 
 def _why(node: MatUnreadable) -> str:
-    """Why a value cannot be used."""
     if node.kind in _WHY or node.kind == "damaged value":
         return node.why or _WHY[node.kind]
-    return f"{node.kind}: {node.why or 'only MATLAB can read it'}"
+    return f"{node.kind}: {node.why or 'it can only be read by MATLAB'}"
