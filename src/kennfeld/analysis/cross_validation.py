@@ -15,9 +15,12 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.optimize import Options, Problem, Progress, Quality, Result, TraceLine, run
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.result import finite_or_none
+from kennfeld.optimize.options import Options
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
+from kennfeld.optimize.search.multistart import run
 
 __all__ = ["CrossValidation", "FoldQuality", "cross_validate", "cross_validated", "folds_of"]
 

@@ -8,8 +8,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.criteria import Criterion
 from kennfeld.graph.traversal import with_names
-from kennfeld.optimize import Problem
-from kennfeld.optimize.problem import difference
+from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset

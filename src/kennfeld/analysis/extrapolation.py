@@ -9,14 +9,15 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.graph.traversal import with_names
-from kennfeld.optimize import Problem
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
 from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate import Surrogate, Validity
+    from kennfeld.surrogate.surrogate_file import Surrogate
+    from kennfeld.surrogate.validity import Validity
 
 __all__ = ["Extrapolation", "find_extrapolation"]
 
@@ -214,7 +215,7 @@ def _beyond(validity: "Validity", points: Float) -> Float:
 
 def _coordinates(surrogate: "Surrogate") -> list[str]:
     """Return the label of each coordinate: `throttle`, `n 2 samples before`."""
-    from kennfeld.surrogate import DynamicSurrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
     if not isinstance(surrogate, DynamicSurrogate):
         return list(surrogate.inputs)

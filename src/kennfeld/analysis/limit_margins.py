@@ -10,8 +10,8 @@ from kennfeld.constraints import Equality, Limit, Shape
 from kennfeld.free_axes import free_axes, with_fixed_axes
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.models.formula import extend
-from kennfeld.optimize import Problem
 from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 

@@ -11,8 +11,8 @@ from kennfeld.analysis.cell_errors import CellErrors, tally
 from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
-from kennfeld.optimize import Problem
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import spread
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.sample_weights import sample_weights

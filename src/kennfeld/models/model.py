@@ -13,7 +13,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate import Surrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 __all__ = ["Model", "merge_start_values"]
 
@@ -63,7 +63,7 @@ class Model:
         """The parameters that the model provides: `values`, and the expansions of its surrogates."""
         if not self.surrogates:
             return self.values
-        from kennfeld.surrogate import as_parameters
+        from kennfeld.surrogate.surrogate_file import as_parameters
 
         return as_parameters(self.surrogates).merged(self.values)
 

@@ -13,7 +13,10 @@ from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.graph.traversal import rewrite
-from kennfeld.native import Accumulator, Kernel, Output, Piece, Samples
+from kennfeld.native.accumulator import Accumulator
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.sample_loop import Output
+from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.restraint import Penalty, penalty_of
 from kennfeld.preprocessing.binding import BoundDataset

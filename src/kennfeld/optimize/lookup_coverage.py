@@ -11,7 +11,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.traversal import dependents, with_names
-from kennfeld.native import Simulator
+from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
 from kennfeld.parameter_set import ParameterSet

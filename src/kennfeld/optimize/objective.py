@@ -3,7 +3,7 @@
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.native import Cholesky
+from kennfeld.native.cholesky import Cholesky
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 from kennfeld.optimize.sensitivity import Sensitivity

@@ -8,7 +8,7 @@ from kennfeld.arrays import Float, Int, ignore_floating_errors
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.native import Factor
+from kennfeld.native.cholesky import Factor
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.linear_constraints import LinearLimits

@@ -10,7 +10,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.native import Simulator
+from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset

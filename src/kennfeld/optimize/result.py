@@ -16,7 +16,8 @@ from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
-    from kennfeld.optimize.trust import Trust, TrustAssessment
+    from kennfeld.optimize.trust.assessment import TrustAssessment
+    from kennfeld.optimize.trust.trust import Trust
 
 __all__ = [
     "Checkpoint",
@@ -135,7 +136,7 @@ class Result:
     @cached_property
     def trust(self) -> "Trust":
         """Uncertainty of the free values, and what determines them; computed on first use."""
-        from kennfeld.optimize.trust import Trust
+        from kennfeld.optimize.trust.trust import Trust
 
         if self.inspection is not None:
             return self.inspection.trust

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.native import Accumulator, Piece, Samples
+from kennfeld.native.accumulator import Accumulator
+from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult

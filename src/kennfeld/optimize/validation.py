@@ -108,7 +108,7 @@ def step_findings(
 def _training_steps(model: Model) -> dict[str, float]:
     if not model.surrogates:
         return {}
-    from kennfeld.surrogate import DynamicSurrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
     return {s.name: s.step for s in model.surrogates if isinstance(s, DynamicSurrogate)}
 

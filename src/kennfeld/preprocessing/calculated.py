@@ -14,7 +14,7 @@ from kennfeld.graph import CLOCK, Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import expression
-from kennfeld.native import Simulator
+from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.recipe import DataSettings

@@ -14,9 +14,8 @@ from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import list_names, nearest, quoted
 from kennfeld.graph import Graph
-from kennfeld.measurement import describe
 from kennfeld.measurement.cache import Cache
-from kennfeld.measurement.reader import read_leniently
+from kennfeld.measurement.reader import describe, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, compare_units, is_unit_missing, select_time_units

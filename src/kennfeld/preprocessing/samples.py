@@ -18,8 +18,10 @@ from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
 from kennfeld.graph.partition import GraphPartition
 from kennfeld.graph.traversal import dependents
-from kennfeld.native import Kernel, Piece, Samples, Simulator
 from kennfeld.native.column_table import Order
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Piece, Samples
+from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 

@@ -20,7 +20,7 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
 from kennfeld.errors import Finding, InputError
-from kennfeld.optimize import Checkpoint, StartResult
+from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text

@@ -22,11 +22,10 @@ from kennfeld.graph.factors import factors
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
-from kennfeld.optimize import Problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.lookup_coverage import Coverage
-from kennfeld.optimize.problem import difference
+from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.strategies.global_search import FEW

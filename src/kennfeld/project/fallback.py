@@ -10,7 +10,7 @@ from typing import Any
 
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import Finding, InputError
-from kennfeld.optimize import Result
+from kennfeld.optimize.result import Result
 from kennfeld.project.results import ResultSource, write
 
 __all__ = ["write_somewhere"]

@@ -126,7 +126,8 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
     if path.suffix.casefold() != ".json" or not _is_surrogate(path):
         [given], remarks = read_several([path], a2l)
         return given, remarks
-    from kennfeld.surrogate import StaticSurrogate, read_surrogate
+    from kennfeld.surrogate.surrogate_file import read_surrogate
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
 
     surrogate = read_surrogate(path)
     if not isinstance(surrogate, StaticSurrogate):
@@ -139,7 +140,7 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
 def _is_surrogate(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(200).decode("utf-8", errors="replace")
-    from kennfeld.surrogate import recognises_surrogate
+    from kennfeld.surrogate.surrogate_file import recognises_surrogate
 
     return recognises_surrogate(head)
 

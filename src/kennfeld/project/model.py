@@ -20,7 +20,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate import Surrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 __all__ = [
     "ProjectModel",
@@ -49,7 +49,7 @@ def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrog
         return ()
     from kennfeld.models.formula.functions import FUNCTIONS
     from kennfeld.models.formula.lexer import is_plain
-    from kennfeld.surrogate import read_surrogate
+    from kennfeld.surrogate.surrogate_file import read_surrogate
 
     surrogates = []
     for name, path in file.surrogates.items():

@@ -12,9 +12,10 @@ from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.models import merge_start_values
-from kennfeld.optimize import Problem, Step
 from kennfeld.optimize.api import bind_scalars
 from kennfeld.optimize.limit_nodes import channels_of
+from kennfeld.optimize.options import Step
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import infeasible
 from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
@@ -41,7 +42,7 @@ from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import build_steps, uncovered_values
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate import Surrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 __all__ = ["ProjectProblem", "assemble"]
 
@@ -132,7 +133,7 @@ class ProblemBuilder:
                 self._report(f"[surrogates] {surrogate.name}", message, "Rename the surrogate.")
         if initial is None or not self.surrogates:
             return initial
-        from kennfeld.surrogate import as_parameters
+        from kennfeld.surrogate.surrogate_file import as_parameters
 
         return as_parameters(self.surrogates).merged(initial).from_origin(initial.origin)
 

@@ -14,8 +14,10 @@ from kennfeld.project.schema import ProjectFile
 from kennfeld.project.sections import read_project
 
 if TYPE_CHECKING:
-    from kennfeld.optimize import Options, Problem, Result
+    from kennfeld.optimize.options import Options
+    from kennfeld.optimize.problem import Problem
     from kennfeld.optimize.quality import NodeSimulator
+    from kennfeld.optimize.result import Result
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
 
@@ -55,7 +57,7 @@ class Project:
     @property
     def options(self) -> "Options":
         """Settings of the optimizer."""
-        from kennfeld.optimize import Options
+        from kennfeld.optimize.options import Options
 
         entry = self.file.optimizer
         return Options(
@@ -136,7 +138,8 @@ class Project:
         Raises:
             InputError: the project has errors, or there is no checkpoint to resume from.
         """
-        from kennfeld.optimize import Seconds, run
+        from kennfeld.optimize.result import Seconds
+        from kennfeld.optimize.search.multistart import run
 
         problem, options = self.problem(), replace(self.options, workers=workers)
         seconds = Seconds(read=self.seconds_read)

@@ -18,8 +18,8 @@ from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.free_axes import free_axes
-from kennfeld.optimize import Result, TraceLine
-from kennfeld.optimize.trust import Trust
+from kennfeld.optimize.result import Result, TraceLine
+from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from kennfeld.errors import Finding
-from kennfeld.optimize import Problem
 from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
+from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project.schema import ProjectFile

@@ -9,8 +9,9 @@ import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding
-from kennfeld.optimize import Problem, Step
 from kennfeld.optimize.lookup_coverage import Coverage, touched
+from kennfeld.optimize.options import Step
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset

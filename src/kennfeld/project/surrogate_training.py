@@ -18,7 +18,7 @@ from kennfeld.project.schema import MAX_STARTS, CalibrationEntry, ModelEntry, Op
 from kennfeld.project.sections import read_datasets
 from kennfeld.project.structuring import Section, as_number
 from kennfeld.project.toml_file import read_toml
-from kennfeld.surrogate import Surrogate
+from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import extract_points, raster_of, split_recordings
 

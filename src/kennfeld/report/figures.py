@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis import CellErrors, Residuals
+from kennfeld.analysis.cell_errors import CellErrors
 from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.analysis.residuals import Residuals
 from kennfeld.arrays import Float, Int
 from kennfeld.parameters import Axis, Parameter
 from kennfeld.report.markup import rounded

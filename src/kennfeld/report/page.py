@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld import __version__
 from kennfeld.errors import Finding
-from kennfeld.optimize import Result
+from kennfeld.optimize.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
 from kennfeld.report.markup import Html, element

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.analysis import Residuals, residuals
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.analysis.residuals import Residuals, residuals
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
-from kennfeld.optimize import Problem, Quality, Result
 from kennfeld.optimize.lookup_coverage import Lookups, coordinates
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, spread
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality, spread
+from kennfeld.optimize.result import Result
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter

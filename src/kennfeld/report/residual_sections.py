@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from kennfeld.analysis import Residuals, WorstSample
 from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.analysis.residuals import Residuals, WorstSample
 from kennfeld.formatting import count_noun
 from kennfeld.report import figures
 from kennfeld.report.markup import Child, Html, details, element, percent, recorded, shown, table, with_unit

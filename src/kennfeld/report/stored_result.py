@@ -13,8 +13,9 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, InputError
-from kennfeld.optimize import Problem, Quality, Result, Seconds, TraceLine
-from kennfeld.optimize.result import StartResult
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kennfeld.analysis import active_constraints, output_ranges
+from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.arrays import Bool
 from kennfeld.constraints import Equality
 from kennfeld.parameters import Parameter

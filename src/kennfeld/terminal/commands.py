@@ -13,7 +13,7 @@ from kennfeld.terminal.output import aligned, print_findings, print_lines
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
-    from kennfeld.optimize import Result
+    from kennfeld.optimize.result import Result
     from kennfeld.project import Project
 
 __all__ = [
@@ -171,7 +171,7 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
-    from kennfeld.analysis import cross_validated
+    from kennfeld.analysis.cross_validation import cross_validated
     from kennfeld.project.results import write_text
     from kennfeld.terminal.progress import Interrupt, display
 
@@ -326,7 +326,7 @@ def merge(sources: Sequence[Path], target: Path, a2l: Path | None, force: bool) 
 def train(path: Path) -> int:
     """Train a surrogate and write it as one file."""
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate import write_surrogate
+    from kennfeld.surrogate.surrogate_file import write_surrogate
     from kennfeld.terminal.result_lines import summarize_surrogate
 
     training = read_training(path)

@@ -16,7 +16,8 @@ from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project import Project
 from kennfeld.project.checks import describe_events
-from kennfeld.surrogate import DynamicSurrogate, read_surrogate
+from kennfeld.surrogate.surrogate_file import read_surrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 from kennfeld.terminal.output import aligned, number_text, size_text
 from kennfeld.terminal.result_lines import describe_surrogate, quality_table, ranges_table
 from kennfeld.terminal.simulink import (

@@ -20,7 +20,7 @@ from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models import formula as formulas
 from kennfeld.models.simulink.reader.document import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
-from kennfeld.surrogate import recognises_surrogate
+from kennfeld.surrogate.surrogate_file import recognises_surrogate
 from kennfeld.terminal.describers import (
     WHOLE,
     FileInfo,
@@ -61,7 +61,7 @@ def describe_file(path: str | Path, a2l: str | Path | None = None, part: Simulin
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    file = _File(Path(path), a2l, part)
+    file = _GivenFile(Path(path), a2l, part)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:
             if recognises(file):
@@ -76,7 +76,7 @@ def describe_file(path: str | Path, a2l: str | Path | None = None, part: Simulin
 
 
 @dataclass(frozen=True)
-class _File:
+class _GivenFile:
     """A file to be described. Its beginning is read when first needed: a damaged model is known by its name alone."""
 
     path: Path
@@ -106,25 +106,25 @@ class _File:
             raise InputError.of(str(self.path), f"cannot be read: {error.strerror or error}") from None
 
 
-def _is_simulink(file: _File) -> bool:
+def _is_simulink(file: _GivenFile) -> bool:
     if file.suffix in (".slx", ".mdl"):
         return True
     return file.kind is FileKind.MODEL or recognises_simulink(file.head.encode())
 
 
-def _is_toml(file: _File) -> bool:
+def _is_toml(file: _GivenFile) -> bool:
     return file.suffix == ".toml" or (file.kind is FileKind.CSV and _SECTION.search(file.head) is not None)
 
 
-def _describe_toml(file: _File) -> FileInfo:
+def _describe_toml(file: _GivenFile) -> FileInfo:
     return (describe_training if is_training(read_toml(file.path)) else describe_project)(file.path)
 
 
-def _describe_formula_file(file: _File) -> FileInfo:
+def _describe_formula_file(file: _GivenFile) -> FileInfo:
     return describe_formula(file.path, formulas.read(file.path, surrogates=formulas.surrogates_beside(file.path)))
 
 
-def _is_calibration(file: _File) -> bool:
+def _is_calibration(file: _GivenFile) -> bool:
     path, kind, head = file.path, file.kind, file.head
     if kind is FileKind.EXCEL:
         return is_calibration_workbook(CalibrationSource(path.name, path.read_bytes(), path))
@@ -136,7 +136,7 @@ def _is_calibration(file: _File) -> bool:
     return kind in _CALIBRATION_KINDS or recognises_cdfx(head) or (kind is FileKind.CSV and recognises_dcm(head))
 
 
-def _is_formula_text(file: _File) -> bool:
+def _is_formula_text(file: _GivenFile) -> bool:
     return file.kind is FileKind.CSV and _FORMULA_LINE.match(_first_line(file.head)) is not None
 
 
@@ -146,13 +146,13 @@ def _first_line(text: str) -> str:
     return next((line for line in lines if line and not line.startswith("#")), "")
 
 
-def _describe_formula_text(file: _File) -> FileInfo:
+def _describe_formula_text(file: _GivenFile) -> FileInfo:
     text, surrogates = formulas.text_of(file.path), formulas.surrogates_beside(file.path)
     return describe_formula(file.path, formulas.formula(text, file.path.name, surrogates=surrogates))
 
 
 # tried in this order; a file that none of them recognises is a measurement
-_DESCRIBERS: Sequence[tuple[Callable[[_File], bool], Callable[[_File], FileInfo]]] = (
+_DESCRIBERS: Sequence[tuple[Callable[[_GivenFile], bool], Callable[[_GivenFile], FileInfo]]] = (
     (lambda file: file.suffix == ".sldd", lambda file: describe_dictionary(file.path)),
     (_is_simulink, lambda file: describe_simulink(file.path, file.part)),
     (_is_toml, _describe_toml),

@@ -14,7 +14,8 @@ from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from kennfeld.optimize import Progress, Stop, TraceLine
+from kennfeld.optimize.result import Progress, TraceLine
+from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 

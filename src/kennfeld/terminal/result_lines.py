@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from kennfeld.optimize import Result
 from kennfeld.optimize.quality import r2_text
-from kennfeld.optimize.trust import Trust
-from kennfeld.surrogate import DynamicSurrogate, Surrogate
+from kennfeld.optimize.result import Result
+from kennfeld.optimize.trust.trust import Trust
+from kennfeld.surrogate.surrogate_file import Surrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 from kennfeld.terminal.output import aligned
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from kennfeld.models.formula.syntax import (
 from kennfeld.models.model import Model
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate import Surrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 __all__ = ["expression", "extend", "formula", "read", "surrogates_beside", "text_of"]
 
@@ -242,7 +242,7 @@ def surrogates_beside(path: str | Path) -> "tuple[Surrogate, ...]":
         return ()
     from dataclasses import replace
 
-    from kennfeld.surrogate import read_surrogate
+    from kennfeld.surrogate.surrogate_file import read_surrogate
 
     return tuple(replace(read_surrogate(file), name=file.stem) for file in surrogate_files)
 
@@ -273,7 +273,7 @@ def _file(path: Path, name: str) -> Path | None:
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
     if file == path or not file.is_file():
         return None
-    from kennfeld.surrogate import recognises_surrogate
+    from kennfeld.surrogate.surrogate_file import recognises_surrogate
 
     try:
         with file.open("rb") as stream:

@@ -13,7 +13,8 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.surrogate import DynamicSurrogate, Surrogate
+from kennfeld.surrogate.surrogate_file import Surrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "BuiltinFunction", "InvalidArgumentError", "functions_of"]
 

@@ -6,7 +6,7 @@ S is singular if limits depend on each other, such as the four slopes around a f
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native import Factor
+from kennfeld.native.cholesky import Factor
 
 __all__ = ["nonnegative_dual", "solve_active"]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Cholesky, Factor
+from kennfeld.native.cholesky import Cholesky, Factor
 
 __all__ = ["GaussNewtonModel", "Objective", "SecantCorrection"]
 

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Factor
+from kennfeld.native.cholesky import Factor
 from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Objective, SecantCorrection
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, solve

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native import Factor, Gram
+from kennfeld.native.cholesky import Factor
+from kennfeld.native.gram import Gram
 from kennfeld.optimize.solver.dual_active_set import nonnegative_dual, solve_active
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native import Accumulator
+from kennfeld.native.accumulator import Accumulator
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt

@@ -19,8 +19,8 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.criteria import Criterion
-from kennfeld.native import Samples
 from kennfeld.native.column_table import ColumnTable
+from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.trust.persistence import persistence
 from kennfeld.preprocessing.binding import BoundDataset

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native import Accumulator, Piece, Samples
+from kennfeld.native.accumulator import Accumulator
+from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet

@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.native import Cholesky, Factor
+from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 

@@ -102,7 +102,7 @@ def prepare(folder: Path, report: Callable[[str], None]) -> None:
     if target.exists():
         return
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate import write_surrogate
+    from kennfeld.surrogate.surrogate_file import write_surrogate
 
     report("An engine model from recordings (kennfeld surrogate train engine.toml):")
     surrogate = read_training(folder / "engine.toml").train()
