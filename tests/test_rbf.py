@@ -67,9 +67,9 @@ def test_the_file_holds_it_bit_for_bit(tmp_path):
     [
         ({"widths": [[1.0, 0.0]] * 3}, "widths of an expansion must be > 0"),
         ({"weights": [1.0, 2.0, None]}, "must be a finite number"),
-        ({"centres": [[1.0, 2.0]] * 2}, r"F\.centres: has 2 entries, not 3"),
-        ({"inputs": ["a"]}, r"F\.slopes: has 2 entries, not 1"),
-        ({"offset": "x"}, r"F\.offset: 'x' is no number"),
+        ({"centres": [[1.0, 2.0]] * 2}, r"F\.centres: must have length 3, got 2"),
+        ({"inputs": ["a"]}, r"F\.slopes: must have length 1, got 2"),
+        ({"offset": "x"}, r"F\.offset: must be a number, got 'x'"),
         ({"centers": []}, "Did you mean centres"),
     ],
 )
@@ -84,7 +84,7 @@ def test_a_broken_file_is_answered(tmp_path, change, expected):
 
 @pytest.mark.parametrize("ending", ["dcm", "csv"])
 def test_formats_that_cannot_hold_it_say_so(tmp_path, ending):
-    with pytest.raises(InputError, match="cannot hold"):
+    with pytest.raises(InputError, match="cannot store"):
         kf.ParameterSet([rbf()]).save(tmp_path / f"p.{ending}")
 
 

@@ -70,7 +70,7 @@ def test_the_evaluations_run_out():
     function = Function(rastrigin)
     found = global_search(function, np.full(4, 3.0), box(*[(-5, 5)] * 4), GlobalSettings(50))
     assert found.status == "max_iterations"
-    assert "raise max_evaluations" in found.message
+    assert "Increase max_evaluations" in found.message
     assert 50 <= len(function.asked) <= 60
 
 

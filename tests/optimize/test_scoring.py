@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize import quality
 
 TRAINING = {"x": [0.0, 1.0, 2.0, 3.0], "y": [0.0, 2.5, 3.5, 6.0]}
 TEST = {"x": [1.0, 2.0, np.nan, 4.0], "y": [2.0, np.nan, 6.0, 9.0]}
@@ -64,7 +63,7 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
     whole = score()
     for block in (1, 7, 45, 100):
         monkeypatch.setattr("kennfeld.optimize.quality.SAMPLES_PER_BLOCK", block)
-        cut = quality()
+        cut = score()
         assert cut.samples == whole.samples == np.isfinite(data["x"] + data["y"]).sum()
         for name in ("rmse_before", "rmse_after", "r2_after", "max_abs_after"):
             assert getattr(cut, name) == pytest.approx(getattr(whole, name), rel=1e-12)

@@ -48,7 +48,7 @@ def test_a_limit_reads_channels_that_nothing_else_reads(shop):
         ("[[limit]]\nnode = 'base'", "min and max are missing"),
         ("[[limit]]\nmax = 3", "[[limit]] 1 node: the key is missing"),
         ("[[limit]]\nnode = 'base'\nmin = 3\nmax = 1", "min = 3 exceeds max = 1"),
-        ("[[limit]]\nnode = 'bas'\nmax = 1", "bas is no node of the function and no channel"),
+        ("[[limit]]\nnode = 'bas'\nmax = 1", "unknown node or channel bas"),
         ("[[limit]]\nnode = 'base'\nmax = 1\nwhere = 'Predict > 3'", "depends on a free parameter"),
         ("[[limit]]\nnode = 'base +'\nmax = 1", "limit"),
         ("[parameters.Gain]\ngradient = { x = [1, 0] }", "lower limit 1 exceeds upper limit 0"),

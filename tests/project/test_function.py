@@ -82,7 +82,7 @@ def test_a_target_may_be_a_node_a_number_or_a_channel(shop):
             'node = "Predct"\ntarget = 1',
             "unknown node Predct. Did you mean Predict?",
         ),
-        ('node = "base *"\ntarget = 1', "[[criterion]] 2 node, column 7: the expression ends too early"),
+        ('node = "base *"\ntarget = 1', "[[criterion]] 2 node, column 7: incomplete expression"),
         ('node = "base"\ntarget = { node = "Predct" }', "[[criterion]] 2 target: unknown node Predct"),
         ('node = "base"\ntarget = { channel = "Toque" }', "unknown channel Toque. Did you mean Torque?"),
         ('node = "base"\ntarget = "Toque"', "unknown channel or node Toque. Did you mean Torque?"),

@@ -48,8 +48,8 @@ def test_an_image_may_stand_in_a_list_and_need_no_description(flash):
         ('hex = "ecu.hex"', 'hex = "no.hex"', "file no.hex does not exist"),
         ('hex = "ecu.hex"', 'hexx = "ecu.hex"', "hexx: unknown key. Did you mean hex?"),
         (START, "initial = [3]", "must be a file, got 3"),
-        (START, 'initial = "start.json"', "an image is written over one to start from, and there is none"),
-        ('output = ["hex"', 'output = ["s19"', ".s19 is not what ecu.hex holds, Intel HEX"),
+        (START, 'initial = "start.json"', "writing an image requires an existing image to modify"),
+        ('output = ["hex"', 'output = ["s19"', "ecu.hex is Intel HEX, which has other endings than .s19"),
     ],
 )
 def test_what_is_wrong_with_an_image_is_a_finding(flash, old, new, message):

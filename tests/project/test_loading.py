@@ -108,7 +108,7 @@ def test_a_channel_missing_in_many_files_is_one_finding(shop):
 def test_findings_of_a_reader_come_with_the_others(shop):
     shop.write("bench.csv", "n,Load,Torque\n1000,10,15\n1100,x,16\n1200,11,17\n")
     errors = shop.change('initial = "start.json"', 'initial = "nothing.dcm"').errors()
-    assert any("bench.csv line 3, column Load: 'x' is no number" in e for e in errors)
+    assert any("bench.csv line 3, column Load: must be a number, got 'x'" in e for e in errors)
     assert any("file nothing.dcm does not exist" in e for e in errors)
 
 
@@ -150,7 +150,7 @@ def test_a_constant_may_be_a_calculated_channel(shop):
     ("formula", "expected"),
     [
         ("2 * n +", "kennfeld.toml [calculated] Load, column 8: incomplete expression"),
-        ("Load * 2", "[calculated] Load: the channel needs itself: Load -> Load"),
+        ("Load * 2", "[calculated] Load: circular definition: Load -> Load"),
         ("air * 2", "bench.csv: has no channel air, which [calculated] Load needs"),
         ("n + dt", "[calculated] Load: Load requires time stamps, but dataset bench has none"),
     ],

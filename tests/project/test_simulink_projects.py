@@ -476,7 +476,7 @@ def test_parameters_that_a_format_has_no_name_for_are_left_out_and_told(drawn, c
     path = drawn.folder / "kennfeld.toml"
     assert drawn.project.path == path
     assert cli.run(["calibrate", str(path)]) == 0
-    assert "'Plus so much:Bias' cannot be a name in DCM" in capsys.readouterr().err
+    assert "'Plus so much:Bias' is not a valid DCM name" in capsys.readouterr().err
     results = drawn.folder / "results"
     assert list(read(results / "parameters.dcm")) == ["Slope"]
     for ending in ("json", "cdfx", "m"):
@@ -550,5 +550,5 @@ def test_why_a_script_gives_a_variable_no_value_is_told_with_the_block_that_need
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
     [found] = said(drawn)
-    assert found.startswith("line.slx variable Slope: has no value (assignment failed in init.m line 1)")
+    assert found.startswith("line.slx variable Slope: undefined (assignment failed in init.m line 1)")
     assert "; Times needs it. Give it among the parameters" in found

@@ -93,7 +93,7 @@ def test_the_report_warns_and_lists_and_can_be_made_again(outside):
     again = from_folder(Project.read(outside.path), outside.folder / "results")
     for text in (report, again):
         assert f'<li class="warning">{SENTENCE}' in text
-        assert "train it on data from there, too" in text
+        assert "add training data from this range" in text
         assert "farthest outside its data" in text
 
 

@@ -240,7 +240,7 @@ class TestFolder:
     def test_without_one_of_its_files_is_refused_by_the_name_of_the_file(self, project, tmp_path):
         write(project.calibrate(), project, tmp_path / "results")
         (tmp_path / "results" / "trust.csv").unlink()
-        with pytest.raises(InputError, match=r"trust\.csv: is missing\. Run kennfeld calibrate again\.$"):
+        with pytest.raises(InputError, match=r"trust\.csv: the file is missing\. Run kennfeld calibrate again\.$"):
             from_folder(project, tmp_path / "results")
 
     def test_is_the_run_that_a_killed_process_had_begun_to_put_there(self, project, tmp_path, opened):

@@ -259,7 +259,7 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
 
 def test_a_damaged_simulink_model_is_told(tmp_path):
     (tmp_path / "engine.slx").write_bytes(b"PK\3\4 and no more")
-    with pytest.raises(InputError, match=r"engine\.slx: is a broken zip archive"):
+    with pytest.raises(InputError, match=r"engine\.slx: is a damaged zip archive"):
         describe_file(tmp_path / "engine.slx")
 
 
@@ -306,5 +306,5 @@ def test_a_packed_file_that_is_damaged_anywhere_is_named_as_such(tmp_path):
 def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
     path = tmp_path / "drive.csv.x"
     path.write_bytes(start + bytes(200))
-    with pytest.raises(InputError, match=r"this is a packed file\. Unpack it first"):
+    with pytest.raises(InputError, match=r"this is a compressed file\. Unpack it first"):
         describe_file(path)

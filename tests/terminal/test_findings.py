@@ -13,7 +13,7 @@ def test_nothing_is_said_where_nothing_is_open():
 def test_each_direction_is_a_line_with_its_mend():
     heading, line = undetermined_lines(Trust(directions=(ONE,)))
     assert heading == "Parameters not determined by the data:"
-    assert line == "  Scaling A by 1.01 changes nothing. Pin a value of A."
+    assert line == "  Scaling A by 1.01 has no effect on the fit. Pin a value of A."
 
 
 def test_the_number_of_undetermined_changes_comes_first_with_what_settles_all_of_them():
@@ -40,7 +40,7 @@ def test_what_limits_of_outputs_hold_comes_last():
     close = ActiveLimit("minimum distance of C.x", "Breakpoints 2 and 3 of C.x are at their minimum distance.", 0, 1)
     assert undetermined_lines(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
         "Active output limits:",
-        "  The limit y <= 2 is met at 3 samples.",
+        "  The limit y <= 2 is reached at 3 samples.",
     ]
 
 

@@ -58,7 +58,7 @@ class _Blocks4:
             raise ValueError("lies behind the end of the file")
         kind, length, count = struct.unpack("<4s4xQQ", head)
         if not kind.startswith(b"##"):
-            raise ValueError("is no block")
+            raise ValueError("is not a block")
         if kind not in _LINKS_4 and kind not in _ALL_LINKS_4:
             return ()
         if at + length > self.size or _HEAD_4 + 8 * count > length or count > _MOST_LINKS:
@@ -82,7 +82,7 @@ class _Blocks3:
             raise ValueError("lies behind the end of the file")
         kind = head[:2]
         if not kind.isalpha():
-            raise ValueError("is no block")
+            raise ValueError("is not a block")
         if kind not in _LINKS_3 or len(head) < _HEAD_3 + 8:
             return ()
         links = struct.unpack(f"{self.order}2I", head[_HEAD_3:])

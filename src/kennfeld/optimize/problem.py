@@ -86,7 +86,7 @@ class Problem:
 
     @property
     def free_size(self) -> int:
-        """How many values the free parameters have, locked ones included."""
+        """Number of values of the free parameters, including locked ones."""
         return sum(self.parameters[name].size for name in self.free_names)
 
     @cached_property

@@ -69,7 +69,7 @@ class FileInfo:
 
 
 class SimulinkSelection(NamedTuple):
-    """What to import of a Simulink model: a subsystem, files with values, folders of libraries, replaced blocks."""
+    """Part of a Simulink model to import: subsystem, files with values, folders of libraries, replaced blocks."""
 
     subsystem: str = ""
     parameters: Sequence[str | Path] = ()

@@ -402,7 +402,7 @@ REFUSED = [
         "bitwise operator &",
     ),
     (lone("du: q = u;"), "assignment to an unknown variable"),
-    (lone("du: y = q;"), "variable q: has no value; C needs it"),
+    (lone("du: y = q;"), "variable q: undefined; used by C"),
     (lone("du: u = y;"), "u is read-only"),
     (
         pair("", "", "X"),

@@ -48,7 +48,7 @@ def test_slopes_with_respect_to_poles(tmp_path):
     ("parameters", "told"),
     [
         ({"Zeros": "[1 2 3]"}, "it has more zeros \\(3\\) than poles"),
-        ({"Poles": "[-1+2i -1-2i]"}, "complex numbers are not known"),
+        ({"Poles": "[-1+2i -1-2i]"}, "complex numbers are not supported"),
         ({"Zeros": "[1 2; 3 4]"}, "its Zeros are a matrix"),
     ],
 )

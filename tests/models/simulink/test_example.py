@@ -99,7 +99,7 @@ def test_a_block_is_bound_on_the_command_line_as_in_the_project(tmp_path, capsys
 @pytest.mark.parametrize(
     ("binding", "told"),
     [
-        ("Sensor/Radiation", "--bind Sensor/Radiation: says no formula"),
+        ("Sensor/Radiation", "--bind Sensor/Radiation: has no formula"),
         ("Sensr/Radiation=1", "unknown block Sensr/Radiation. Did you mean Sensor/Radiation?"),
         ("Sensor/Radiation=", "is empty"),
         ("Sensor/Radiation=0.15 *", "bind Sensor/Radiation"),

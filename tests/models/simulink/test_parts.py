@@ -149,7 +149,7 @@ def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path,
 
 def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(bounded_builder, "_MAX_NODES", 500)
-    monkeypatch.setattr(importable_subsystems, "_MOST_ASKED", 1000)
+    monkeypatch.setattr(importable_subsystems, "_MAX_OPERATIONS", 1000)
     monkeypatch.setattr(importable_subsystems, "_LEAST_ASKED", 100)
     path = large(8).write(tmp_path)
     report = inspect_simulink(path)

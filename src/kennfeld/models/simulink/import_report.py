@@ -128,7 +128,7 @@ class ImportReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user who calibrates the model should know."""
+        """Remarks for a user who calibrates the model."""
         substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
         remarks = (text for text in self.remarks if not text.endswith("is passed over"))  # such as plots in a script
         return (*substitutions, *self.fixed, *remarks)

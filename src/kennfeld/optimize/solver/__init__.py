@@ -1,1 +1,1 @@
-"""What minimises a sum of squares within linear limits."""
+"""Minimisation of a sum of squares within linear limits."""

@@ -1,1 +1,1 @@
-"""What is chosen before the search: smoothness and shifts."""
+"""Choice of smoothness factors and time shifts before the search."""

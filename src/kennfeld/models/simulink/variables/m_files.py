@@ -192,7 +192,7 @@ class Evaluated(NamedTuple):
 
 
 class EvaluationFailure(NamedTuple):
-    """Why an expression has no value, and the undefined variable if that is the reason."""
+    """The reason why an expression has no value, and the undefined variable if there is one."""
 
     why: str
     undefined: str = ""
