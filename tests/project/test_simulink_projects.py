@@ -470,8 +470,8 @@ def test_parameters_that_a_format_has_no_name_for_are_left_out_and_told(drawn, c
     drawn.add('[parameters."Plus so much:Bias"]\ninitial = 0.0\n[calibration]\noutput = ["dcm", "cdfx", "m"]\n')
     [warning] = said(drawn)
     assert warning == (
-        "kennfeld.toml [calibration] output: dcm cannot hold Plus so much:Bias: 'Plus so much:Bias' cannot be a "
-        "name in DCM: it must be one word without quotes. parameters.json holds every parameter."
+        "kennfeld.toml [calibration] output: dcm cannot hold Plus so much:Bias: 'Plus so much:Bias' is not a "
+        "valid DCM name: it must be one word without quotes. parameters.json holds every parameter."
     )
     path = drawn.folder / "kennfeld.toml"
     assert drawn.project.path == path
@@ -551,4 +551,4 @@ def test_why_a_script_gives_a_variable_no_value_is_told_with_the_block_that_need
     drawn.change("[[dataset]]", "parameters = 'init.m'\n[[dataset]]")
     [found] = said(drawn)
     assert found.startswith("line.slx variable Slope: undefined (assignment failed in init.m line 1)")
-    assert "; Times needs it. Give it among the parameters" in found
+    assert "; used by Times. Define it in a script" in found

@@ -113,7 +113,7 @@ def test_what_an_unknown_class_could_change_is_told(tmp_path):
     lower = import_simulink(function(body("y = bitshift(u, -2) + v;")).write(tmp_path)).report
     assert lower.notes == ()
     cast = import_simulink(function(body("y = double(int8(u)) + v;")).write(tmp_path)).report
-    assert any(one.startswith("integer types are not applied by F") for one in cast.notes)
+    assert any(one.startswith("integer types are ignored in F") for one in cast.notes)
     with pytest.raises(InputError, match="bitcmp: its argument must be of an integer class"):
         imported(function(body("y = bitcmp(u) + v;")), tmp_path)
 

@@ -130,7 +130,7 @@ class ImportReport:
     def notes(self) -> tuple[str, ...]:
         """Remarks for a user who calibrates the model."""
         substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
-        remarks = (text for text in self.remarks if not text.endswith("is passed over"))  # such as plots in a script
+        remarks = (text for text in self.remarks if not text.endswith(" skipped"))  # such as plots in a script
         return (*substitutions, *self.fixed, *remarks)
 
     @property

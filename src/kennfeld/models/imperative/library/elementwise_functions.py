@@ -145,7 +145,7 @@ def shift_bits(args: SymbolicArguments) -> SymbolicValue:
 
 def _remark_unknown_type(args: SymbolicArguments, message: str) -> None:
     if args.calls.context.numbers(args.array(0), f"an argument of {args.name}") is None:
-        args.calls.context.remark(f"{args.name} {message}because the type of its argument is unknown. {_TYPED}")
+        args.calls.context.remark(f"{args.name} {message}, because the type of its argument is unknown. {_TYPED}")
 
 
 @function("bitcmp", least=1, most=2)

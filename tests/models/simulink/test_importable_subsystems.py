@@ -9,7 +9,7 @@ from kennfeld.cli import run as command
 from kennfeld.graph import bounded_builder
 from kennfeld.models.simulink import importable_subsystems
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
-from kennfeld.models.simulink.importing import simulink
+from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.models.simulink.loaded_model import LoadedModel
 
 U = np.linspace(-1, 1, 9)
@@ -150,7 +150,7 @@ def test_subsystems_of_a_model_that_is_too_large_are_told_all_the_same(tmp_path,
 def test_a_search_that_ends_early_says_so(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(bounded_builder, "_MAX_NODES", 500)
     monkeypatch.setattr(importable_subsystems, "_MAX_OPERATIONS", 1000)
-    monkeypatch.setattr(importable_subsystems, "_LEAST_ASKED", 100)
+    monkeypatch.setattr(importable_subsystems, "_MIN_OPERATIONS", 100)
     path = large(8).write(tmp_path)
     report = inspect_simulink(path)
     assert 0 < len(report.subsystems) < 8
@@ -188,3 +188,15 @@ def test_the_command_says_why_a_script_gives_a_variable_no_value(tmp_path, capsy
     (tmp_path / "init.m").write_text("k = sqrt(nowhere);")
     assert command(["info", str(drawn.write(tmp_path)), "--parameters", str(tmp_path / "init.m")]) == 0
     assert "init.m line 1" in capsys.readouterr().out
+
+
+def test_plots_in_a_script_concern_no_user_who_calibrates(tmp_path):
+    (tmp_path / "init.m").write_text("Slope = 3;\nplot(1:3);\n")
+    model = Model("line")
+    model.inport("u")
+    model.block("Gain", "Times", Gain="Slope")
+    model.outport("y")
+    model.chain("u", "Times", "y")
+    report = import_simulink(model.write(tmp_path), parameters=[tmp_path / "init.m"]).report
+    assert [remark for remark in report.remarks if "plot" in remark]
+    assert report.notes == ()
