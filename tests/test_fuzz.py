@@ -36,13 +36,13 @@ def test_a_crash_is_a_failure_and_does_not_end_the_run(tmp_path):
         "import sys, os\n"
         "if 'fuzz' in ' '.join(sys.orig_argv) or 'spawn' in ' '.join(sys.orig_argv):\n"
         "    import kennfeld.calfiles.dcm.lines as lines\n"
-        "    real = lines.split\n"
+        "    real = lines.split_blocks\n"
         "    def split(text, notes):\n"
         "        if 'KENNFELD' not in text:\n"
         "            os._exit(11)\n"
         "        return real(text, notes)\n"
         "    import kennfeld.calfiles.dcm.reader as reader\n"
-        "    reader.split = split\n"
+        "    reader.split_blocks = split\n"
     )
     status, lines = run("--count", "12", "--kinds", "calibration .dcm", PYTHONPATH=str(tmp_path))
     assert status == 1
