@@ -319,3 +319,16 @@ def test_growth_beyond_every_number_is_no_warning():
     end = descend(model, [100.0], max_iterations=2000)
     assert end.status == "converged"
     assert end.cost < model.cost(np.array([0.0]))
+
+
+@pytest.mark.parametrize("small", [True, False])
+def test_a_descent_from_values_that_fit_exactly_converges(small):
+    """What residuals of rounding errors promise is no reason to fail."""
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        matrix, truth = random.normal(size=(8, 4)), random.normal(size=4)
+        objective = linear(matrix, matrix @ truth, small)
+        end = descend(objective, descend(objective, np.zeros(4)).values)
+        assert end.status == "converged"
+        near = descend(objective, truth + 1e-15 * random.normal(size=4))
+        assert near.status == "converged"

@@ -291,8 +291,10 @@ class _LevenbergMarquardt:
 
     def _is_rounding(self, model: GaussNewtonModel, reduction: float) -> bool:
         """Return if residuals are all but rounding, by which r'r is uncertain by twice |r| times their error."""
-        size, rounding = float(np.sqrt(self.state.cost)), model.rounding
-        return size <= EXACT_FIT * rounding and reduction <= 2 * size * rounding
+        return self._fits_exactly(model) and reduction <= 2 * float(np.sqrt(self.state.cost)) * model.rounding
+
+    def _fits_exactly(self, model: GaussNewtonModel) -> bool:
+        return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
 
     def _accelerate(self, model: GaussNewtonModel, proposal: _Proposal) -> QpSolution | None:
         """Correct a Gauss-Newton step by half its geodesic acceleration; None if that is too large for the step."""
@@ -383,9 +385,9 @@ class _LevenbergMarquardt:
         return self._end("converged", "The cost no longer decreases.")
 
     def _end_without_step(self, model: GaussNewtonModel, message: str) -> SolverResult:
-        """End as converged, or as failed if an almost undamped step promises to halve the cost."""
+        """End as converged, or as failed if an almost undamped step promises to halve a cost that is not rounding."""
         state, damped = self.state, None
-        if state.cost > SOLVED_SHARE * state.initial_cost:
+        if state.cost > SOLVED_SHARE * state.initial_cost and not self._fits_exactly(model):
             damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
         if damped is not None and np.all(np.isfinite(damped[1])):
             step = solve(*damped, self._here, self.limits, state.active_set).step

@@ -40,7 +40,7 @@ SIMPLER = 30.0  # times the ratio that a direction of one table less may have
 PLAINER = 4.0  # times the ratio that a direction may have that shifts one table less, or lets one less follow another
 MIN_NEW_SHARE = 0.2  # of a combination, outside the span of the directions before it
 MIN_NEW_SHARE_OTHERS = 0.8  # the same for other directions
-RIDGE = 1e-12  # of the diagonal, so that undetermined values can adapt
+RIDGE = 1e-9  # of the diagonal: undetermined values adapt as little as possible, far above rounding errors
 MANY = 48  # table changes from which only two are combined
 
 
