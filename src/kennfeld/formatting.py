@@ -6,9 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 from heapq import nlargest
 from itertools import islice, pairwise
 
-__all__ = ["count_noun", "holds_control_characters", "join_limited", "join_names", "nearest", "one_line", "quoted"]
-
-_MANY = 1000  # names, beyond which only those that share the most pairs of letters are compared in full
+__all__ = ["count_labels", "count_noun", "holds_control_characters", "join_names", "nearest", "one_line", "quoted"]
 
 _MAX_COMPARED = 1000  # names; of more, only those that share the most pairs of letters are compared in full
 _MAX_LABELS = 5  # names of labels in a message
@@ -51,23 +49,23 @@ def count_noun(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def join_limited(names: Sequence[str]) -> str:
+def count_labels(names: Sequence[str]) -> str:
     """Return the number of labels and the first of their names.
 
-    >>> join_limited(["a", "b"])
+    >>> count_labels(["a", "b"])
     '2 labels (a, b)'
     """
-    return f"{count_noun(len(names), 'label')} ({list_names(names, _MAX_LABELS)})"
+    return f"{count_noun(len(names), 'label')} ({join_names(names, _MAX_LABELS)})"
 
 
-def list_names(names: Collection[str], limit: int = 8) -> str:
+def join_names(names: Collection[str], limit: int = 8, separator: str = ", ") -> str:
     """Return the first `limit` names, and the number of the others.
 
-    >>> list_names(["a", "b", "c", "d"], 2)
+    >>> join_names(["a", "b", "c", "d"], 2)
     'a, b and 2 more'
     """
     more = f" and {len(names) - limit} more" if len(names) > limit else ""
-    return ", ".join(islice(names, limit)) + more
+    return separator.join(islice(names, limit)) + more
 
 
 def quoted(name: str) -> str:
@@ -79,13 +77,3 @@ def quoted(name: str) -> str:
     if name.replace("_", "a").replace("-", "a").isalnum() and name.isascii():
         return name
     return f"'{name}'" if "\\" in name or '"' in name else f'"{name}"'
-
-
-def join_names(names: Sequence[str], limit: int) -> str:
-    """Return the first names, and how many more there are.
-
-    >>> join_names(["a", "b", "c", "d"], 2)
-    'a, b and 2 more'
-    """
-    more = f" and {len(names) - limit} more" if len(names) > limit else ""
-    return ", ".join(names[:limit]) + more

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
@@ -126,7 +126,7 @@ def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> Paramet
     for pattern in patterns:
         matches = {key for label, key in keys.items() if label == pattern or fnmatchcase(label, pattern)}
         if not matches:
-            remedy = nearest(pattern, keys) or f"The axes are {list_names(keys, 12)}."
+            remedy = nearest(pattern, keys) or f"The axes are {join_names(keys, 12)}."
             raise ArgumentError(f"free_axes: {pattern} matches no axis. {remedy}")
         free |= matches
     return _with_axes(parameters, lambda axis, key: axis.changed(free=True) if key in free else axis)

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.calfiles.format import Findings
 from kennfeld.calfiles.verbal_values import warn_about_kinds
 from kennfeld.errors import Finding
-from kennfeld.formatting import holds_control_characters, join_limited
+from kennfeld.formatting import count_labels, holds_control_characters
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -67,7 +67,7 @@ def loss_remarks(parameters: ParameterSet, lacks: Iterable[str], file: str) -> t
         has, becomes, remedy = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _USE_JSON))
         names = list(dict.fromkeys(item.name for item in items if has(item)))
         if names:
-            findings.warning(0, "", f"{becomes}: {join_limited(names)}", remedy)
+            findings.warning(0, "", f"{becomes}: {count_labels(names)}", remedy)
     return findings.finish()
 
 

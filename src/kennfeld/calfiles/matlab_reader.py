@@ -27,17 +27,11 @@ _MAX_DEPTH = 40
 TITLE = "% Kennfeld calibration"
 _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
 _HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")
-_NAME = re.compile(r"[A-Za-z]\w*")
-_BLOCKS = frozenset({"if", "for", "while", "switch", "try", "parfor", "spmd", "classdef"})
 _COMMENT = re.compile(r"(?:\[([^\[\]]*)\])?[ \t]*(.*)", re.DOTALL)
 _VALUES = frozenset({"value", "values", "data"})
-_MOST_INDEX = 1000
-_MOST_DEPTH = 50
-_FIELD = 100  # values that take the memory of one field
 _MAX_VALUES = 20_000_000  # that a script assigns
 _MAX_FILE_BYTES = 200_000_000  # bytes of a file in its folder
 _HEAD_LINES = 400
-_EXCERPT = 60
 _MAX_COMMAND_LENGTH = 500  # characters of a command that is no assignment
 
 Step = str | int  # a field, or a place in a list

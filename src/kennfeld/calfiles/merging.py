@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.calfiles.comparison import Difference, compare
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import join_limited
+from kennfeld.formatting import count_labels
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -117,5 +117,5 @@ def _conflicts(items: dict[str, tuple[Parameter | Text, str]], axes: dict[str, t
 
 
 def _conflict(axis: str, winner: str, source: str, names: list[str]) -> Finding:
-    message = f"group axis {axis} has other breakpoints than in {source}, where {join_limited(names)} are defined"
+    message = f"group axis {axis} has other breakpoints than in {source}, where {count_labels(names)} are defined"
     return Finding(winner, message, f"Define these tables in {winner} too, or make the breakpoints equal.")

@@ -13,7 +13,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view
@@ -60,7 +60,7 @@ def _missing(place: str, tables: Sequence[Table], selection: Selection) -> list[
     """Return the channels that no group has."""
     names = dict.fromkeys(name for table in tables for name in table.names if name)
     return [
-        Finding(place, f"has no channel {name}", nearest(name, names) or f"It has {list_names(names)}.")
+        Finding(place, f"has no channel {name}", nearest(name, names) or f"It has {join_names(names)}.")
         for name in selection.channels or ()
         if name not in names
     ]
@@ -108,7 +108,7 @@ def _rasters(groups: Sequence[_Group]) -> str:
         for _, stamps, columns, *_ in groups
         if columns
     ]
-    return list_names(rasters, 4)
+    return join_names(rasters, 4)
 
 
 def _raster_remedy(groups: Sequence[_Group]) -> str:
@@ -122,7 +122,7 @@ def _shared(place: str, groups: Sequence[_Group], raster: float) -> Float:
     end = min(float(group[1][-1]) for group in groups)
     if end < begin:
         ranges = [f"{c[0].name} from {s[0]:.6g} s to {s[-1]:.6g} s" for _, s, c, *_ in groups if c]
-        message = f"the time ranges of the channels do not overlap: {list_names(ranges, 4)}"
+        message = f"the time ranges of the channels do not overlap: {join_names(ranges, 4)}"
         raise InputError.of(place, message, "Omit one of them.")
     densest = min((group[1] for group in groups), key=_step)
     within = densest[(densest >= begin - SAME_INSTANT) & (densest <= end + SAME_INSTANT)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names
+from kennfeld.formatting import join_names
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
@@ -96,7 +96,7 @@ def _found(source: MeasurementFile) -> MatlabSignals:
 
 
 def _listed(said: dict[str, str]) -> str:
-    return list_names([f"{path} ({message})" for path, message in said.items()], _MAX_LISTED)
+    return join_names([f"{path} ({message})" for path, message in said.items()], _MAX_LISTED)
 
 
 def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:

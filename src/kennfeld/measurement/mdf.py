@@ -18,7 +18,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names
+from kennfeld.formatting import join_names
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.table import Column, Selection, Table
@@ -89,7 +89,7 @@ def _description(
     left_out = tuple(name for part in parts for name in part.left_out)
     details = dict(first.details)
     if ambiguous:
-        details["names that others have too"] = list_names(ambiguous, 6)
+        details["names that others have too"] = join_names(ambiguous, 6)
     remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
     return TableDescription(
         first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous, remarks

@@ -8,7 +8,7 @@ from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, run_guarded
 from kennfeld.measurement.table import Selection, Table, without_infinite
@@ -182,7 +182,7 @@ def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:
         return tables[0]
     findings = []
     for table in tables:
-        names = list_names([name for name in table.names if name], 6)
+        names = join_names([name for name in table.names if name], 6)
         sheet = dict(table.details).get("sheet", "")
         message = f"{table.rows.size} rows of {names}; several sheets hold tables and none is selected"
         findings.append(Finding(table.place, message, f"Write {source.name}#{sheet} to select it."))

@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
-from kennfeld.formatting import list_names
+from kennfeld.formatting import join_names
 from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_numbers, parse_stamps, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time
@@ -138,7 +138,7 @@ class Table:
         if not columns:
             return place
         word = "column" if len(columns) == 1 else "columns"
-        return f"{place}, {word} {list_names([column.place for column in columns], 3)}"
+        return f"{place}, {word} {join_names([column.place for column in columns], 3)}"
 
 
 class ColumnBuilder:
@@ -203,7 +203,7 @@ def _text_finding(table: Table, sample: int, cells: list[tuple[Column, object]])
     place = table.at(sample, *(column for column, _ in cells))
     if len(cells) == 1:
         return Finding(place, f"must be a number, got {quote_cell(cells[0][1])}", _number_remedy(str(cells[0][1])))
-    quoted = list_names([quote_cell(cell) for _, cell in cells], 3)
+    quoted = join_names([quote_cell(cell) for _, cell in cells], 3)
     remedy = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
     return Finding(place, f"must be numbers, got {quoted}", remedy)
 

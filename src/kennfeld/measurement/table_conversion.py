@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, concatenate
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.resampling import even_grid, resample_all, samples_on
 from kennfeld.measurement.table import Column, Selection, Table, text_findings, without_infinite
@@ -98,7 +98,7 @@ def _missing(table: Table, selection: Selection) -> list[Finding]:
     names = [name for name in table.names if name]
     for name in selection.channels or ():
         if name not in names:
-            remedy = nearest(name, names) or f"It has {list_names(names)}."
+            remedy = nearest(name, names) or f"It has {join_names(names)}."
             findings.append(Finding(table.place, f"has no channel {name}", remedy))
         elif name in by_name and by_name[name].is_text:
             column = by_name[name]

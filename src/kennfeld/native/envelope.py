@@ -5,6 +5,7 @@ order (E. Cuthill, J. McKee: Reducing the bandwidth of sparse symmetric matrices
 George, 1971). Rows are grouped in blocks, as in `cholesky`.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Int
 
-__all__ = ["BLOCK", "BUSY", "Envelope"]
+__all__ = ["BLOCK", "Envelope", "split_busy"]
 
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken
@@ -73,16 +74,22 @@ class Envelope:
 
 def _orders(pattern: Bool) -> list[Int]:
     """Return candidate orders, with fewer or more values at the end."""
-    degree = np.count_nonzero(pattern, axis=1)
-    orders, seen = [], set()
+    orders = [
+        np.concatenate([rest[_by_levels(pattern[np.ix_(rest, rest)])], last])
+        for rest, last in split_busy(np.count_nonzero(pattern, axis=1))
+    ]
+    return orders or [np.arange(len(pattern))]
+
+
+def split_busy(degree: Int) -> Iterator[tuple[Int, Int]]:
+    """Yield divisions of values by their number of neighbours: most of them, and fewer or more that come last."""
+    seen = set()
     for busy in BUSY:
         last = degree > busy * np.median(degree)
         count = int(last.sum())
         if count not in seen and count < degree.size:
             seen.add(count)
-            rest = np.flatnonzero(~last)
-            orders.append(np.concatenate([rest[_by_levels(pattern[np.ix_(rest, rest)])], np.flatnonzero(last)]))
-    return orders or [np.arange(degree.size)]
+            yield np.flatnonzero(~last), np.flatnonzero(last)
 
 
 def _by_levels(pattern: Bool) -> Int:

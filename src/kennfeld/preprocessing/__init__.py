@@ -1,1 +1,1 @@
-"""Recordings on their way to a kernel, and their weights."""
+"""Preparation of recordings: from files and datasets to the samples that a calibration uses."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names, nearest, quoted
+from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, read_leniently
@@ -176,12 +176,12 @@ class RecordingReader:
     def _report_missing(self) -> None:
         for channel, files in self._missing.items():
             purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
-            remedy = nearest(channel, self._candidates) or f"It has {list_names(self._candidates)}."
+            remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
             if purpose.startswith("the input ") and channel not in self.settings.channels.values():
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
                 remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
-            self.findings.append(Finding(list_names(files, 1), f"has no channel {channel}, {purpose}", remedy))
+            self.findings.append(Finding(join_names(files, 1), f"has no channel {channel}, {purpose}", remedy))
 
     def _calculated_purpose(self, channel: str) -> str:
         for name, graph in self.channels.calculated.graphs.items():

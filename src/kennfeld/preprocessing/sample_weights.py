@@ -13,7 +13,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.criteria import Criterion, Region
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
@@ -113,7 +113,7 @@ def _counts(criterion: Criterion, data: Dataset) -> bool:
 
 def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> list[Finding]:
     if name not in data:
-        remedy = nearest(name, [*data, *offered]) or f"It has {list_names(data)}."
+        remedy = nearest(name, [*data, *offered]) or f"It has {join_names(data)}."
         return [Finding(place, f"dataset {data.name} has no channel {name}", remedy)]
     values = data[name].values
     wrong = np.flatnonzero((values < 0) | np.isinf(values))
@@ -142,7 +142,7 @@ def _region(region: Region, datasets: Sequence[Dataset], place: str, offered: Se
     findings = []
     for data in datasets:
         for name in (name for name in graph.inputs if name not in data):
-            remedy = nearest(name, [*data, *offered]) or f"It has {list_names(data)}."
+            remedy = nearest(name, [*data, *offered]) or f"It has {join_names(data)}."
             findings.append(Finding(place, f"dataset {data.name} has no channel {name}", remedy))
         if uses_clock(graph) and data.time is None:
             message = f"the condition requires time stamps, but dataset {data.name} has none"

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding
-from kennfeld.formatting import list_names, nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 
@@ -322,7 +322,7 @@ class Units:
             message = f"channel {channel} is converted from {unit} to {to}, the unit of {whose}"
             if channel in formulas:
                 message += f"; formulas read {channel} in {to}"
-            yield Finding(list_names(files, 1), message, severity="remark")
+            yield Finding(join_names(files, 1), message, severity="remark")
 
 
 def with_stated_units(dataset: Dataset, units: Mapping[str, str]) -> Dataset:

@@ -8,6 +8,7 @@ import numpy as np
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.arrays import Bool
 from kennfeld.constraints import Equality
+from kennfeld.formatting import join_names
 from kennfeld.parameters import Parameter
 from kennfeld.report.markup import MISSING, Html, element, percent, recorded, shown, table
 from kennfeld.report.pieces import MAX_LISTED, note
@@ -98,7 +99,7 @@ def _linear(report: ReportData) -> Iterator[list[str]]:
             ends = f"from {recorded(constraint.lower)} to {recorded(constraint.upper)}"
             prefix = f"{constraint.kind} of {constraint.parameter} along {axis} "
             limit = f"{constraint.kind} along {axis} {ends}"
-            places = _listed([name.removeprefix(prefix) for name in held.active])
+            places = join_names([name.removeprefix(prefix) for name in held.active], MAX_LISTED, "; ")
             yield [constraint.parameter, limit, f"{len(held.active)} of {held.rows}", places]
 
 
@@ -124,9 +125,4 @@ def _outputs(report: ReportData) -> Html | None:
 def _places(parameter: Parameter, at: Any) -> str:
     axes = parameter.index_axes
     points = [", ".join(recorded(float(a.breakpoints[i])) for a, i in zip(axes, point, strict=True)) for point in at]
-    return _listed(points) if axes else ""
-
-
-def _listed(items: Sequence[str]) -> str:
-    more = f" and {len(items) - MAX_LISTED} more" if len(items) > MAX_LISTED else ""
-    return "; ".join(items[:MAX_LISTED]) + more
+    return join_names(points, MAX_LISTED, "; ") if axes else ""

@@ -273,12 +273,6 @@ def one_step_expansion(
     return scaling.expansion(*process.terms(), lengths)
 
 
-def one_step_residual(expansion: Expansion, runs: Runs, limits: tuple[float, float]) -> Float:
-    """Return prediction minus measurement at each of the points, Float[samples]."""
-    residual: Float = np.clip(expansion(runs.points), *limits) - runs.one_step_target
-    return residual
-
-
 def _free(runs: Runs, limits: tuple[float, float]) -> tuple[Float, Float]:
     """Return the points whose output is not at a limit, where it carries little information on the function."""
     target = runs.one_step_target

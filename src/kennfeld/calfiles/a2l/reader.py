@@ -12,7 +12,7 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.format import Findings, FlashOrigin
 from kennfeld.errors import ArgumentError
-from kennfeld.formatting import count_noun, join_limited
+from kennfeld.formatting import count_labels, count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -37,7 +37,7 @@ class _ReadLabels:
         """Report the skipped labels, in one warning if many share a reason."""
         for reason, labels in self.aside.items():
             if len(labels) > _MAX_LISTED:
-                names = join_limited([name for _, name in labels])
+                names = count_labels([name for _, name in labels])
                 findings.warning(labels[0][0], "and others", f"skipped {names}: each {reason}")
             else:
                 for line, name in labels:
@@ -63,10 +63,10 @@ def read_parameters(a2l: A2l, image: Image, findings: Findings) -> ParameterSet:
             _take_label(labels, source, found, findings)
     found.report_skipped(findings)
     if found.absent:
-        message = f"skipped {join_limited(found.absent)}: address not in {image.name}"
+        message = f"skipped {count_labels(found.absent)}: address not in {image.name}"
         findings.warning(0, "", message, "Check that the image is complete and belongs to this A2L file.")
     if found.dependent:
-        message = f"computed from other labels, read as stored: {join_limited(found.dependent)}"
+        message = f"computed from other labels, read as stored: {count_labels(found.dependent)}"
         findings.warning(0, "", message)
     return ParameterSet(found.members, found.texts, found.axes, origin=FlashOrigin(a2l, image))
 

@@ -21,7 +21,7 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import Findings
-from kennfeld.formatting import count_noun, join_limited
+from kennfeld.formatting import count_labels, count_noun, join_names
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -133,10 +133,10 @@ class _ImageWriter:
                 self._try_write(source, partial(self._parameter, item))
         others = list(dict.fromkeys(item.name for item in self.given.others))
         if others:
-            message = f"further variants of {join_limited(others)} left out: the control unit has one place for each"
+            message = f"further variants of {count_labels(others)} left out: the control unit has one place for each"
             self.findings.warning(0, "", message)
         if self.left:
-            self.findings.warning(0, "", f"{join_limited(self.left)} left out: not in {self.labels.a2l.file}")
+            self.findings.warning(0, "", f"{count_labels(self.left)} left out: not in {self.labels.a2l.file}")
 
     def _warn_about_units(self) -> None:
         """Warn about values in another unit than the control unit's; conversion is left to the user."""
@@ -147,8 +147,7 @@ class _ImageWriter:
             if unit and member.unit and unit != member.unit:
                 found.append(f"{member.name} in {member.unit}, not {unit}")
         if found:
-            more = f" and {len(found) - 3} more" if len(found) > 3 else ""
-            shown = "; ".join(found[:3]) + more
+            shown = join_names(found, 3, "; ")
             message = f"written without conversion, since {self.labels.a2l.file} states another unit: {shown}"
             self.findings.warning(0, "", message, "Check that this is intended.")
 
@@ -184,7 +183,7 @@ class _ImageWriter:
         if users:
             self._wrong(
                 name,
-                f"has {points.size} breakpoints, but the image has {len(shared.axis or ())}, and {join_limited(users)} "
+                f"has {points.size} breakpoints, but the image has {len(shared.axis or ())}, and {count_labels(users)} "
                 "sharing them are not given",
                 "Include these tables.",
             )
@@ -381,7 +380,7 @@ def _warn_about_dependent(a2l: A2l, changed: Collection[str], findings: Findings
         if one.name not in changed and any(name in changed for name in one.dependent_on)
     ]
     if found:
-        message = f"not recomputed although labels in their formulas changed: {join_limited(found)}"
+        message = f"not recomputed although labels in their formulas changed: {count_labels(found)}"
         findings.warning(0, "", message)
 
 

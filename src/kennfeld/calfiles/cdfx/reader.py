@@ -17,7 +17,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set, drop_trailing_ones
 from kennfeld.calfiles.xml_tree import Element, collection_paused, parse_xml
-from kennfeld.formatting import count_noun, join_limited
+from kennfeld.formatting import count_labels, count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
@@ -117,7 +117,7 @@ class _CdfxReader:
     def warn_about_numeric_booleans(self) -> None:
         """Remark on booleans that are given as numbers, whose category is not kept."""
         if self.numbered:
-            names = join_limited(list(dict.fromkeys(self.numbered)))
+            names = count_labels(list(dict.fromkeys(self.numbered)))
             message = f"BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK: {names}"
             self.findings.warning(0, "", message)
 

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import Findings, WriteResult
 from kennfeld.calfiles.msq.reader import Constant, Msq
-from kennfeld.formatting import count_noun, holds_control_characters, join_limited
+from kennfeld.formatting import count_labels, count_noun, holds_control_characters
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -63,7 +63,7 @@ class _MsqUpdate:
     def warn_about_units(self) -> None:
         """Warn about values in another unit than the tune; conversion is left to the user."""
         if self.units:
-            message = f"written without conversion, since the tune has another unit: {join_limited(self.units)}"
+            message = f"written without conversion, since the tune has another unit: {count_labels(self.units)}"
             self.findings.warning(0, "", message, "Check that this is intended.")
 
     def take(self, item: Parameter | Text) -> None:

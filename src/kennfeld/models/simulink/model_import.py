@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.bounded_builder import GraphTooLargeError
 from kennfeld.models.formula.frontend import expression
@@ -286,8 +286,9 @@ def _integer_remarks(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
     paths = find_integer_conversions(blocks)
     if not paths:
         return ()
-    names = ", ".join(paths[:_MAX_NAMED]) + (f" and {len(paths) - _MAX_NAMED} more" if len(paths) > _MAX_NAMED else "")
-    return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",)
+    return (
+        f"integer types are ignored in {join_names(paths, _MAX_NAMED)}: Simulink rounds there, and wraps or saturates",
+    )
 
 
 def _calibratable(parameter: Parameter, sources: Mapping[str, str]) -> CalibratableParameter:
@@ -302,8 +303,7 @@ def _calibratable(parameter: Parameter, sources: Mapping[str, str]) -> Calibrata
 
 def _output_remedy(system: System) -> str:
     inner = [block.path for block in system.every() if block.system is not None]
-    more = f" and {len(inner) - _MAX_LISTED} more" if len(inner) > _MAX_LISTED else ""
-    return f"Import a subsystem: {', '.join(inner[:_MAX_LISTED])}{more}." if inner else "Add an outport."
+    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else "Add an outport."
 
 
 def _refusal(compiler: BlockCompiler, flat: FlatBlock) -> tuple[str, str]:

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Float, Int, Sparse
-from kennfeld.native.envelope import BUSY
+from kennfeld.native.envelope import split_busy
 from kennfeld.optimize.trust.matrices import part
 from kennfeld.threads import blas_threads
 
@@ -145,12 +145,9 @@ def _orders(pattern: Sparse) -> Iterator[Int]:
     """Return candidate orders, as for an `Envelope`: with and without moving strongly coupled values to the end."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-    degree = np.diff(pattern.indptr)
-    for busy in BUSY:
-        last = degree > busy * np.median(degree)
-        rest = np.flatnonzero(~last)
+    for rest, last in split_busy(np.diff(pattern.indptr)):
         inner = reverse_cuthill_mckee(part(pattern, rest), symmetric_mode=True)
-        yield np.concatenate([rest[inner], np.flatnonzero(last)]).astype(np.int64)
+        yield np.concatenate([rest[inner], last]).astype(np.int64)
 
 
 class BlockFactor:

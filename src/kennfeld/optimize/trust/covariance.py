@@ -98,7 +98,7 @@ class Estimate:
     def distance(self) -> float:
         """Largest step of a value to the minimum of the linearised cost, in standard deviations of that value."""
         step = np.abs(self.spectrum.inverse.times(self.gradient))
-        sure = np.sqrt(np.maximum(self._variances(None, error=True), 0.0))
+        sure = np.sqrt(np.maximum(self._own_variances(error=True), 0.0))
         known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
         return float(np.max(step[known] / sure[known], initial=0.0))
 
@@ -165,22 +165,27 @@ class Estimate:
         """Return the standard deviations of the error or of the scatter of all values; inf for undetermined ones."""
         follow = self.reduction.follow[:, self.seen]
         variances = np.zeros(self.reduction.size)
-        variances[self.reduction.independent[self.seen]] = self._variances(None, error=error)
+        variances[self.reduction.independent[self.seen]] = self._own_variances(error=error)
         variances[self.reduction.dependent] = self._variances(follow, error=error)
         variances[self.undetermined] = np.inf
         deviation: Float = np.sqrt(np.maximum(variances, 0.0))
         return deviation
 
-    def _variances(self, functions: Float | None, *, error: bool) -> Float:
-        """Return the variances of linear functions of the values, given as rows, or of the values themselves."""
+    def _own_variances(self, *, error: bool) -> Float:
+        """Return the variances of the values that the matrices are over."""
+        return self._error_variances if error else self.spectrum.inverse.sandwich(self._noisy)
+
+    @cached_property
+    def _error_variances(self) -> Float:
         inverse = self.spectrum.inverse
+        return self.dispersion * inverse.diagonal if self.noise is None else inverse.sandwich(self._claimed)
+
+    def _variances(self, functions: Float, *, error: bool) -> Float:
+        """Return the variances of linear functions of the values, given as rows."""
+        rows = self.spectrum.inverse.times(functions)
         if error and self.noise is None:
-            own = inverse.diagonal if functions is None else (inverse.times(functions) * functions).sum(axis=1)
-            return np.asarray(self.dispersion * own, dtype=np.float64)
+            return np.asarray(self.dispersion * (rows * functions).sum(axis=1), dtype=np.float64)
         matrix = self._claimed if error else self._noisy
-        if functions is None:
-            return inverse.sandwich(matrix)
-        rows = inverse.times(functions)
         return np.asarray((rows @ matrix * rows).sum(axis=1), dtype=np.float64)
 
     def covariance(self, *, scatter: bool) -> Float:
