@@ -4,8 +4,6 @@ import re
 import zipfile
 import zlib
 
-__all__ = ["find_oversized"]
-
 LARGE = 100_000_000  # bytes; smaller members are harmless
 MAX_RATIO = 100  # sheets of a workbook shrink to a tenth, repetitive ones to a thirtieth
 _CHUNK = 1 << 20

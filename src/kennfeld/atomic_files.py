@@ -8,8 +8,6 @@ from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL
 from pathlib import Path
 
-__all__ = ["replace_atomically", "write_whole"]
-
 _ANY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 

@@ -15,8 +15,6 @@ from kennfeld.terminal.commands import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings, print_lines
 from kennfeld.terminal.signals import end_like_ctrl_c
 
-__all__ = ["app", "main", "run"]
-
 app = typer.Typer(
     name="kennfeld",
     help="Calibrate sensor models of engine control units: formula and measurement in, curves and maps out.",

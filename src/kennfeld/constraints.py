@@ -8,8 +8,6 @@ from kennfeld.arrays import ArrayLike
 from kennfeld.errors import ArgumentError
 from kennfeld.numeric import array, number
 
-__all__ = ["Equality", "Limit", "Pin", "Shape", "Term"]
-
 UNBOUNDED = float("inf")
 
 

@@ -7,8 +7,6 @@ from typing import Literal, get_args
 from kennfeld.errors import ArgumentError
 from kennfeld.numeric import number
 
-__all__ = ["Criterion", "Loss", "Region", "Target"]
-
 Loss = Literal["square", "huber", "soft_l1", "excess"]
 
 

@@ -11,8 +11,6 @@ from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.numeric import array, number, truths
 
-__all__ = ["PAUSE", "Channel", "Clock", "Dataset", "Settling", "Use", "concatenate"]
-
 Use = Literal["training", "test"]
 
 PAUSE = 20.0  # median steps; a longer one is a pause of the recording

@@ -12,13 +12,13 @@ A fit that does not converge raises no exception: the status of its `Result` sta
 import re
 import sys
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Literal
 
-__all__ = ["ArgumentError", "Finding", "InputError", "InputWarning", "KennfeldError", "visible", "warn"]
+Severity = Literal["error", "warning", "remark"]
 
 # control characters except tab and newline, invisible characters, and those that change the writing direction
 _UNSEEN = re.compile(
@@ -45,23 +45,107 @@ def _escape(character: str) -> str:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One problem of an input with its location and remedy, or a remark worth knowing.
+class Location:
+    """A place in an input.
 
-    >>> print(Finding("torque.kf line 4", "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))
+    Attributes:
+        file: name of the file or dataset, or the argument of a call.
+        line: line of the file from 1 on; 0 if the location is the file as a whole, or has no lines.
+        path: place within the file, such as a section and key, a label or a block; may be empty.
+
+    >>> print(Location("engine.dcm", 12, "MapX"), "|", Location("kennfeld.toml", 4, "[model] step"))
+    engine.dcm line 12 (MapX) | kennfeld.toml line 4 [model] step
+    >>> print(Location("engine.slx", path="Controller/Gain"))
+    engine.slx Controller/Gain
+    """
+
+    file: str = ""
+    line: int = 0
+    path: str = ""
+
+    def within(self, path: str) -> "Location":
+        """Return the location of a part: `path` is appended to the own path."""
+        return replace(self, path=f"{self.path} {path}".strip())
+
+    def __str__(self) -> str:
+        line = f"line {self.line}" if self.line else ""
+        path = f"({self.path})" if line and self.path and not self.path.startswith("[") else self.path
+        return " ".join(part for part in (self.file, line, path) if part)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One problem of an input with its location and remedy, or a remark: something worth knowing.
+
+    An error refuses the input. A warning asks the user to look at something; a remark states what was done with the
+    input, and asks for nothing.
+
+    >>> print(Finding(Location("torque.kf", 4), "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))
     torque.kf line 4: unknown parameter MapOptTorqe. Did you mean MapOptTorque?
     """
 
-    place: str
+    location: Location | str
     message: str
     remedy: str = ""
     excerpt: str = ""
-    severity: Literal["error", "warning", "remark"] = "error"
+    severity: Severity = "error"
 
     def __str__(self) -> str:
         message = self.message if not self.remedy or self.message.endswith((".", "?", "!")) else self.message + "."
         line = " ".join(part for part in (message, self.remedy) if part)
-        return visible(f"{self.place}: {line}" if self.place else line)
+        location = str(self.location)
+        return visible(f"{location}: {line}" if location else line)
+
+
+class Findings:
+    """Collects the findings of an input, so that all of them are reported at once.
+
+    >>> findings = Findings()
+    >>> findings.warning(Location("engine.dcm", 30, "MapX"), "has no unit")
+    >>> findings.error(Location("engine.dcm", 12, "MapY"), "has 3 values, expected 4")
+    >>> print(*findings, sep=" | ")
+    engine.dcm line 12 (MapY): has 3 values, expected 4 | engine.dcm line 30 (MapX): has no unit
+    """
+
+    def __init__(self, findings: Iterable[Finding] = ()) -> None:
+        self._findings = list(findings)
+
+    def error(self, location: Location | str, message: str, remedy: str = "", excerpt: str = "") -> None:
+        """Add an error; `excerpt` is the text that the location shows."""
+        self.add(Finding(location, message, remedy, excerpt))
+
+    def warning(self, location: Location | str, message: str, remedy: str = "") -> None:
+        """Add a warning."""
+        self.add(Finding(location, message, remedy, severity="warning"))
+
+    def remark(self, location: Location | str, message: str, remedy: str = "") -> None:
+        """Add a remark."""
+        self.add(Finding(location, message, remedy, severity="remark"))
+
+    def add(self, *findings: Finding) -> None:
+        """Add findings that exist already."""
+        self._findings += findings
+
+    @property
+    def has_errors(self) -> bool:
+        """True if at least one finding is an error."""
+        return any(finding.severity == "error" for finding in self._findings)
+
+    def finish(self) -> tuple[Finding, ...]:
+        """Return all findings, those of a file in the order of its lines; raise `InputError` if one is an error."""
+        if self.has_errors:
+            raise InputError(finding for finding in self if finding.severity == "error")
+        return tuple(self)
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(sorted(self._findings, key=_line))
+
+    def __len__(self) -> int:
+        return len(self._findings)
+
+
+def _line(finding: Finding) -> int:
+    return finding.location.line if isinstance(finding.location, Location) else 0
 
 
 class KennfeldError(Exception):
@@ -79,9 +163,9 @@ class InputError(KennfeldError):
         super().__init__("\n".join(str(finding) for finding in self.findings))
 
     @classmethod
-    def of(cls, place: str, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
+    def of(cls, location: Location | str, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
         """Return an error with a single finding."""
-        return cls([Finding(place, message, remedy, excerpt)])
+        return cls([Finding(location, message, remedy, excerpt)])
 
 
 class ArgumentError(KennfeldError, ValueError):

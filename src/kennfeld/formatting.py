@@ -6,8 +6,6 @@ from collections.abc import Collection, Iterable, Sequence
 from heapq import nlargest
 from itertools import islice, pairwise
 
-__all__ = ["count_labels", "count_noun", "holds_control_characters", "join_names", "nearest", "one_line", "quoted"]
-
 _MAX_COMPARED = 1000  # names; of more, only those that share the most pairs of letters are compared in full
 _MAX_LABELS = 5  # names of labels in a message
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")

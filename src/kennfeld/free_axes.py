@@ -14,18 +14,6 @@ from kennfeld.formatting import join_names, nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = [
-    "AxisKey",
-    "FreeAxis",
-    "breakpoints_by_name",
-    "free_axes",
-    "key_of",
-    "with_breakpoints",
-    "with_fixed_axes",
-    "with_free_axes",
-    "with_labelled",
-]
-
 DIRECTIONS = ("x", "y", "z", "w")
 
 

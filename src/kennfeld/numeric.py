@@ -13,8 +13,6 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 
-__all__ = ["array", "number", "truths"]
-
 _NUMERIC = "biuf"  # kinds of numpy: bool, whole numbers, floating point
 _OTHER = {"M": "dates", "m": "time differences", "c": "complex numbers"}
 

@@ -12,8 +12,6 @@ from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["ParameterSet", "use_writer"]
-
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 

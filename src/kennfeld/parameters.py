@@ -14,20 +14,6 @@ from kennfeld.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.errors import ArgumentError
 from kennfeld.numeric import array, truths
 
-__all__ = [
-    "Axis",
-    "Block",
-    "Cube",
-    "Curve",
-    "Extrapolation",
-    "Map",
-    "Parameter",
-    "Scalar",
-    "Text",
-    "TextKind",
-    "parameter",
-]
-
 Extrapolation = Literal["clip", "linear"]
 TextKind = Literal["text", "enumeration", "boolean"]
 _LABELS = ("functions", "display_name", "variant")

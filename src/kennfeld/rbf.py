@@ -15,8 +15,6 @@ from kennfeld.arrays import ArrayLike, Float, readonly
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["RBF", "Expansion", "parts"]
-
 BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache
 MAX_DISTANCE = 1e3  # widths from a centre; the bell is exactly 0 long before
 MIN_WIDTH = 0.05  # of the initial width: default lower bound of a width

@@ -5,8 +5,6 @@ from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
 
-__all__ = ["blas_threads"]
-
 LARGE = 1500  # values; above, a factorisation gains from a second thread
 
 

@@ -81,7 +81,7 @@ def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
     found = describe(script(text))
     assert [summary.name for summary in found.parameters] == ["L", "M", "M2"]
     assert read(script(text))["L"].value == 5
-    assert [remark.place for remark in found.remarks] == ["start.m line 4 column 5"]
+    assert [str(remark.location) for remark in found.remarks] == ["start.m line 4 column 5"]
     assert "unknown function system; K remains undefined" in str(found.remarks[0])
 
 

@@ -78,7 +78,7 @@ def test_loading_a_damaged_data_file_is_reported():
     content = saved(PLAIN)
     outcome = run_script("K = 1;\nload a.mat\nL = 2;", "init.m", files={"a.mat": content[:200]}.get)
     assert "a.mat: the MATLAB file is damaged" in str(outcome.findings[0])
-    assert outcome.findings[0].place.startswith("init.m line 2")
+    assert str(outcome.findings[0].location).startswith("init.m line 2")
     assert set(outcome.variables) == {"K", "L"}
 
 

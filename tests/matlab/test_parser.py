@@ -218,7 +218,7 @@ def test_the_comment_behind_a_value_is_kept():
 def test_every_invalid_statement_is_reported():
     with pytest.raises(MatlabError) as error:
         parse_script("x = ;\ny = (1\nif a\n z=)\nend\n1 = a;\nspmd\nw = 3;", "init.m")
-    assert [finding.place for finding in error.value.findings] == [
+    assert [str(finding.location) for finding in error.value.findings] == [
         "init.m line 1 column 5",
         "init.m line 2 column 5",
         "init.m line 4 column 4",
@@ -250,7 +250,7 @@ def test_nested_functions_are_reported_as_such(text, told):
     with pytest.raises(MatlabError) as error:
         parse_script(text)
     findings = error.value.findings
-    assert [(one.place, one.message.split(" is defined within ")[1]) for one in findings] == [
+    assert [(str(one.location), one.message.split(" is defined within ")[1]) for one in findings] == [
         (place, f"the function {outer}; nested functions are not supported") for place, outer in told
     ]
     assert all(one.remedy.startswith("Move it behind the end of ") for one in findings)

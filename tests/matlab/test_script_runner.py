@@ -279,7 +279,7 @@ HOSTILE = [
 def test_hostile_scripts_end_in_a_finding(script):
     outcome = run_script(script, "init.m", budget=Budget(steps=30_000, elements=5_000_000))
     assert outcome.findings
-    assert all(finding.place.startswith("init.m line ") for finding in outcome.findings)
+    assert all(str(finding.location).startswith("init.m line ") for finding in outcome.findings)
 
 
 PIECES = ["a", "b", "s", "c", " = ", "1", "[1 2]", "(2)", "{2}", ".f", ";\n", ", ", "if a\n", "for a=1:2\n", "end\n"]

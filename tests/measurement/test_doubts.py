@@ -25,7 +25,7 @@ def test_a_point_that_may_separate_thousands_is_warned_of(csv):
 def test_it_is_found_in_packed_files_and_beyond_the_first_lines(csv):
     rows = "950;10\n" * 20_000
     data = read(csv(gzip.compress(f"n;Last\n{rows}1.100;20\n".encode()), "run.csv.gz"))
-    assert [remark.place for remark in data.remarks] == ["run.csv.gz line 20002, column n"]
+    assert [str(remark.location) for remark in data.remarks] == ["run.csv.gz line 20002, column n"]
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
     (remark,) = data.remarks
     assert remark.severity == "warning"
     assert remark.message == "2 of 4 values are infinite and treated as missing"
-    assert remark.place.startswith("bench.x")
+    assert str(remark.location).startswith("bench.x")
     (table,) = describe(path).tables
     assert table.remarks == data.remarks
     channel = next(c for c in table.channels if c.name == "v")

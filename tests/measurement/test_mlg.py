@@ -146,7 +146,7 @@ def test_records_without_a_time_stamp_in_between_are_left_out(log):
     path = log(mlg(fields, rows(fields, (0.0, 1), (np.nan, 2), (0.2, 3), (np.nan, 4), (0.4, 5))))
     data = read(path)
     assert data.time.tolist() == pytest.approx([0, 0.2, 0.4])
-    assert (data.remarks[0].severity, data.remarks[0].place) == ("warning", "run.mlg record 2")
+    assert (data.remarks[0].severity, str(data.remarks[0].location)) == ("warning", "run.mlg record 2")
 
 
 def test_a_restart_after_more_than_one_record_is_a_piece(log):

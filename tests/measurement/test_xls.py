@@ -145,4 +145,4 @@ def test_a_file_that_is_cut_anywhere_is_refused_or_read(book):
         try:
             read(book(content[:cut]))
         except InputError as error:
-            assert error.findings[0].place.startswith("bench.xls")  # noqa: PT017
+            assert str(error.findings[0].location).startswith("bench.xls")  # noqa: PT017

@@ -35,7 +35,7 @@ def answer(way: Callable[[], Model | Graph]) -> Model | Graph | None:
     try:
         return way()
     except InputError as error:
-        complete = [finding.place.startswith("fuzz.kf") and finding.message != "" for finding in error.findings]
+        complete = [str(finding.location).startswith("fuzz.kf") and finding.message != "" for finding in error.findings]
     assert complete
     assert all(complete)
     return None

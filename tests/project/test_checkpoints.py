@@ -183,7 +183,7 @@ def test_a_half_written_state_is_left_out(make, tmp_path, content):
     (tmp_path / "results" / "saves" / "1-000004.json").write_bytes(content)
     project = make(SAVING)
     (finding,) = project.saves().found().findings
-    assert finding.place == "saves/1-000004.json"
+    assert str(finding.location) == "saves/1-000004.json"
     assert project.calibrate(resume=True).resumed == ("saves/1-000002.json",)
 
 

@@ -68,7 +68,7 @@ def test_a_variant_that_is_nowhere_is_reported_with_those_that_are(line):
 def test_what_is_left_aside_of_a_file_is_told(line):
     (line.folder / "start.dcm").write_text(START + 'KENNLINIE T 2\n ST_TX/X "a" "b"\n WERT 1 2\nEND\n')
     told = [finding for finding in line.project.check() if "skipped" in finding.message]
-    assert [(finding.severity, finding.place) for finding in told] == [
+    assert [(finding.severity, str(finding.location)) for finding in told] == [
         ("remark", "start.dcm line 16 (elsewhere)"),
         ("remark", "start.dcm line 18 (T)"),
     ]

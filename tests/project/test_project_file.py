@@ -49,7 +49,7 @@ def test_a_syntax_error_has_its_line_column_and_excerpt(shop):
     with pytest.raises(InputError) as raised:
         Project.read(shop.path)
     (finding,) = raised.value.findings
-    assert finding.place == "kennfeld.toml line 14, column 8"
+    assert str(finding.location) == "kennfeld.toml line 14, column 8"
     assert finding.excerpt == "node = Predict\n       ^"
     assert "Text needs quotes" in str(finding)
 
@@ -287,7 +287,7 @@ def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, da
         findings += Project.read(path).check()
     except InputError as error:
         findings += error.findings
-    assert all(str(finding) and finding.place for finding in findings)
+    assert all(str(finding) and str(finding.location) for finding in findings)
 
 
 def test_calculated_channels_may_stand_within_the_channels(shop):

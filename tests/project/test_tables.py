@@ -324,7 +324,7 @@ def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(sh
 def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
     shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Load + offset + Extra(Speed, offset)\n"
     (finding,) = shop.findings()
-    assert finding.place == "sensor.kf line 3"
+    assert str(finding.location) == "sensor.kf line 3"
     assert finding.excerpt.splitlines() == [
         "[parameters.Extra]",
         'x = { input = "Speed", count = 8 }',

@@ -9,8 +9,6 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.optimize.trust.persistence import inflation, lagged_products
 
-__all__ = ["Autocorrelation", "autocorrelation"]
-
 MAX_LAGS = 1000
 
 

@@ -11,8 +11,6 @@ from kennfeld.dataset import Use
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["CellErrors", "tally"]
-
 
 @dataclass(frozen=True, eq=False)
 class CellErrors:

@@ -22,8 +22,6 @@ from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
 from kennfeld.optimize.search.multistart import run
 
-__all__ = ["CrossValidation", "FoldQuality", "cross_validate", "cross_validated", "folds_of"]
-
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
 

@@ -13,8 +13,6 @@ from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["CriterionSeries", "Evaluator"]
-
 
 @dataclass(frozen=True, eq=False)
 class CriterionSeries:

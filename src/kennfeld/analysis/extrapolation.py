@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
     from kennfeld.surrogate.validity import Validity
 
-__all__ = ["Extrapolation", "find_extrapolation"]
-
 
 @dataclass(frozen=True)
 class Farthest:

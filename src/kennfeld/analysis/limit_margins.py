@@ -15,8 +15,6 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["ActiveConstraint", "OutputRange", "active_constraints", "output_ranges"]
-
 ACTIVE = 1e-7  # of the terms of a row: closer than this is at the limit
 
 

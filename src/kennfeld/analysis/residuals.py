@@ -17,8 +17,6 @@ from kennfeld.optimize.quality import spread
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.sample_weights import sample_weights
 
-__all__ = ["Errors", "Residuals", "Summary", "WorstSample", "residuals", "sample_leverage"]
-
 MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual
 
 Scaling = Literal["studentized", "standardised"]

@@ -12,8 +12,6 @@ from kennfeld.errors import ArgumentError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["Comparison", "Difference", "Tolerance", "compare"]
-
 _Item = Parameter | Text | Axis
 _LETTERS = ("x", "y", "z", "u")
 

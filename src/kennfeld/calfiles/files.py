@@ -18,8 +18,6 @@ from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["CalibrationFile", "ParameterSummary", "describe", "endings", "losses", "read", "read_several", "write"]
-
 _SCRIPT = "MATLAB script"
 _SETTINGS = ("bounds", "locks", "free axes")  # of a calibration, which files of values do not hold
 _PLAIN_LOSSES = ("inputs", "extrapolation", "line breaks", *_SETTINGS)

@@ -16,16 +16,6 @@ if TYPE_CHECKING:
     from kennfeld.calfiles.a2l.objects import A2l
     from kennfeld.calfiles.flash.image import Image
 
-__all__ = [
-    "CalibrationSource",
-    "Findings",
-    "FlashOrigin",
-    "Format",
-    "ReadResult",
-    "WriteResult",
-    "build_set",
-    "drop_trailing_ones",
-]
 
 _DECLARED_ENCODING = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
@@ -63,7 +53,7 @@ class Findings:
 
     def take(self, finding: Finding) -> None:
         """Add a finding of another package, sorted by its line."""
-        line = _LINE_OF.search(finding.place)
+        line = _LINE_OF.search(str(finding.location))
         self._taken.append((int(line[1]) if line else 0, finding))
 
     def _place(self, line: int, item: str) -> str:

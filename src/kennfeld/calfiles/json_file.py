@@ -24,8 +24,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 from kennfeld.rbf import RBF, Expansion
 
-__all__ = ["write_json"]
-
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")
 _TEXTS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")

@@ -11,8 +11,6 @@ from kennfeld.formatting import count_labels, holds_control_characters
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["loss_remarks"]
-
 Item = Parameter | Text
 _USE_JSON = "Write it as .json to keep them."
 _USE_PROJECT = "Keep them in a project file."

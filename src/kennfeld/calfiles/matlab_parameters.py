@@ -17,8 +17,6 @@ from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
-__all__ = ["INFO", "StructValue", "UnreadableObject", "Value", "holds_samples", "parameters_of"]
-
 INFO = "kennfeld_info"  # the struct that says more about variables which are plain numbers
 _LETTERS = "xyzw"
 _VALUES = ("values", "value", "data", "table", "tabledata")

@@ -18,8 +18,6 @@ from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import Breakpoint, LookupTable, SimulinkParameter, to_calibration_parameter
 
-__all__ = ["TITLE", "format_comment", "is_calibration_mat", "parse_comment", "recognises_mat", "recognises_script"]
-
 _LETTERS = "xyzw"
 _WORDS = {"complex numbers": "complex number"}
 _MAX_DEPTH = 40

@@ -14,8 +14,6 @@ from kennfeld.calfiles.matlab_reader import TITLE, format_comment
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text
 
-__all__ = []
-
 _LETTERS = "xyzw"
 
 _WORDS = "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return"

@@ -11,8 +11,6 @@ from kennfeld.formatting import count_labels
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["Change", "Merged", "merge"]
-
 
 @dataclass(frozen=True)
 class Change:

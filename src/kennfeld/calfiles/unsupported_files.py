@@ -5,8 +5,6 @@ from pathlib import Path
 
 from kennfeld.errors import Finding
 
-__all__ = ["explain_unsupported", "identify_content"]
-
 _ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})[\s/>]")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _HEAD = 20_000  # bytes before the root of an XML document

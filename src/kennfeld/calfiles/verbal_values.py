@@ -8,8 +8,6 @@ from kennfeld.calfiles.format import Findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text, TextKind
 
-__all__ = ["kind_of_words", "unify_text_kinds", "warn_about_kinds"]
-
 _BOOLEAN = frozenset({"true", "false"})
 _Item = TypeVar("_Item", bound=Parameter | Text)
 

@@ -9,8 +9,6 @@ from xml.parsers import expat
 
 from kennfeld.calfiles.format import Findings
 
-__all__ = ["PARTED", "Element", "collection_paused", "parse_xml"]
-
 PARTED = "\x1f"  # parts the texts of equal elements that were joined; no XML can hold it
 
 _MAX_LEVELS = 100  # levels; calibration files have about twenty

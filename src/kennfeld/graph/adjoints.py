@@ -16,8 +16,6 @@ from kennfeld.graph.node import Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
 
-__all__ = ["AdjointProgram", "breakpoint_slope", "partials", "pull_back"]
-
 SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
 
 

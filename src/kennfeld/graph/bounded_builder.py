@@ -4,8 +4,6 @@ from typing import Any
 
 from kennfeld.graph.builder import GraphBuilder
 
-__all__ = ["BoundedGraphBuilder", "GraphTooLargeError"]
-
 _MAX_NODES = 500_000  # different operations in a step
 _MAX_REQUESTS = 5_000_000  # requested operations, including duplicates and constants
 

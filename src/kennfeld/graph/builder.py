@@ -7,8 +7,6 @@ from typing import Any, Self
 from kennfeld.graph.node import Graph, Node, State, extract
 from kennfeld.graph.operations import OPERATIONS
 
-__all__ = ["GraphBuilder"]
-
 # operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
 _NEUTRAL: dict[str, tuple[float | None, float | None]] = {
     "add": (0.0, 0.0),

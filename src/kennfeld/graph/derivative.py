@@ -24,8 +24,6 @@ from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
 
-__all__ = ["Linearization", "Slopes", "Written", "differentiate"]
-
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
 SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back
 

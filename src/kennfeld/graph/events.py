@@ -17,8 +17,6 @@ from kennfeld.graph.node import Graph
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
 
-__all__ = ["Event", "events"]
-
 POINTS = 256  # random points, between neighbours of which a condition may change
 HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more
 SHRUNK = 0.1  # of the first difference; what is continuous has become far smaller at the second

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from kennfeld.graph.node import Graph
 from kennfeld.graph.traversal import dependents
 
-__all__ = ["factors"]
-
 POSITIVE = ("log", "log10", "sqrt")
 TRANSPARENT = ("add", "sub", "neg", "mul", "div", "min", "max", "abs", "select")  # a part at 0 may make the whole 0
 

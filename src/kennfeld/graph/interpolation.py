@@ -8,8 +8,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.parameters import Extrapolation
 
-__all__ = ["WINDOW", "cell_weights", "density", "interpolate", "position", "smooth_weights", "table_weights"]
-
 WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
 
 

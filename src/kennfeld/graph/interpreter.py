@@ -22,8 +22,6 @@ from kennfeld.graph.operations import OPERATIONS
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF
 
-__all__ = ["Evaluation", "Interpreter", "Rows", "evaluate"]
-
 
 def evaluate(
     graph: Graph, columns: Mapping[str, ArrayLike], parameters: ParameterSet, starts: Sequence[int] = (0,)

@@ -18,8 +18,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
 from kennfeld.rbf import RBF
 
-__all__ = ["AxisRef", "ExpansionRef", "Free", "LoweredGraph", "TableRef", "is_atom", "lower_lookups"]
-
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
 

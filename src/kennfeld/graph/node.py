@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-__all__ = ["CLOCK", "Graph", "Node", "State", "extract"]
-
 CLOCK = ("dt", "t")
 
 

@@ -10,8 +10,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-__all__ = ["OPERATIONS", "Operation", "Writer"]
-
 
 class Writer(Protocol):
     """The part of a graph builder that derivative rules need."""

@@ -9,8 +9,6 @@ from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import dependents, rewrite
 
-__all__ = ["GraphPartition", "partition_graph"]
-
 _COST = {
     "const": 0,
     "input": 1,

@@ -5,8 +5,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node, State, extract
 
-__all__ = ["ancestors", "dependents", "rewrite", "with_names"]
-
 
 def ancestors(
     nodes: Sequence[Node], roots: Iterable[int], active: Collection[int] | None = None, without: Collection[int] = ()

@@ -12,8 +12,6 @@ from kennfeld.graph.lookup_lowering import Free
 from kennfeld.graph.node import Node
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["ValueLayout", "order_values"]
-
 
 @dataclass(frozen=True)
 class ValueLayout:

@@ -26,8 +26,6 @@ from kennfeld.matlab.values import (
     with_class_of,
 )
 
-__all__ = ["assign"]
-
 _COPY = 3  # elements charged for the copy of a field or a cell
 _NO_CELLS = MatlabCell(np.empty((0, 0), dtype=object))
 

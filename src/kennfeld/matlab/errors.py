@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from kennfeld.errors import Finding, InputError
 from kennfeld.matlab.syntax import SourcePosition
 
-__all__ = ["Budget", "LimitError", "MatlabError", "format_location"]
-
 
 class MatlabError(InputError):
     """Invalid MATLAB text, or an expression without a value; its findings name line and column."""

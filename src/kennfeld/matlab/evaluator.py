@@ -43,8 +43,6 @@ from kennfeld.matlab.values import (
     with_class_of,
 )
 
-__all__ = ["HostFunction", "NumericEvaluator", "evaluate"]
-
 HostFunction = Callable[..., Any]
 _SHORT = ("&&", "||")
 _CLASSES = {

@@ -9,8 +9,6 @@ from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.lexer import Lines, MatlabToken, TokenKind
 from kennfeld.matlab.traversal import children
 
-__all__ = ["ExpressionParser"]
-
 MAX_HEIGHT = 150  # levels of a tree
 _MAX_BRACKETS = 30  # nested
 _LEVELS = (("||",), ("&&",), ("|",), ("&",), ("==", "~=", "!=", "<", "<=", ">", ">="))

@@ -10,8 +10,6 @@ from kennfeld.arrays import Int
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, format_shape, numbers, trim_dimensions
 
-__all__ = ["ALL", "Index", "assign_elements", "delete_elements", "index_array"]
-
 
 class _All:
     """Everything along a dimension."""

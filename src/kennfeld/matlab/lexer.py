@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 from kennfeld.matlab.syntax import SourcePosition
 
-__all__ = ["Lines", "MatlabToken", "TokenKind", "tokenize"]
-
 KEYWORDS = frozenset(
     {"if", "elseif", "else", "end", "for", "parfor", "while", "switch", "case", "otherwise", "try", "catch"}
     | {"break", "continue", "return", "function", "global", "persistent", "classdef", "spmd"}

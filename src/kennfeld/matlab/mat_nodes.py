@@ -7,26 +7,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "MAX_BYTES",
-    "MAX_COMPRESSION",
-    "MAX_DENSE",
-    "MAX_NODES",
-    "ArrayLimitError",
-    "MatCells",
-    "MatFileContent",
-    "MatFileError",
-    "MatNumbers",
-    "MatStruct",
-    "MatStructArray",
-    "MatText",
-    "MatUnreadable",
-    "Node",
-    "node_text",
-    "split_text_rows",
-    "to_dense",
-]
-
 MAX_BYTES = 4_000_000_000  # of all arrays
 MAX_NODES = 100_000
 MAX_COMPRESSION = 1100  # maximum ratio of deflate

@@ -21,8 +21,6 @@ from kennfeld.matlab.values import (
     object_array,
 )
 
-__all__ = ["load_nodes", "load_variables", "load_workspace", "read_nodes", "to_value"]
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
 _ORDERS = (b"IM", b"MI")  # the end of the header of version 5

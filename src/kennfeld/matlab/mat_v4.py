@@ -20,8 +20,6 @@ from kennfeld.matlab.mat_nodes import (
     split_text_rows,
 )
 
-__all__ = ["load", "load_all"]
-
 _STORED = ("f8", "f4", "i4", "i2", "u2", "u1")
 _FULL, _TEXT, _SPARSE, _COMPLEX = 0, 1, 2, 10
 

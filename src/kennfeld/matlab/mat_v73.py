@@ -29,8 +29,6 @@ from kennfeld.matlab.mat_nodes import (
     to_dense,
 )
 
-__all__ = ["is_matlab", "load", "load_all"]
-
 _MAX_DEPTH = 50
 _MAX_DIMENSIONS = 32
 _MAX_CLAIMED = 2**48  # values of an array that is empty

@@ -25,8 +25,6 @@ from kennfeld.matlab.mat_nodes import (
 )
 from kennfeld.matlab.mat_v5 import read_elements
 
-__all__ = ["read_array", "read_workspace", "resolve_objects"]
-
 _TAG = 0xDD000000  # the first number of a reference
 _VERSIONS = (2, 3, 4)
 _OFFSETS = 8  # number of table offsets

@@ -29,20 +29,6 @@ from kennfeld.matlab.values import (
     trim_dimensions,
 )
 
-__all__ = [
-    "apply_binary",
-    "apply_unary",
-    "cast_to_class",
-    "colon_range",
-    "concatenate_along",
-    "concatenate_rows",
-    "is_true",
-    "make_cells",
-    "pad_dimensions",
-    "result_class",
-    "transpose",
-]
-
 _COMPARED: dict[str, Callable[[Array, Array], Array]] = {
     "==": np.equal,
     "~=": np.not_equal,

@@ -9,8 +9,6 @@ from kennfeld.matlab.expression_parser import ExpressionParser
 from kennfeld.matlab.lexer import MatlabToken, TokenKind, tokenize
 from kennfeld.matlab.traversal import assigned_name
 
-__all__ = ["parse_expression", "parse_leniently", "parse_script"]
-
 _JUMPS = frozenset({"break", "continue", "return"})
 _TARGETS = (m.Name, m.Field, m.DynamicField, m.Call, m.CellIndex)
 _MAX_FINDINGS = 50

@@ -4,8 +4,6 @@ from collections.abc import Iterable
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["format_expression", "format_script"]
-
 _PLAIN = (m.Name, m.Text, m.Colon, m.End, m.Field, m.DynamicField, m.Call, m.CellIndex, m.Matrix, m.CellArray)
 
 

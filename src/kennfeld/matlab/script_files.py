@@ -8,8 +8,6 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.values import MatlabValueError, Value, from_python, text
 
-__all__ = ["Files", "ScriptFiles"]
-
 # The content of a file by its name: the text of `x.m`, the bytes or the variables of `x.mat`, None if there is none.
 Files: TypeAlias = Callable[[str], "bytes | str | Mapping[str, Any] | None"]
 

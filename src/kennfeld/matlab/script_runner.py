@@ -38,8 +38,6 @@ from kennfeld.matlab.values import (
     with_class_of,
 )
 
-__all__ = ["ScriptResult", "run_script"]
-
 _UNCLOSED = ("is never closed", "deep")  # findings after which the rest of the script is lost
 _FAILURE_STEPS = 100  # reporting takes longer than a statement
 _MAX_NESTED, _MAX_DEPTH = 1_000_000, 40  # values in a struct or a cell array
@@ -157,7 +155,7 @@ class _ScriptRunner(NumericEvaluator):
         for finding in findings:
             is_open = finding.message.endswith(_UNCLOSED)
             reported = finding if is_open else replace(finding, severity="warning")
-            self.shared.findings.setdefault((finding.place, finding.message), reported)
+            self.shared.findings.setdefault((str(finding.location), finding.message), reported)
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
@@ -191,7 +189,7 @@ class _ScriptRunner(NumericEvaluator):
         lost = sorted(names_assigned(statement))
         for finding in error.findings:
             message = finding.message + (f"; {', '.join(lost[:5])} remains undefined" if lost else "")
-            self.shared.report(finding.place, message, finding.remedy)
+            self.shared.report(str(finding.location), message, finding.remedy)
         self.forget(lost, f"assignment failed in {line}")
 
     def forget(self, names: Iterable[str], why: str) -> None:

@@ -23,18 +23,6 @@ from kennfeld.matlab.values import (
     text,
 )
 
-__all__ = [
-    "ENUMERATION",
-    "Breakpoint",
-    "LookupTable",
-    "SimulinkParameter",
-    "construct_object",
-    "default_properties",
-    "define_enumeration",
-    "is_constructor",
-    "to_calibration_parameter",
-]
-
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"
 ENUMERATION = "Simulink.IntEnumType"
 _VARIANTS, _CONTROL = ("Simulink.Variant", "Simulink.VariantExpression"), "Simulink.VariantControl"

@@ -6,42 +6,6 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-__all__ = [
-    "AnonymousFunction",
-    "Assign",
-    "Binary",
-    "Branch",
-    "Call",
-    "CellArray",
-    "CellIndex",
-    "Colon",
-    "Command",
-    "Declaration",
-    "DynamicField",
-    "End",
-    "Evaluate",
-    "Expression",
-    "Field",
-    "For",
-    "FunctionDefinition",
-    "FunctionHandle",
-    "If",
-    "Jump",
-    "Matrix",
-    "Name",
-    "Number",
-    "Range",
-    "Script",
-    "SourcePosition",
-    "Statement",
-    "Switch",
-    "Text",
-    "Transpose",
-    "Try",
-    "Unary",
-    "While",
-]
-
 
 class SourcePosition(NamedTuple):
     """Line and column of a position in a text, both counted from 1."""

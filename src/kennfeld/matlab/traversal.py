@@ -9,19 +9,6 @@ from typing import Any
 
 from kennfeld.matlab import syntax as m
 
-__all__ = [
-    "access_chain",
-    "assigned_name",
-    "calls_in",
-    "children",
-    "declares_persistent",
-    "expressions_in",
-    "field_path",
-    "map_children",
-    "names_assigned",
-    "names_read",
-]
-
 
 def children(node: m.Expression) -> Iterator[m.Expression]:
     """Yield the direct subexpressions of an expression from left to right.

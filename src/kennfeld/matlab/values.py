@@ -14,36 +14,6 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.matlab.syntax import Expression
 
-__all__ = [
-    "EMPTY",
-    "INTEGERS",
-    "Array",
-    "MatlabCell",
-    "MatlabFunctionHandle",
-    "MatlabStruct",
-    "MatlabValueError",
-    "OpaqueValue",
-    "Value",
-    "array_value",
-    "characters",
-    "class_name",
-    "elements_of",
-    "format_shape",
-    "from_python",
-    "integer",
-    "logical",
-    "measure_nesting",
-    "number",
-    "numbers",
-    "object_array",
-    "row",
-    "scalar",
-    "strings",
-    "text",
-    "trim_dimensions",
-    "with_class_of",
-]
-
 Array: TypeAlias = NDArray[Any]
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 

@@ -16,8 +16,6 @@ from kennfeld.measurement.csv_dialect import Dialect, is_comment, split_line
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 
-__all__ = ["read_bulk"]
-
 _CHUNK = 1 << 24
 _SAMPLE = 200  # lines
 

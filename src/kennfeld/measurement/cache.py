@@ -26,8 +26,6 @@ from kennfeld.errors import Finding
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
-__all__ = ["Cache", "from_parquet", "to_parquet"]
-
 _NOTES = b"kennfeld"
 _KEPT = ("name", "channels", "time", "starts", "clock", "remarks")  # what is written of a dataset
 

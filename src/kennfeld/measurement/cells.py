@@ -9,19 +9,6 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = [
-    "MISSING",
-    "TRUTH",
-    "Decimal",
-    "is_dated",
-    "is_missing",
-    "is_stamp",
-    "parse_number",
-    "parse_numbers",
-    "parse_stamps",
-    "quote_cell",
-]
-
 Decimal = Literal[".", ","]
 
 MISSING = ("", "-", "--", "nan", "+nan", "-nan", "na", "n/a", "#n/a", "#na", "null", "none")

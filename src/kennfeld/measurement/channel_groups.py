@@ -20,8 +20,6 @@ from kennfeld.measurement.table_conversion import assemble, check_columns, reado
 from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, merge_instants, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
-__all__ = ["join_groups", "split_timelines"]
-
 _Group = tuple[Table, Float, list[Column], list[Float], Clock]  # stamps, channels and their values, where time stands
 
 

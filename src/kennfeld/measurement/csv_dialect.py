@@ -11,8 +11,6 @@ from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import is_mark
 from kennfeld.measurement.unit_text import looks_like_unit
 
-__all__ = ["Dialect", "find_dialect", "is_comment", "split_line"]
-
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
 _COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)

@@ -14,8 +14,6 @@ from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import ColumnBuilder, Selection, Table
 from kennfeld.workbooks import Unsaved, Workbook, column_letters, opened
 
-__all__ = ["read_tables"]
-
 _HEAD_ROWS = 200
 
 

@@ -12,8 +12,6 @@ from typing import BinaryIO, TypeVar
 from kennfeld.errors import InputError
 from kennfeld.formatting import nearest
 
-__all__ = ["FileKind", "MeasurementFile", "detect_kind", "locate", "run_guarded"]
-
 _T = TypeVar("_T")
 _BOMS = (b"\xff\xfe", b"\xfe\xff")
 

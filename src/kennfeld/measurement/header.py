@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from kennfeld.measurement.cells import Decimal, is_missing, parse_number
 from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 
-__all__ = ["Header", "find_header"]
-
 Row = Sequence[object]
 
 _LABELS = ("unit", "units", "einheit", "einheiten")  # before the units of a row

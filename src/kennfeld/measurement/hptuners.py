@@ -21,8 +21,6 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 from kennfeld.measurement.text import iterate_lines
 from kennfeld.measurement.unit_text import plain_unit
 
-__all__ = ["describe_tables", "read_tables"]
-
 _BLOCK = 4096  # rows
 _HEAD = 1 << 16  # bytes
 

@@ -18,8 +18,6 @@ from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
 from kennfeld.measurement.text import iterate_lines
 
-__all__ = ["read_tables"]
-
 _START = 1 << 16  # bytes
 _END = "***end_of_header***"
 _TIME, _COMMENT = "X_Value", "comment"

@@ -16,8 +16,6 @@ from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, T
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
-__all__ = ["describe_tables", "holds_samples", "read_tables"]
-
 _TIME = "time"
 _MAX_LISTED = 8  # variables in a message
 _PLAIN = (

@@ -24,8 +24,6 @@ from kennfeld.matlab.mat_nodes import (
 )
 from kennfeld.measurement.unit_text import plain_unit, time_unit
 
-__all__ = ["MatlabSignals", "RecordedSignal", "TimeBase", "find_signals"]
-
 _CLOCK = re.compile(r"(?:.*[_.])?(?:time|timestamps?|zeit)(?:_.*)?|tout|(?-i:t)|t_\d.*", re.IGNORECASE)
 _DATA = ("data", "value", "values")
 _UNIT = ("units", "unit")

@@ -25,8 +25,6 @@ from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
 
-__all__ = []
-
 _TIME = "time"
 _AT_ONCE = 50_000_000  # values in memory for a description
 _MAX_VALUES = 500_000_000  # of all requested channels, 4 GB

@@ -11,8 +11,6 @@ from typing import BinaryIO
 
 from kennfeld.errors import InputError
 
-__all__ = ["check_links"]
-
 # which of a block's links lead on; what else a block refers to may lead back with good reason
 _LINKS_4 = {
     b"##HD": (0, 1, 2, 3, 4, 5),  # data group, history, channel hierarchy, attachment, event, comment

@@ -23,8 +23,6 @@ from kennfeld.measurement.table import MAX_MARKS, Column, Selection, Table, desc
 from kennfeld.measurement.time_column import time_in_seconds
 from kennfeld.measurement.unit_text import time_unit
 
-__all__ = []
-
 _HEADS = {1: struct.Struct(">6shIHIHH"), 2: struct.Struct(">6shIIIHH")}
 _SIZES = {1: 55, 2: 89}
 _NUMBER = struct.Struct(">B34s10sBffb")

@@ -13,8 +13,6 @@ from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.unit_text import split_name
 
-__all__ = ["read_tables"]
-
 _INDEX = "__index_level_"  # how pandas calls an index without a name
 _AT_ONCE = 1 << 22  # values; each reading goes through the names of all columns
 

@@ -16,8 +16,6 @@ from kennfeld.measurement.table_conversion import Description, assemble, describ
 from kennfeld.measurement.time_column import drop_untimed
 from kennfeld.measurement.unsupported_files import refuse_foreign
 
-__all__ = ["describe", "read", "read_leniently"]
-
 # each module offers read_tables(source, selection)
 _READERS = {
     FileKind.CSV: "text",

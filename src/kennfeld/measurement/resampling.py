@@ -7,8 +7,6 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import PAUSE
 
-__all__ = ["even_grid", "is_stepped", "resample", "resample_all", "samples_on"]
-
 _SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
 _MAX_LEVELS = 16  # of a gear, a mode or a switch
 

@@ -17,20 +17,6 @@ from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_number
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time
 
-__all__ = [
-    "MAX_MARKS",
-    "Column",
-    "ColumnBuilder",
-    "Selection",
-    "Table",
-    "describe_marks",
-    "is_mark",
-    "limit_findings",
-    "text_findings",
-    "unique_names",
-    "without_infinite",
-]
-
 MAX_MARKS = 12  # markers that a description quotes
 _MAX_QUOTED = 50  # cells per column that messages may quote
 _MAX_FINDINGS = 20  # findings of one kind per file

@@ -23,17 +23,6 @@ from kennfeld.measurement.time_column import (
     unit_remedy,
 )
 
-__all__ = [
-    "ChannelDescription",
-    "Description",
-    "TableDescription",
-    "TimeDescription",
-    "assemble",
-    "check_columns",
-    "describe_table",
-    "readonly_view",
-]
-
 _MAX_VALUES = 500_000_000  # of a resampled dataset, 4 GB
 
 

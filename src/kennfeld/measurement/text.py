@@ -34,8 +34,6 @@ from kennfeld.measurement.table import (
 )
 from kennfeld.measurement.time_column import find_time, time_in_seconds
 
-__all__ = ["iterate_lines"]
-
 _MOST_CLEAN = 64_000_000  # bytes, unpacked; larger files are read row by row
 _NUMBERS = b"0123456789+-.eE"
 

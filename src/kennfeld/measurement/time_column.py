@@ -15,18 +15,6 @@ from kennfeld.errors import Finding
 from kennfeld.measurement.table import Column, Table, limit_findings
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, states_unit_of_time, time_unit
 
-__all__ = [
-    "SAME_INSTANT",
-    "clock_of",
-    "drop_untimed",
-    "find_time",
-    "merge_instants",
-    "split_pieces",
-    "time_findings",
-    "time_in_seconds",
-    "unit_remedy",
-]
-
 LONG_STEP = 5.0  # s; recordings of a function in time have shorter steps, and milliseconds have longer ones
 SAME_INSTANT = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
 

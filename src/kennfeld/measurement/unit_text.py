@@ -2,17 +2,6 @@
 
 import re
 
-__all__ = [
-    "in_seconds",
-    "is_clock",
-    "looks_like_unit",
-    "may_be_time",
-    "plain_unit",
-    "split_name",
-    "states_unit_of_time",
-    "time_unit",
-]
-
 _WORDS = """
 s sec secs second seconds sek ms msec us µs μs usec ns min h hr d day
 rpm min-1 u upm s-1 hz khz mhz rad deg ° °ca °kw °crk degca deg_ca degcrk degkw cad

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from kennfeld.errors import InputError
 
-__all__ = ["refuse_foreign"]
-
 _DECODE = "Decode it with its CAN or LIN database, in CANalyzer or with asammdf, and export the signals as MDF or CSV."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
 _EXPORT = "Export the measurement as MDF, CSV or MATLAB."

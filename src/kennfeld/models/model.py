@@ -15,8 +15,6 @@ from kennfeld.parameters import Parameter
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
-__all__ = ["Model", "merge_start_values"]
-
 
 def _nothing() -> Mapping[str, Any]:
     return MappingProxyType({})

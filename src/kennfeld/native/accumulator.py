@@ -24,8 +24,6 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.workspace import Workspace
 
-__all__ = ["Accumulator", "Normal"]
-
 TAPE_BYTES = 256 * 1024
 SHARES = 4
 

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 
-__all__ = ["INT32", "INT64", "POINTER", "UINT32", "address", "is_strided", "strided"]
-
 DOUBLE = np.dtype(np.float64)
 INT32 = np.dtype(np.int32)
 INT64 = np.dtype(np.int64)

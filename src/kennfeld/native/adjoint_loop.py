@@ -13,8 +13,6 @@ from kennfeld.native.elementwise import c_function
 from kennfeld.native.engine import SharedFunction
 from kennfeld.native.ir import FunctionWriter, literal
 
-__all__ = ["FILLED", "PullProgram"]
-
 ZERO = literal(0.0)
 
 PARAMETERS = (

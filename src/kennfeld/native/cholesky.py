@@ -24,8 +24,6 @@ from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK, Envelope
 from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
 
-__all__ = ["FACTOR", "Cholesky", "Factor", "add_outer", "column_of", "divide", "first_of", "panel_of", "reduced_block"]
-
 FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
 ZERO = literal(0.0)
 

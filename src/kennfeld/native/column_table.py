@@ -14,8 +14,6 @@ from kennfeld.errors import ArgumentError
 from kennfeld.native.addresses import UINT32, address
 from kennfeld.native.ir import FunctionWriter
 
-__all__ = ["BLOCK", "HEAD", "ColumnTable", "Order", "Row", "find", "load_sample", "visit"]
-
 SHIFT = 12
 BLOCK = 1 << SHIFT  # samples
 HEAD = 1  # rows of the inputs' table before the first input

@@ -11,8 +11,6 @@ from functools import cache
 
 from kennfeld.native.ir import FunctionWriter, literal
 
-__all__ = ["CONDITIONS", "ELEMENTARY", "VALUES", "c_function", "power"]
-
 ELEMENTARY = frozenset(
     {
         *("exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "atan2"),

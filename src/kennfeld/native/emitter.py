@@ -21,8 +21,6 @@ from kennfeld.native.ir import LANES, FunctionWriter, literal
 from kennfeld.native.rbf_code import evaluation, value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
-__all__ = ["PARAMETERS", "CodeItem", "MemoryLayout", "StepEmitter", "emit_items"]
-
 SEGMENT = 600  # items a function
 
 PARAMETERS = (

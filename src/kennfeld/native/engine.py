@@ -10,8 +10,6 @@ import llvmlite.binding as llvm
 
 from kennfeld.native.elementwise import c_function
 
-__all__ = ["Engine", "SharedFunction"]
-
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 
 _compiling = threading.Lock()

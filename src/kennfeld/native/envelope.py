@@ -13,8 +13,6 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Int
 
-__all__ = ["BLOCK", "Envelope", "split_busy"]
-
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken
 

@@ -16,8 +16,6 @@ from kennfeld.native.engine import Engine
 from kennfeld.native.envelope import BLOCK
 from kennfeld.native.ir import EIGHT, FunctionWriter
 
-__all__ = ["Gram"]
-
 
 class Gram:
     """Matrix A H^-1 A' for a growing set of rows A. The factor of H must not change meanwhile.

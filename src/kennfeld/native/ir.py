@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
 
-__all__ = ["EIGHT", "LANES", "FunctionWriter", "Vector", "literal"]
-
 DOUBLE = "double"
 LANES = 8
 EIGHT = f"<{LANES} x double>"

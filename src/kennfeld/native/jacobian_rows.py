@@ -17,8 +17,6 @@ from kennfeld.native.sample_loop import Output, is_counted
 from kennfeld.native.table_lookup import Corner, corners
 from kennfeld.native.tape_layout import TapeLayout
 
-__all__ = ["PulledRows", "WrittenRows", "entries_of", "entry_items", "output_row", "state_row"]
-
 # Called for each grid point of an atom: the number of the entry in its sample, that in the tape, and its weight.
 EntryWriter = Callable[[str, str, str], None]
 

@@ -11,8 +11,6 @@ from itertools import accumulate, chain
 from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
 from kennfeld.native.tape_layout import TapeLayout
 
-__all__ = ["ManyStates", "add_combination", "many_tables"]
-
 ZERO = literal(0.0)
 STRIP = 4  # vectors of columns at a time: as many sums as hide the time that one takes
 

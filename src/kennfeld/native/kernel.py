@@ -14,8 +14,6 @@ from kennfeld.native.tape import start_code, tape_code
 from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["Kernel", "input_rows"]
-
 
 class Kernel:
     """Native functions of a lowered graph, for given outputs and free parameters.

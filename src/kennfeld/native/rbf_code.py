@@ -10,8 +10,6 @@ from functools import cache
 from kennfeld.native.engine import SharedFunction
 from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
 
-__all__ = ["evaluation", "value_slopes"]
-
 FARTHEST = 1e3  # widths from a centre, as in `kennfeld.rbf`
 LEAST = -700.0  # exponent below which a basis function is treated as 0
 ALL = f"<{', '.join(['i1 true'] * LANES)}>"

@@ -14,25 +14,6 @@ from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmit
 from kennfeld.native.engine import Engine
 from kennfeld.native.ir import FunctionWriter, literal
 
-__all__ = [
-    "RANGE",
-    "ROW",
-    "FunctionSource",
-    "Output",
-    "SampleCursor",
-    "apply_weight",
-    "compile_functions",
-    "cost_code",
-    "each_sample",
-    "is_counted",
-    "loop_code",
-    "loss_of",
-    "node_items",
-    "scaled_residual",
-    "step_items",
-    "values_code",
-]
-
 ZERO = literal(0.0)
 
 RANGE = (("i64", "first"), ("i64", "last"))

@@ -11,8 +11,6 @@ from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.native.column_table import BLOCK, ColumnTable, Order, Row
 
-__all__ = ["Chunk", "Piece", "Samples", "shares"]
-
 
 @dataclass(frozen=True)
 class Piece:

@@ -17,8 +17,6 @@ from kennfeld.native.sample_loop import compile_functions, values_code
 from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["Simulator"]
-
 CHUNK = 65536  # samples a native call, so that it ends within milliseconds
 
 

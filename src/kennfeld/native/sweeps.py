@@ -33,8 +33,6 @@ from kennfeld.native.ir import FunctionWriter, literal
 from kennfeld.native.jacobian_sweeps import ManyStates, add_combination, many_tables
 from kennfeld.native.tape_layout import MANY, TapeLayout
 
-__all__ = ["VECTOR", "sweeps"]
-
 VECTOR = 8  # rows of S are padded to a multiple of this; what goes over the end of a matrix row adds zeros
 ZERO, HALF = literal(0.0), literal(0.5)
 Rows = list[str]

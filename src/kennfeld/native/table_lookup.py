@@ -15,8 +15,6 @@ from kennfeld.graph.interpolation import WINDOW
 from kennfeld.native.engine import SharedFunction
 from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
 
-__all__ = ["Cell", "Corner", "Window", "corners", "find_cell", "smooth_window"]
-
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.
 MILLS = (

@@ -40,8 +40,6 @@ from kennfeld.native.sample_loop import (
 )
 from kennfeld.native.tape_layout import TapeLayout
 
-__all__ = ["start_code", "tape_code"]
-
 TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
 START = tuple(("ptr", name) for name in ("index", "slope", "count"))
 ZERO = literal(0.0)

@@ -6,8 +6,6 @@ from functools import cached_property
 
 from kennfeld.graph.derivative import Linearization
 
-__all__ = ["MANY", "TapeLayout"]
-
 TERMS = 4  # factors of S that are added at once: more no longer fit the registers
 MANY = 8  # states beyond which loops over them are faster than code for each
 

@@ -11,8 +11,6 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.sweeps import VECTOR
 
-__all__ = ["Workspace"]
-
 
 class Owner(Protocol):
     """The kernel and samples of a workspace."""

@@ -32,8 +32,6 @@ from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded
 from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["bind_scalars", "build_problem", "calibrate", "simulate"]
-
 Start = ParameterSet | Mapping[str, float | Parameter]
 
 

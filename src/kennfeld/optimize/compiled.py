@@ -24,8 +24,6 @@ from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 
-__all__ = ["CompiledProblem", "RejectedTrials", "smoothable"]
-
 MAX_SMOOTHED_SAMPLES = 20_000
 
 

@@ -24,8 +24,6 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["DescentSetup", "Report", "enforce_output_limits", "minimise"]
-
 EARLY_STOP_TOLERANCE = 1e-5  # relative change of the cost that ends a descent if another one may end lower
 KINK_COST_DIFFERENCE = 3e-3  # relative difference of two ends from which kinks matter
 

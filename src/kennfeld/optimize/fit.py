@@ -32,8 +32,6 @@ from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import blas_threads
 
-__all__ = ["FitRun", "run"]
-
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise

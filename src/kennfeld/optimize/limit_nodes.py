@@ -10,8 +10,6 @@ from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
 
-__all__ = ["LimitSide", "add_limit_nodes", "channels_of", "limit_sides"]
-
 
 @dataclass(frozen=True)
 class LimitSide:

@@ -15,8 +15,6 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["breakpoint_bounds", "breakpoint_order", "grid_points", "is_ordered", "linear_limits", "touching_pairs"]
-
 TOUCHING = 1e-6  # of the mean distance: tolerance within which breakpoints are at their minimum distance
 DIRECTIONS = "xyzw"
 

@@ -18,8 +18,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["Coverage", "Lookup", "Lookups", "cell_shape", "coordinates", "touched"]
-
 
 @dataclass(frozen=True)
 class LookupBlock:

@@ -8,8 +8,6 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 from kennfeld.optimize.sensitivity import Sensitivity
 
-__all__ = ["LeastSquaresObjective"]
-
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
 MAX_SECANT_VALUES = 128
 

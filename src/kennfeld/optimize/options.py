@@ -14,8 +14,6 @@ from kennfeld.optimize.problem import Factor, Smoothness
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.parameters import Parameter
 
-__all__ = ["MAX_STARTS", "Options", "Step", "matching"]
-
 Reduction = int | Sequence[int]
 Value = TypeVar("Value")
 

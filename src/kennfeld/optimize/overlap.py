@@ -11,8 +11,6 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding
 from kennfeld.optimize.problem import Problem
 
-__all__ = ["HOLD_BACK", "overlap_findings"]
-
 HOLD_BACK = "Hold out other data: the error on these does not show how the function works on unseen data."
 
 _CHANCE = 0.01  # share of the distinct test samples; coarse channels repeat themselves in some

@@ -21,17 +21,6 @@ from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
 from kennfeld.preprocessing.settling import average_window, needs_average
 
-__all__ = [
-    "Factor",
-    "Place",
-    "Problem",
-    "Smoothness",
-    "bound_time_constants",
-    "difference",
-    "fitted_axes",
-    "time_constants",
-]
-
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 
 Factor = float | Literal["auto"]

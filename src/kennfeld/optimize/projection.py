@@ -14,8 +14,6 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import solve
 
-__all__ = ["FEASIBLE", "infeasible", "missed_limits", "movable", "project"]
-
 MAX_LISTED = 3
 SLACK = 1e-9  # of the size of a limit: a row this close to its side is active
 FEASIBLE = 1e-9  # of the limits' scale

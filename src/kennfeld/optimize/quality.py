@@ -15,8 +15,6 @@ from kennfeld.optimize.problem import Problem, difference
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["CONSTANT", "SAMPLES_PER_BLOCK", "NodeSimulator", "Quality", "Scorer", "r2_text", "spread"]
-
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
 SAMPLES_PER_BLOCK = 65536  # memory does not grow with the data
 

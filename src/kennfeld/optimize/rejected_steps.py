@@ -17,8 +17,6 @@ from kennfeld.optimize.problem import Problem, difference, time_constants
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["RejectionReasons", "describe_rejections"]
-
 OVERFLOW = "the errors overflowed"
 
 

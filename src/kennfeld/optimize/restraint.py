@@ -16,8 +16,6 @@ from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["Penalty", "Restrained", "Restraint", "penalty_of"]
-
 PULL = 1e-4  # of the curvature of the data
 EMPTY = 1e-2  # of the mean curvature of a table: a value below it has no data
 

@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from kennfeld.optimize.trust.assessment import TrustAssessment
     from kennfeld.optimize.trust.trust import Trust
 
-__all__ = [
-    "Checkpoint",
-    "CheckpointSink",
-    "Progress",
-    "Result",
-    "Seconds",
-    "StartResult",
-    "TraceLine",
-    "finite_or_none",
-]
-
 
 @dataclass(frozen=True)
 class TraceLine:

@@ -16,8 +16,6 @@ from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["MovingRoughness", "Roughness", "roughness_of", "second_differences"]
-
 Factors = Mapping[str, Sequence[float]]
 
 

@@ -19,8 +19,6 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
 
-__all__ = ["Sensitivity", "without_vanished"]
-
 UNDERFLOW = 1e-290  # a cost below has lost digits
 REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."

@@ -14,8 +14,6 @@ from kennfeld.models import Model
 from kennfeld.optimize.limit_nodes import add_limit_nodes, channels_of, limit_sides
 from kennfeld.optimize.problem import Problem
 
-__all__ = ["check_limits", "check_shared_axes", "delay_findings", "matrix_findings", "step_findings", "unbounded"]
-
 STEP_TOLERANCE = 1e-3  # relative difference of steps that time stamps may have by rounding
 MAX_BYTES = 4e9  # of all delays, or of one matrix; a fit and its trust keep several of them
 MAX_LISTED = 5

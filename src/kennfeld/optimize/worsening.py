@@ -10,8 +10,6 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-__all__ = ["admissible_share", "worsened"]
-
 WORSE = 1.01  # ratio of the RMSE after the fit to that before, from which it counts as worse
 PERFECT = 1e-9  # of the variance of the target: errors below it are rounding
 SHARES = tuple(float(f"{digit}e-{power}") for power in range(1, 17) for digit in (5, 2, 1))

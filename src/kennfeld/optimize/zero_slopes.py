@@ -18,8 +18,6 @@ from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.parameters import Parameter
 
-__all__ = ["departure"]
-
 MAGNITUDES = (1.0, 1e-3, 1e-6)  # of the values tried; the next one if the model fails at the one before
 LEVELS = (1.0, *(10.0**sign for n in range(1, 7) for sign in (n, -n)))
 BETTER = 0.99  # ratio of costs below which another level replaces the best one

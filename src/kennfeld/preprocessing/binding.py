@@ -12,8 +12,6 @@ from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
-__all__ = ["TIME_TOLERANCE", "BoundDataset", "bind_inputs"]
-
 TIME_TOLERANCE = 1e-6  # s; time stamps are no closer
 
 

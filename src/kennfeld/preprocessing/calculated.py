@@ -20,8 +20,6 @@ from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.recipe import DataSettings
 from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["Calculated", "evaluate_expression", "parse_calculated", "parse_expression", "uses_clock"]
-
 
 def uses_clock(graph: Graph) -> bool:
     """Return whether the graph reads the time or the step."""

@@ -18,8 +18,6 @@ from kennfeld.measurement.time_column import clock_of, find_time, time_in_second
 from kennfeld.measurement.unit_text import split_name, time_unit
 from kennfeld.preprocessing.model_step import is_timed
 
-__all__ = ["Data", "to_dataset"]
-
 Data = Dataset | Mapping[str, ArrayLike]
 
 _INDEX = "the index"
@@ -56,7 +54,7 @@ def to_dataset(given: Data, name: str, graph: Graph, asked: Collection[str]) -> 
     plain = {key: given[key] for key in given if str(key) not in stamps or str(key) in asked}
     dataset = Dataset.of(name, {key: _in_seconds(stamps, str(key), column) for key, column in plain.items()})
     places = {f"dataset {name}, channel {channel}" for channel in asked}
-    warn(remark for remark in dataset.remarks if remark.place in places)
+    warn(remark for remark in dataset.remarks if str(remark.location) in places)
     columns = [stamps[c] if c in stamps else _column(c, dataset[c].values) for c in map(str, given)]
     return _with_time(dataset, [*columns, *_index(given)], graph, asked)
 

@@ -13,8 +13,6 @@ from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.calculated import uses_clock
 from kennfeld.preprocessing.time_shift import resample_channel
 
-__all__ = ["clock_findings", "is_timed", "recorded_samples", "refine_step"]
-
 
 def is_timed(graph: Graph) -> bool:
     """Return whether the step matters to a function: it has memory, or reads the time or the step."""

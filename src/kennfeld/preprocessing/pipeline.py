@@ -23,8 +23,6 @@ from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, R
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
 
-__all__ = ["LoadedData", "load_datasets", "prepare_dataset"]
-
 
 @dataclass
 class LoadedData:

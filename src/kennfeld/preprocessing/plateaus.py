@@ -15,16 +15,6 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun
 from kennfeld.preprocessing.recipe import DatasetEntry
 
-__all__ = [
-    "average_plateaus",
-    "find_plateaus",
-    "first_in_band",
-    "least_tolerance",
-    "longest_stretch",
-    "segment_starts",
-    "steady_points",
-]
-
 _TIME_TOLERANCE = 1e-6  # s; time stamps are further apart
 _ROUNDING = 1e-9  # of a band's width, for limits that values meet exactly
 _Stretch = tuple[float, int, int]  # minus the length in s, so that a heap has the longest first; first and last sample

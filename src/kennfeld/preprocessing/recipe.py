@@ -7,8 +7,6 @@ from typing import Protocol
 
 from kennfeld.dataset import Use
 
-__all__ = ["DataSettings", "DatasetEntry", "SteadyEntry"]
-
 
 @dataclass(frozen=True)
 class SteadyEntry:

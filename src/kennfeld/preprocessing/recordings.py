@@ -20,8 +20,6 @@ from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, compare_units, is_unit_missing, select_time_units
 
-__all__ = ["CACHE", "ChannelRequest", "DatasetChannels", "RecordingReader", "find_recordings", "join_recordings"]
-
 CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
 
 

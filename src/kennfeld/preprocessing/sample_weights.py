@@ -19,8 +19,6 @@ from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
 
-__all__ = ["SampleWeights", "sample_weights", "weight_findings"]
-
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
     """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0."""

@@ -25,8 +25,6 @@ from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["CellNumbering", "TrainingSource", "assemble_samples", "scored_in_order"]
-
 SAMPLES_PER_BLOCK = 2**17  # samples
 SAMPLES_PER_LOOKUP = 2**13  # samples whose cells are computed at once, within the cache
 MAX_CELLS = 2**40

@@ -24,19 +24,6 @@ from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, OPERATIONS, Graph, GraphBuilder, State
 from kennfeld.graph.node import extract
 
-__all__ = [
-    "AVERAGING",
-    "HoldPlan",
-    "average_window",
-    "group_points",
-    "is_settled",
-    "needs_average",
-    "plan_hold",
-    "restart_states",
-    "sample_ages",
-    "unheld_inputs",
-]
-
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
 AGE = "\0age"  # steps since the point began; infinite in data that are not held
 MAX_PIECES = 64  # into which the points of a dataset are grouped

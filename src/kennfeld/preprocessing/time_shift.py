@@ -9,8 +9,6 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.measurement.resampling import is_stepped
 
-__all__ = ["resample_channel", "shift_channels"]
-
 _SAME_INSTANT = 1e-6  # of a step
 
 

@@ -19,16 +19,6 @@ from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 
-__all__ = [
-    "UnitConversion",
-    "Units",
-    "check_stated_units",
-    "compare_units",
-    "is_unit_missing",
-    "select_time_units",
-    "with_stated_units",
-]
-
 Kinship = Literal["same", "contrary", "unknown"]
 _T = TypeVar("_T", float, Float)  # Python 3.11
 _Unit = tuple[tuple[str, int], ...]  # names as pint knows them, each with its exponent

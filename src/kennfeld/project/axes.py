@@ -21,8 +21,6 @@ from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import AxisEntry, ProjectFile
 
-__all__ = ["Axes", "check_free_axes", "free_breakpoints"]
-
 
 def free_breakpoints(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | None:
     """Free the breakpoints of an axis if its entry says so; return None, with a finding, if the start is invalid."""

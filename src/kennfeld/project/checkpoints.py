@@ -25,8 +25,6 @@ from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 
-__all__ = ["ResumePoints", "Saves"]
-
 FOLDER, ASIDE, NOTE = "saves", "before", "kennfeld_save"
 _NAME = re.compile(r"\d+-(\d+|end)\.json")
 

@@ -43,8 +43,6 @@ from kennfeld.project.model import coordinates_of, read_function
 from kennfeld.project.schema import DIRECTIONS, ProjectFile
 from kennfeld.project.seen_data import seen_test_data
 
-__all__ = ["check_method", "check_settling", "check_weights", "describe_events", "find_warnings", "weight_channels"]
-
 MAX_HELD_SAMPLES = 100_000_000  # each takes 8 bytes per channel
 
 STEP_TOLERANCE = 0.01  # difference of a node, relative to its standard deviation

@@ -14,8 +14,6 @@ from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables
 from kennfeld.project.schema import DIRECTIONS, CriterionEntry, ParameterEntry, ProjectFile
 
-__all__ = ["Constraints", "build_constraints", "build_criteria"]
-
 
 @dataclass
 class Constraints:

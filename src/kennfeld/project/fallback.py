@@ -13,8 +13,6 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.result import Result
 from kennfeld.project.results import ResultSource, write
 
-__all__ = ["write_somewhere"]
-
 
 def write_somewhere(
     result: Result,

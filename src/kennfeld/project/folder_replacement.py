@@ -17,8 +17,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["LOCK", "finish_interrupted", "move", "scratch_folder"]
-
 PREFIX = ".kennfeld-"
 LOCK, NAMES, BEFORE = "lock", "names", "before"
 _SCRATCH = re.compile(re.escape(PREFIX) + r"[0-9a-f]+")

@@ -16,8 +16,6 @@ from kennfeld.parameters import Parameter
 from kennfeld.project.schema import ProjectFile
 from kennfeld.rbf import RBF
 
-__all__ = ["describe_parameter", "format_shape", "read_initial"]
-
 MAX_REMARKS = 5  # on one file
 
 

@@ -6,8 +6,6 @@ from typing import Any
 from kennfeld.project.schema import DIRECTIONS, EqualityEntry, LimitEntry, TermEntry
 from kennfeld.project.structuring import Section, as_number
 
-__all__ = ["read_equality", "read_limit", "read_ranges"]
-
 
 def read_limit(section: Section) -> LimitEntry:
     """Read one `[[limit]]`: bounds of an output."""

@@ -8,8 +8,6 @@ from typing import Any
 from kennfeld.calfiles import endings
 from kennfeld.errors import Finding, InputError
 
-__all__ = ["KEY", "check_other_files", "compute_digests", "require_one_run"]
-
 KEY = "files"
 RUN_AGAIN = "Run kennfeld calibrate again."
 

@@ -22,16 +22,6 @@ from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
-__all__ = [
-    "ProjectModel",
-    "axis_count_finding",
-    "coordinates_of",
-    "find_undefined",
-    "initial_level",
-    "is_simulink",
-    "read_function",
-    "read_surrogates",
-]
 
 _LATER_KINDS = {
     ".esdl": "an ASCET model",

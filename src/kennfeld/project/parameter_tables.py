@@ -22,8 +22,6 @@ from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectF
 from kennfeld.project.steps import grid_points_within, missing_directions
 from kennfeld.rbf import RBF
 
-__all__ = ["Tables", "build_tables"]
-
 Report = Callable[[str, str, str], None]  # key, message, remedy
 
 

@@ -44,7 +44,6 @@ from kennfeld.project.steps import build_steps, uncovered_values
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
-__all__ = ["ProjectProblem", "assemble"]
 
 MAX_REMARKS = 6  # on a model's import
 
@@ -140,7 +139,9 @@ class ProblemBuilder:
     def _feasible(self, problem: Problem) -> Problem | None:
         """Return the problem, None if its constraints cannot be satisfied together."""
         findings = infeasible(problem)
-        self.findings += [replace(f, place=self.file.path.name) if f.place == "constraints" else f for f in findings]
+        self.findings += [
+            replace(f, location=self.file.path.name) if f.location == "constraints" else f for f in findings
+        ]
         return None if findings else problem
 
     def _problem(
@@ -345,7 +346,7 @@ class ProblemBuilder:
     def _check_limits(self, problem: Problem) -> None:
         """Report invalid output limits."""
         if problem.limits:
-            self.findings += [replace(f, place=self.file.place(f"[[{f.place}]]")) for f in check_limits(problem)]
+            self.findings += [replace(f, location=self.file.place(f"[[{f.location}]]")) for f in check_limits(problem)]
 
     def _check_samples(self, problem: Problem) -> None:
         """Report datasets without complete samples, and criteria without a target value."""

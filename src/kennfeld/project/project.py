@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
 
-__all__ = ["Project", "replace_parameters"]
-
 
 @dataclass(frozen=True, eq=False)
 class Project:

@@ -25,8 +25,6 @@ from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.rbf import RBF
 
-__all__ = ["COLUMNS", "ResultSource", "require_room", "write", "write_simulation", "write_text", "write_trust"]
-
 AXES = ("x", "y", "z", "w")
 COLUMNS = (
     *("parameter", *AXES, "value", "unit", "deviation", "scatter"),

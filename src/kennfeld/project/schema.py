@@ -10,31 +10,6 @@ from kennfeld.errors import Finding
 from kennfeld.parameters import Extrapolation
 from kennfeld.preprocessing.recipe import DatasetEntry
 
-__all__ = [
-    "DIRECTIONS",
-    "MAX_STARTS",
-    "PROTECTED",
-    "SIMULINK",
-    "AxisEntry",
-    "CalibrationEntry",
-    "CriterionEntry",
-    "EqualityEntry",
-    "Factor",
-    "Freedom",
-    "LimitEntry",
-    "Lock",
-    "ModelEntry",
-    "OptimizerEntry",
-    "ParameterEntry",
-    "PinEntry",
-    "ProjectFile",
-    "Range",
-    "RegionEntry",
-    "StepEntry",
-    "TargetEntry",
-    "TermEntry",
-]
-
 DIRECTIONS = ("x", "y", "z", "w")
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"

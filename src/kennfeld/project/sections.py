@@ -26,8 +26,6 @@ from kennfeld.project.structuring import Section, as_finite
 from kennfeld.project.table_sections import read_group_axis, read_parameter
 from kennfeld.project.toml_file import is_training, read_toml
 
-__all__ = ["read_datasets", "read_project"]
-
 _INNER = "calculated"
 
 _EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'

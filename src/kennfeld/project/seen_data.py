@@ -11,8 +11,6 @@ from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project.schema import ProjectFile
 
-__all__ = ["seen_test_data"]
-
 
 def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
     """Return a warning for each test dataset with files or samples that are training data too.
@@ -23,9 +21,9 @@ def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str
         places: locations of the datasets, by name.
     """
     of_files = list(_shared_files(file))
-    known = {finding.place for finding in of_files}
+    known = {str(finding.location) for finding in of_files}
     of_samples = overlap_findings(problem, lambda data: places[data.name])
-    return [*of_files, *(finding for finding in of_samples if finding.place.partition(" (")[0] not in known)]
+    return [*of_files, *(finding for finding in of_samples if str(finding.location).partition(" (")[0] not in known)]
 
 
 def _shared_files(file: ProjectFile) -> Iterator[Finding]:

@@ -8,8 +8,6 @@ from kennfeld.project.schema import DIRECTIONS, Lock, StepEntry
 from kennfeld.project.structuring import Section
 from kennfeld.project.table_sections import read_factor, read_lock
 
-__all__ = ["read_steps"]
-
 Value = TypeVar("Value")
 
 

@@ -17,8 +17,6 @@ from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, Range, StepEntry
 
-__all__ = ["build_steps", "grid_points_within", "missing_directions", "uncovered_values"]
-
 
 def missing_directions(table: Parameter, part: Range) -> list[str]:
     """Return the directions of a range that the table does not have."""
@@ -64,7 +62,9 @@ def build_steps(file: ProjectFile, problem: Problem, findings: list[Finding]) ->
     steps = [_StepBuilder(entry, problem, findings).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
         mine = check_steps(problem, [steps[number - 1]])
-        findings += [replace(finding, place=finding.place.replace("step 1", entry.place, 1)) for finding in mine]
+        findings += [
+            replace(finding, location=str(finding.location).replace("step 1", entry.place, 1)) for finding in mine
+        ]
     if steps and steps[-1].reduces:
         message = "the last step has a coarse grid; values between its points are interpolated"
         remedy = "Add a [[step]] without grid_reduction."

@@ -10,8 +10,6 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.formatting import nearest
 
-__all__ = ["Section", "as_array", "as_finite", "as_number"]
-
 
 class Section:
     """One table of the file: typed access to its keys, and the findings about them.

@@ -22,8 +22,6 @@ from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import extract_points, raster_of, split_recordings
 
-__all__ = ["read_training"]
-
 DYNAMIC_KEYS = (
     *("step", "lags", "output_lags", "longest_lag", "limits"),
     *("free_run", "moves_centres", "hold", "iterations"),

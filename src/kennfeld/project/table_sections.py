@@ -9,8 +9,6 @@ from kennfeld.project.limit_sections import read_ranges
 from kennfeld.project.schema import DIRECTIONS, AxisEntry, Factor, Freedom, Lock, ParameterEntry, PinEntry, Range
 from kennfeld.project.structuring import Section, as_array
 
-__all__ = ["read_factor", "read_group_axis", "read_lock", "read_parameter"]
-
 _MAX_BREAKPOINTS = 100_000
 _AXIS_FORMS = "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
 _FREE = "free"  # in place of breakpoints, or as a key

@@ -10,8 +10,6 @@ from typing import Any
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 
-__all__ = ["is_training", "read_toml"]
-
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _HEAD = re.compile(r"\s*\[{1,2}([^\[\]]+)\]")
 _SECTION_TWICE = re.compile(r"Cannot (?:declare|redefine namespace|mutate immutable namespace) (\(.*\))(?: twice)?")

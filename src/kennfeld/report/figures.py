@@ -14,8 +14,6 @@ from kennfeld.parameters import Axis, Parameter
 from kennfeld.report.markup import rounded
 from kennfeld.report.report_data import ParameterChange, ReportData
 
-__all__ = ["TraceEnvelope", "histogram", "sample_indices"]
-
 TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
 TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace
 SCATTER_POINTS = (200, 3000)

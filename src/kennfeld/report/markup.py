@@ -9,20 +9,6 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = [
-    "MISSING",
-    "Child",
-    "Html",
-    "details",
-    "element",
-    "percent",
-    "recorded",
-    "rounded",
-    "shown",
-    "table",
-    "with_unit",
-]
-
 MISSING = "–"
 
 Child: TypeAlias = "str | Iterable[Child] | None"

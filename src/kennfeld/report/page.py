@@ -22,7 +22,6 @@ from kennfeld.report.stored_result import READ, read_result, read_trust
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["document", "from_folder", "page", "safely"]
 
 STATIC = Path(__file__).parent / "static"
 SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")

@@ -11,8 +11,6 @@ from kennfeld.report.markup import MISSING, Html, details, element, percent, sho
 from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
 from kennfeld.report.report_data import ParameterChange, ReportData
 
-__all__ = ["parameters"]
-
 
 def parameters(report: ReportData, pictures: Pictures) -> tuple[Html, list[tuple[str, str]]]:
     """Return a card for each table, with their entries in the table of contents."""

@@ -3,8 +3,6 @@
 from kennfeld.report import figures
 from kennfeld.report.markup import Html, element
 
-__all__ = ["MAX_LISTED", "OPEN_PARTS", "Pictures", "note"]
-
 OPEN_PARTS = 4  # datasets, and parameters, that are unfolded initially
 MAX_LISTED = 8
 

@@ -13,8 +13,6 @@ from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
 from kennfeld.project.schema import TargetEntry
 
-__all__ = ["settings", "sources"]
-
 Row = tuple[str, str, str]  # section, key, value
 
 _HIDDEN = ("path", "name", "place", "findings")

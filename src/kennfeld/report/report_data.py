@@ -27,8 +27,6 @@ from kennfeld.report.stored_result import TrustSummary, summarise_trust
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["ParameterChange", "ReportData", "Score", "collect_report_data"]
-
 
 @dataclass(frozen=True)
 class Score:

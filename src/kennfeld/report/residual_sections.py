@@ -10,8 +10,6 @@ from kennfeld.report.markup import Child, Html, details, element, percent, recor
 from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
 from kennfeld.report.report_data import ReportData
 
-__all__ = ["fit", "residuals"]
-
 
 def fit(report: ReportData, pictures: Pictures) -> Html:
     """Return a time plot, a scatter plot and a histogram for each criterion and dataset."""

@@ -17,8 +17,6 @@ from kennfeld.report.residual_sections import fit, residuals
 from kennfeld.report.summary import pooled, remarks, verdict
 from kennfeld.report.undetermined_section import limits, undetermined
 
-__all__ = ["Pictures", "sections"]
-
 MAX_TEXT = 60_000  # characters of a formula or project file
 
 Section = tuple[str, str, Html, Sequence[tuple[str, str]]]  # anchor, title, content, entries of the table of contents

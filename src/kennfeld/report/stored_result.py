@@ -21,8 +21,6 @@ from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
 
-__all__ = ["READ", "TrustSummary", "read_result", "read_trust", "summarise_trust"]
-
 MAX_LEVERAGE_VALUES = 2000  # computing the leverage costs the third power of the number of values
 
 COLUMNS = ("samples", "deviation", "leverage", "informed", "by_smoothness")

@@ -10,8 +10,6 @@ from kennfeld.formatting import count_noun
 from kennfeld.report.markup import percent, shown, with_unit
 from kennfeld.report.report_data import ReportData, Score
 
-__all__ = ["pooled", "remarks", "verdict"]
-
 MAX_TEST_RATIO = 1.3  # of test to training error; above it the fit follows noise, or the test data extrapolate
 MAX_BIAS = 0.3  # of the RMSE
 MAX_OUTSIDE = 0.001  # share of samples outside the data of a surrogate; its own training data may reach it

@@ -17,7 +17,6 @@ from kennfeld.report.report_data import ParameterChange, ReportData
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = ["limits", "undetermined"]
 
 HEAD = ("surrogate", "dataset", "use", "farthest outside its data", "samples", "outside", "share")
 

@@ -17,8 +17,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.surrogate.gp_kernel import Plane, bells, scaled_second_moment
 
-__all__ = ["Exact", "exact_likelihood"]
-
 
 @dataclass(frozen=True, eq=False)
 class _Solved:

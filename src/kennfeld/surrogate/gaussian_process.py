@@ -21,8 +21,6 @@ from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.training_data import Scaling, check_points
 from kennfeld.surrogate.validity import Validity
 
-__all__ = ["GaussianProcess", "Method", "gaussian_process"]
-
 Method = Literal["auto", "exact", "sparse"]
 
 MOST_EXACT = 1000

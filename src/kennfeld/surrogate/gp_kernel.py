@@ -10,8 +10,6 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 
-__all__ = ["Plane", "bells", "factor", "greedy", "k_means", "scaled_second_moment"]
-
 RANK = 1e-10  # share of the largest singular value below which inputs are collinear
 ROUNDS = 30  # of k-means
 LEFT = 1e-7  # share of the variance below which no further centre is added

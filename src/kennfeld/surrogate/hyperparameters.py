@@ -9,8 +9,6 @@ from kennfeld.surrogate.exact_gp import exact_likelihood
 from kennfeld.surrogate.gp_kernel import Plane, greedy
 from kennfeld.surrogate.sparse_gp import sparse_bound
 
-__all__ = ["LENGTHS", "exact_hyperparameters", "sparse_hyperparameters"]
-
 LENGTHS = (2e-2, 1e3)  # in units of an input's spread; at the upper end it is without effect beyond the plane
 NOISE = (1e-8, 1e3)  # share of the variance of f
 FIRST_NOISE = 1e-2

@@ -24,8 +24,6 @@ from kennfeld.surrogate.narx_training import (
 )
 from kennfeld.surrogate.recursion import Lags, Recording, Runs
 
-__all__ = ["MIDDLE", "ModelChoice", "choose_regularisation", "folds", "select_lags"]
-
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # without a selection
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)

@@ -30,17 +30,6 @@ from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Ru
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.training_data import Scaling, check_points
 
-__all__ = [
-    "HORIZONS",
-    "TrainingSettings",
-    "free_run_rmse",
-    "horizon_ranges",
-    "one_step_expansion",
-    "one_step_lengths",
-    "train_free_run",
-    "train_over_horizons",
-]
-
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
 PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
 MOST_DAMPING = 1e10

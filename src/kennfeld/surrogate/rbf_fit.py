@@ -11,8 +11,6 @@ from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import greedy, k_means
 from kennfeld.surrogate.training_data import Scaling, check_points
 
-__all__ = ["compress_map", "expand_data"]
-
 Placing = Literal["greedy", "k-means"]
 
 NEIGHBOURS = 2  # a width reaches to about so many neighbouring centres

@@ -12,8 +12,6 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
 
-__all__ = ["UNLIMITED", "FreeRun", "Lags", "Recording", "Runs", "simulate"]
-
 UNLIMITED = (-np.inf, np.inf)
 BLOCK = 1 << 19  # bells whose input part is computed in advance: 4 MB
 

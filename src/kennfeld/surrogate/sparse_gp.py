@@ -16,8 +16,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.surrogate.gp_kernel import Plane, bells, factor, scaled_second_moment
 
-__all__ = ["Sparse", "sparse_bound"]
-
 BLOCK = 4096
 
 

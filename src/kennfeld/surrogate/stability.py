@@ -8,8 +8,6 @@ from kennfeld.arrays import Float
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording, Runs, simulate
 
-__all__ = ["Stability", "check_stability"]
-
 RUNS = 24  # of each kind
 STEPS = 1000
 HOLD = (5, 100)  # samples that a random input is held at least and at most

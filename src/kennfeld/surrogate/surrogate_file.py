@@ -18,8 +18,6 @@ from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.validity import Validity
 
-__all__ = ["Surrogate", "as_parameters", "read_surrogate", "recognises_surrogate", "write_surrogate"]
-
 VERSION = 1
 KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")

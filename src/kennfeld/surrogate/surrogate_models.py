@@ -17,8 +17,6 @@ from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.validity import Validity
 
-__all__ = ["DynamicSurrogate", "Mode", "StaticSurrogate", "SurrogateQuality", "quality_of"]
-
 Mode = Literal["static", "leave one out", "one step", "free run"]
 
 

@@ -21,8 +21,6 @@ from kennfeld.surrogate.training_data import extract_points, raster_of, report_m
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
 
-__all__ = ["SurrogateSettings", "train_surrogate"]
-
 Report = Callable[[str], None]
 
 

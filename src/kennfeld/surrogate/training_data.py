@@ -13,8 +13,6 @@ from kennfeld.measurement.resampling import even_grid, resample
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording
 
-__all__ = ["Scaling", "check_points", "extract_points", "raster_of", "report_missing_channels", "split_recordings"]
-
 EVEN = 1e-3  # share of a step by which time stamps may be off
 SHORTEST = 8  # samples of a run
 

@@ -8,8 +8,6 @@ from kennfeld.arrays import Bool, Float, readonly
 from kennfeld.errors import ArgumentError
 from kennfeld.surrogate.gp_kernel import bells, greedy
 
-__all__ = ["Validity"]
-
 THRESHOLD = 0.2  # share of the prior deviation
 MARGIN = 1.25
 NUGGET = 1e-3

@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from kennfeld.optimize.result import Result
     from kennfeld.project import Project
 
-__all__ = [
-    *("DIFFERENT", "DONE", "INTERRUPTED", "NOT_CONVERGED", "WRONG_INPUT"),
-    *("calibrate", "check", "convert", "demo", "diff", "info", "merge", "report", "simulate", "train"),
-]
 
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
 
@@ -232,7 +228,8 @@ def info(
     bind: Sequence[str],
 ) -> int:
     """Print the contents of a file."""
-    from kennfeld.terminal.file_info import SimulinkSelection, describe_file
+    from kennfeld.terminal.describers import SimulinkSelection
+    from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
     shown = describe_file(path, a2l, SimulinkSelection(subsystem, values, folders, _bindings(bind)))

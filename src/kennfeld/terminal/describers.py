@@ -32,22 +32,6 @@ from kennfeld.terminal.simulink import (
     model_tables,
 )
 
-__all__ = [
-    "WHOLE",
-    "FileInfo",
-    "SimulinkSelection",
-    "Table",
-    "describe_a2l",
-    "describe_calibration",
-    "describe_dictionary",
-    "describe_formula",
-    "describe_measurement",
-    "describe_project",
-    "describe_simulink",
-    "describe_surrogate_file",
-    "describe_training",
-]
-
 Table = Sequence[Sequence[str]]  # the heading first
 
 PARAMETER_KINDS = ("scalar", "curve", "map", "cube", "cube")  # by number of axes; more are those of an expansion

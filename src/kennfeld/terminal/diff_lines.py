@@ -10,8 +10,6 @@ from kennfeld.calfiles import Change, Comparison, Difference
 from kennfeld.formatting import count_noun
 from kennfeld.terminal.output import Painted, aligned
 
-__all__ = ["change_lines", "difference_lines", "file_labels"]
-
 _RED, _GREEN, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[32m", "\x1b[33m", "\x1b[0m"
 _MAX_TEXT = 40  # characters in a cell
 

@@ -36,8 +36,6 @@ from kennfeld.terminal.describers import (
     describe_training,
 )
 
-__all__ = ["FileInfo", "SimulinkSelection", "describe_file"]
-
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
 )

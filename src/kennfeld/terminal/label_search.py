@@ -10,8 +10,6 @@ from typing import Any
 from kennfeld.errors import InputError
 from kennfeld.terminal.describers import FileInfo, Table
 
-__all__ = ["find_entries"]
-
 _NAMES = ("name", "node")  # keys whose value is a name
 _DESCRIPTIONS = ("description", "long_name")
 _NAME_LISTS = ("left_out", "ambiguous", "parameters", "inputs")  # keys whose value may be a list of names

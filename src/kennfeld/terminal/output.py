@@ -10,8 +10,6 @@ from typing import TextIO
 
 from kennfeld.errors import Finding, visible
 
-__all__ = ["Painted", "aligned", "number_text", "print_findings", "print_lines", "size_text"]
-
 COLUMN_GAP = "  "
 UNLIMITED_WIDTH = 10_000  # characters, without a terminal
 

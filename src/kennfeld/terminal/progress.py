@@ -19,8 +19,6 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
-__all__ = ["Interrupt", "display"]
-
 LINE_INTERVAL = 0.5  # s between plain lines of one stage
 EXIT_STATUS = 130
 

@@ -13,15 +13,6 @@ from kennfeld.terminal.output import aligned
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
 
-__all__ = [
-    "choice_lines",
-    "describe_surrogate",
-    "extrapolation_lines",
-    "quality_table",
-    "ranges_table",
-    "summarize_surrogate",
-    "undetermined_lines",
-]
 
 MAX_LINES = 3  # under one heading
 UNDETERMINED = "Parameters not determined by the data:"

@@ -6,8 +6,6 @@ import sys
 from contextlib import suppress
 from types import FrameType
 
-__all__ = ["HANGUP", "REQUESTS", "end_like_ctrl_c", "leave_terminal"]
-
 HANGUP: int | None = getattr(signal, "SIGHUP", None)  # the terminal has gone; not on Windows
 REQUESTS = tuple(
     number for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if (number := getattr(signal, name, None)) is not None

@@ -10,18 +10,6 @@ from kennfeld.models.simulink.outline import ModelOutline
 from kennfeld.models.simulink.variables.data_dictionary import Dictionary
 from kennfeld.terminal.output import number_text, size_text
 
-__all__ = [
-    "dictionary_json",
-    "dictionary_summary",
-    "dictionary_table",
-    "import_notes",
-    "import_tables",
-    "interface_tables",
-    "model_notes",
-    "model_summary",
-    "model_tables",
-]
-
 Rows = list[Sequence[str]]
 MAX_REMARKS = 20  # on one import
 MAX_PATHS = 3  # of blocks in a cell

@@ -7,8 +7,6 @@ then those of the sheets.
 import struct
 from collections.abc import Iterator
 
-__all__ = ["check_records"]
-
 _HEAD = struct.Struct("<HH")
 _PLACE = struct.Struct("<HH")  # row and column of a cell
 _END, _SHEET, _TEXTS, _DIMENSIONS, _SEVERAL = 0x000A, 0x0085, 0x00FC, 0x0200, 0x00BD

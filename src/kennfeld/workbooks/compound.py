@@ -9,8 +9,6 @@ stored in short sectors within the stream of the root entry.
 import struct
 from collections.abc import Iterable, Iterator
 
-__all__ = ["MAGIC", "workbook_stream"]
-
 MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 
 _HEADER = 512

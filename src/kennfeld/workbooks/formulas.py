@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from html import unescape
 
-__all__ = ["Unsaved", "unsaved_formulas"]
-
 _CHUNK = 1 << 20
 _OVERLAP = 20_000  # bytes; more than a cell with the longest formula
 _BOOK, _LINKS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"

@@ -9,8 +9,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 
-__all__ = ["OVERLAP", "check_end", "extent_of", "extent_of_text"]
-
 _BINARY_ROW = 0  # the record that begins a row; those up to the last kind of cell give a column
 _LAST_CELL = 11
 _MAX_COLUMNS, _MAX_ROWS = 16_384, 1_048_576

@@ -19,8 +19,6 @@ from kennfeld.workbooks.compound import MAGIC, workbook_stream
 from kennfeld.workbooks.formulas import Unsaved, unsaved_formulas
 from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of, extent_of_text
 
-__all__ = ["Workbook", "column_letters", "opened"]
-
 _MAX_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
 _MAX_PARTS = 100_000
 _MAX_BINARY_BYTES = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked

@@ -27,8 +27,6 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
 from kennfeld.calfiles.a2l.syntax import A2lError
 
-__all__ = ["CompuConversion", "conversion_of", "parse_formula"]
-
 Formula = Callable[[Float], Float]
 
 _TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|[-+*/(),])\s*")

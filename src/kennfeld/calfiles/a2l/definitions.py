@@ -24,8 +24,6 @@ from kennfeld.calfiles.a2l.objects import (
 from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor, is_text, parse_integer, parse_number
 from kennfeld.calfiles.format import Findings
 
-__all__ = ["Instances", "compu_method", "compu_tab", "compu_vtab", "compu_vtab_range", "record_layout"]
-
 _KEYWORD = re.compile(
     r"(FNC_VALUES|IDENTIFICATION|RESERVED"
     r"|(?:AXIS_PTS|AXIS_RESCALE|NO_AXIS_PTS|NO_RESCALE|SRC_ADDR|RIP_ADDR|SHIFT_OP|OFFSET|DIST_OP)(?=_[WXYZ45]$))"

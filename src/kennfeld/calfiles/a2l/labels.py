@@ -22,8 +22,6 @@ from kennfeld.calfiles.verbal_values import kind_of_words
 from kennfeld.formatting import holds_control_characters
 from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
 
-__all__ = ["AxisInMemory", "Label", "Labels", "SharedAxis", "encoding_of"]
-
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}
 _MAX_DIMENSIONS = 4

@@ -4,23 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
-__all__ = [
-    "DIRECTIONS",
-    "A2l",
-    "A2lFunction",
-    "AxisDescr",
-    "AxisPts",
-    "Characteristic",
-    "Component",
-    "CompuMethod",
-    "CompuTab",
-    "CompuVtab",
-    "Described",
-    "ModCommon",
-    "RecordLayout",
-    "summarise_labels",
-]
-
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
 
 _KINDS = {

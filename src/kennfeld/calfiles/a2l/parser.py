@@ -30,8 +30,6 @@ from kennfeld.calfiles.a2l.syntax import (
 )
 from kennfeld.calfiles.format import Findings
 
-__all__ = ["parse_a2l"]
-
 TYPES = ("VALUE", "CURVE", "MAP", "CUBOID", "CUBE_4", "CUBE_5", "VAL_BLK", "ASCII")
 AXIS_KINDS = ("STD_AXIS", "COM_AXIS", "FIX_AXIS", "RES_AXIS", "CURVE_AXIS")
 _SHARED_OPTIONS = {

@@ -16,8 +16,6 @@ from kennfeld.formatting import count_labels, count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["check_epk", "read_parameters"]
-
 _MAX_LISTED = 20  # remarks that say the same
 
 

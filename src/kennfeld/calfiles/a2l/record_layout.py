@@ -18,8 +18,6 @@ from kennfeld.calfiles.a2l.objects import Component, RecordLayout
 from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, alignment_of
 from kennfeld.calfiles.a2l.syntax import A2lError
 
-__all__ = ["AbsentError", "LayoutRequest", "PartOffsets", "place_parts"]
-
 _ROWS, _COLUMNS = "ROW_DIR", "COLUMN_DIR"
 _ALTERNATING = {"ALTERNATE_WITH_X": "X", "ALTERNATE_WITH_Y": "Y"}
 _COUNTS = {"NO_AXIS_PTS": "AXIS_PTS", "NO_RESCALE": "AXIS_RESCALE"}

@@ -15,21 +15,6 @@ from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import count_noun
 from kennfeld.parameters import Axis
 
-__all__ = [
-    "NUMBERS",
-    "SIZES",
-    "ObjectPart",
-    "Raw",
-    "Roundings",
-    "StorageFormat",
-    "alignment_of",
-    "decode_raw",
-    "encode_raw",
-    "first_byte_order",
-    "native",
-    "nearest_raw",
-]
-
 Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
 
 _CODES = {

@@ -15,18 +15,6 @@ from pathlib import Path
 from kennfeld.calfiles.format import CalibrationSource, Findings
 from kennfeld.formatting import one_line
 
-__all__ = [
-    "A2lBlock",
-    "A2lError",
-    "Cursor",
-    "Include",
-    "is_text",
-    "parse_blocks",
-    "parse_integer",
-    "parse_number",
-    "unquote",
-]
-
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.
 Include = Callable[[str, Path | None], tuple[Path, bytes] | None]

@@ -25,8 +25,6 @@ from kennfeld.formatting import count_labels, count_noun, join_names
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["write_values"]
-
 _FIXED_POINT_TOLERANCE = (
     1e-5  # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
 )

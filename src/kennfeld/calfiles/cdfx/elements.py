@@ -12,8 +12,6 @@ from kennfeld.calfiles.format import Findings
 from kennfeld.calfiles.xml_tree import PARTED, Element
 from kennfeld.formatting import count_noun
 
-__all__ = ["Instance", "Values", "array_size", "instances", "values_of"]
-
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
 
 _VALUE_TAGS = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")

@@ -21,8 +21,6 @@ from kennfeld.formatting import count_labels, count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = ["recognises_cdfx"]
-
 _ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
 _VERSION = re.compile(r"CDF(\d)(\d)")
 _PROLOG = 20_000  # characters before the root: declaration, document type, comments

@@ -12,8 +12,6 @@ from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["write_cdfx"]
-
 Item = Parameter | Text
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">

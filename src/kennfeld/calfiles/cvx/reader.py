@@ -21,8 +21,6 @@ from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = []
-
 _TITLE = "CALIBRATION VALUES V"
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
 _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")

@@ -11,8 +11,6 @@ from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = ["write_cvx"]
-
 Item = Parameter | Text
 _NAME = re.compile(r'[^\s",:*][^",]*')
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import nearest
 
-__all__ = ["DcmBlock", "DcmLines", "recognises_dcm", "split_blocks", "unquote"]
-
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
 _SIZE_COUNTS = {

@@ -16,8 +16,6 @@ from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-__all__ = ["Dcm", "Key", "VariantValue", "variant_values"]
-
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
 _MAX_VARIANT_LINE = 4096  # characters of a line with the values of variants; the search takes the square of them
 _VARIANT = re.compile(r'([^,="]+)(?:=\s*("(?:[^"\\]|\\.)*"|[^,]*))?\s*(?:,|$)')

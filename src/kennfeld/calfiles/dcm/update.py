@@ -18,8 +18,6 @@ from kennfeld.calfiles.format import WriteResult
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = []
-
 Item = Parameter | Text
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")

@@ -11,8 +11,6 @@ from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text
 
-__all__ = ["axis_block", "check_storable", "item_block", "quote", "shares_block", "whole_text"]
-
 _HEADER = """* encoding="UTF-8"
 * DAMOS format
 * Created by Kennfeld

@@ -24,29 +24,6 @@ from kennfeld.errors import InputError
 from kennfeld.parameters import TextKind
 from kennfeld.workbooks import Workbook, column_letters
 
-__all__ = [
-    "AXES",
-    "AXES_HEADING",
-    "AXIS_HEADING",
-    "CORNERS",
-    "INDEX",
-    "INDEX_HEADING",
-    "KINDS",
-    "LETTERS",
-    "SCALARS",
-    "SCALARS_HEADING",
-    "TEXTS",
-    "TEXTS_HEADING",
-    "TEXT_KINDS",
-    "Sheet",
-    "index_heading",
-    "is_calibration_workbook",
-    "number_fault",
-    "open_source",
-    "sheet_names",
-    "sheet_of",
-]
-
 INDEX, SCALARS, TEXTS, AXES = "Parameters", "Scalars", "Texts", "Axes"
 _LABELS = ("functions", "display name", "variant")
 INDEX_HEADING = ("name", "kind", "size", "unit", "description", *_LABELS, "sheet")

@@ -30,8 +30,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook
 
-__all__ = []
-
 Item = Parameter | Text
 Key = tuple[str, str]  # name and variant
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes

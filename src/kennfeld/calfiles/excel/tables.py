@@ -10,8 +10,6 @@ from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, LETTERS, Sheet
 from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import count_noun
 
-__all__ = ["AxisCells", "Grid", "read_grid", "read_number"]
-
 
 @dataclass
 class AxisCells:

@@ -31,8 +31,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 from kennfeld.workbooks import column_letters
 
-__all__ = []
-
 Item = Parameter | Text
 _MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
 _MAX_LINKS = 60_000

@@ -14,15 +14,6 @@ from kennfeld.parameter_set import ParameterSet
 if TYPE_CHECKING:
     from kennfeld.calfiles.a2l import A2l, Described
 
-__all__ = [
-    "IMAGE_ENDINGS",
-    "A2lFile",
-    "describe_a2l",
-    "fragment_of_a2l",
-    "recognises_a2l",
-    "recognises_flash",
-    "unwritable",
-]
 
 IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
 _INTEL_ENDINGS = (".hex", ".ihex")

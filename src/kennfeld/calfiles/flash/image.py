@@ -7,8 +7,6 @@ from functools import cached_property
 
 from kennfeld.errors import ArgumentError
 
-__all__ = ["Image", "Record"]
-
 _MAX_LINE_LENGTH = 600  # characters of a line
 
 

@@ -18,8 +18,6 @@ from kennfeld.calfiles.flash.image import Image, Record
 from kennfeld.calfiles.format import Findings
 from kennfeld.formatting import count_noun
 
-__all__ = ["read_image", "recognises_image"]
-
 _MAX_LISTED = 20  # findings of one kind that are listed
 _FILLER = b" \t\r\n\x1a\0"  # between lines and after the last one
 

@@ -24,8 +24,6 @@ from kennfeld.formatting import count_noun
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
-__all__ = ["Constant", "Msq", "Pair", "pairs_of", "recognises_msq", "usual_pairs"]
-
 _MAX_FILE_BYTES = 20_000_000
 _MAX_FILES = 50
 _SIGNATURE = re.compile(r'^[ \t]*signature[ \t]*=[ \t]*"([^"\n]*)"', re.MULTILINE)

@@ -12,8 +12,6 @@ from kennfeld.formatting import count_labels, count_noun, holds_control_characte
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-__all__ = []
-
 _WORD = re.compile(r"\S+")
 
 

@@ -31,8 +31,6 @@ from kennfeld.matlab.values import (
     with_class_of,
 )
 
-__all__ = []
-
 _CLASSES = (*INTEGERS, "double", "single", "logical")
 
 

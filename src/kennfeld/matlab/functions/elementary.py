@@ -10,8 +10,6 @@ from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, Numeri
 from kennfeld.matlab.operators import apply_binary, apply_unary, cast_to_class, result_class
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
-__all__ = ["apply_pairwise"]
-
 _Real = Callable[[Float], Float]
 
 

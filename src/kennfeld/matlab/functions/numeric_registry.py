@@ -19,8 +19,6 @@ from kennfeld.matlab.values import (
     text,
 )
 
-__all__ = ["MANY", "NUMERIC_FUNCTIONS", "NumericArguments", "NumericFunction", "function"]
-
 MANY = 1000
 
 

@@ -37,8 +37,6 @@ from kennfeld.matlab.values import (
     trim_dimensions,
 )
 
-__all__ = ["matches_case"]
-
 _Along = Callable[[Float, int], Array]
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing", "omitnan"})
 

@@ -29,8 +29,6 @@ from kennfeld.models.model import Model
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
-__all__ = ["expression", "extend", "formula", "read", "surrogates_beside", "text_of"]
-
 
 def formula(
     text: str,

@@ -16,8 +16,6 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "OPERATORS", "Argument", "BuiltinFunction", "InvalidArgumentError", "functions_of"]
-
 CONSTANTS: Final = {"pi": math.pi, "inf": math.inf, "nan": math.nan}
 
 # infix operators and what they are in a graph

@@ -9,8 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from kennfeld.errors import Finding, InputError
 from kennfeld.models.formula.syntax import Token
 
-__all__ = ["DECLARATIONS", "FOREIGN", "RESERVED", "Source", "is_plain", "split", "statements", "tokens"]
-
 DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "def"})
 RESERVED = frozenset({"and", "or", "not", "if", "pi", "dt", "t", "inf", "nan"})
 

@@ -15,8 +15,6 @@ from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
 from kennfeld.models.formula.name_resolution import NameTable, children
 from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
 
-__all__ = ["build", "topological_order"]
-
 _MAX_EXPANSIONS = 100_000
 
 

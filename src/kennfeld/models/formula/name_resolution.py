@@ -22,8 +22,6 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 
-__all__ = ["NameScope", "NameTable", "children", "walk"]
-
 _S = TypeVar("_S", Definition, FunctionDefinition, Declaration)
 Kind = Literal["clock", "constant", "node", "parameter", "input"]
 

@@ -24,8 +24,6 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 
-__all__ = ["LEVELS", "MAX_DEPTH", "Keys", "parse", "parse_expression"]
-
 LEVELS: Final = {
     "or": 1,
     "and": 2,

@@ -14,8 +14,6 @@ from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain
 from kennfeld.models.formula.parser import LEVELS
 
-__all__ = ["merge_equal_states", "to_text"]
-
 _INFIX: Final = {op: text for text, op in OPERATORS.items()}
 _CALLS: Final = {"select": "if"}
 _TABLES: Final = ("scalar", "curve", "map", "cube", "cube")

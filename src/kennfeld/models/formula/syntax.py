@@ -6,21 +6,6 @@ state.
 
 from typing import NamedTuple, TypeAlias
 
-__all__ = [
-    "Call",
-    "Chain",
-    "Declaration",
-    "Definition",
-    "Expr",
-    "FunctionDefinition",
-    "Name",
-    "Number",
-    "Prefix",
-    "Statement",
-    "StepDeclaration",
-    "Token",
-]
-
 
 class Token(NamedTuple):
     """A word of the text; `line` and `column` count from 1.

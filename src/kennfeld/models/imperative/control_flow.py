@@ -36,7 +36,6 @@ from kennfeld.models.imperative.symbolic_values import (
 if TYPE_CHECKING:
     from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["LoopUnroller", "PathState", "merge_states"]
 
 Key = TypeVar("Key")
 _SAME_TYPE_REMEDY = "Give it the same type and size on both sides of the decision."

@@ -29,7 +29,6 @@ from kennfeld.models.imperative.symbolic_values import (
 if TYPE_CHECKING:
     from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["assign_part", "fixed_element", "index_value"]
 
 MASK_REMEDY = "Write it as a loop over all elements with if."
 Place = tuple[Nodes | None, list[int]]  # nodes of places that depend on signals; else fixed places, from 0

@@ -18,7 +18,6 @@ from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 if TYPE_CHECKING:
     from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["MAX_PASSES", "EvaluationContext", "evaluate_constant_call"]
 
 MAX_STATEMENTS: Final = 20_000
 MAX_NODES: Final = 400_000

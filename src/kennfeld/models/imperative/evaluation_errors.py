@@ -1,7 +1,5 @@
 """Errors of expressions and code that have no value or cannot be expressed by a graph."""
 
-__all__ = ["DEFAULT_REMEDY", "AbortedPathError", "EvaluationError", "NotLowerableError", "ProgramError"]
-
 DEFAULT_REMEDY = "Replace it by blocks, or bind its outputs."
 
 

@@ -52,7 +52,6 @@ from kennfeld.models.imperative.symbolic_values import (
 if TYPE_CHECKING:
     from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 
-__all__ = ["ExpressionEvaluator", "assign_masked", "is_masked_assignment"]
 
 _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "*", "/", "^"})
 

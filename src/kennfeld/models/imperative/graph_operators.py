@@ -15,20 +15,6 @@ from kennfeld.models.imperative.symbolic_values import constants
 if TYPE_CHECKING:
     from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = [
-    "BINARY",
-    "INVERSE_HYPERBOLIC",
-    "KNOWN",
-    "ONE",
-    "PLAIN",
-    "TWO",
-    "Rule",
-    "apply_function",
-    "constant_distance",
-    "range_between",
-    "range_length",
-    "without_rest",
-]
 
 Rule: TypeAlias = Callable[..., Nodes]
 

@@ -9,8 +9,6 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, truncate
 
-__all__ = ["EXACT", "IntegerType", "fit_to_type", "integer_type_named", "wrap_to_type"]
-
 EXACT: Final = 52  # bits of words whose numbers doubles know exactly
 _INTEGER = re.compile(r"(u?)int(8|16|32|64)\Z")
 _FIXED = re.compile(r"fixdt\(\s*([01])\s*,\s*(\d{1,3})\s*(?:,\s*0\s*)?\)\Z")

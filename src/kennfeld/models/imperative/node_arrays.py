@@ -9,17 +9,6 @@ import numpy.typing as npt
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
-__all__ = [
-    "Nodes",
-    "Numbers",
-    "align_dimensions",
-    "check_size",
-    "elementwise",
-    "matrix_product",
-    "reduce_nodes",
-    "truncate",
-]
-
 Nodes: TypeAlias = npt.NDArray[np.int64]
 
 _MAX_ELEMENTS: Final = 1_000_000  # of an array of parameters or signals

@@ -6,17 +6,6 @@ from typing import Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
 
-__all__ = [
-    "assume",
-    "bound_of",
-    "known_truth",
-    "logical_and",
-    "logical_not",
-    "logical_or",
-    "round_half_away",
-    "truth_of",
-]
-
 TRUTHS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})  # operations that give 1 or 0
 _MAX_DEPTH = 40
 _MAX_CONDITIONS = 200  # conditions that are looked at for one

@@ -26,15 +26,6 @@ from kennfeld.models.imperative.symbolic_values import (
     with_leaf_arrays,
 )
 
-__all__ = [
-    "FirstCallObserver",
-    "Key",
-    "PersistentVariable",
-    "PersistentVariables",
-    "initial_persistents",
-    "late_persistents",
-]
-
 Key: TypeAlias = tuple[str, str]
 Remember: TypeAlias = Callable[[Nodes, Callable[[], Nodes]], Nodes]
 

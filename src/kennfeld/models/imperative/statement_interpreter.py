@@ -30,8 +30,6 @@ from kennfeld.models.imperative.symbolic_values import (
     force,
 )
 
-__all__ = ["GLOBAL", "StatementInterpreter"]
-
 GLOBAL = "global"  # the function that shared variables are kept under
 _SILENT = frozenset(
     {"disp", "fprintf", "warning", "assert", "printf", "display", "tic", "toc", "figure", "plot", "drawnow", "pause"}

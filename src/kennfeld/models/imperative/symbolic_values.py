@@ -15,31 +15,6 @@ from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.imperative.node_arrays import Nodes
 
-__all__ = [
-    "EMPTY",
-    "ConditionalValue",
-    "DeferredValue",
-    "EnumerationStruct",
-    "FunctionHandleValue",
-    "InvalidValue",
-    "LogicalNodes",
-    "String",
-    "SymbolicCell",
-    "SymbolicStruct",
-    "SymbolicValue",
-    "as_array",
-    "as_logical",
-    "constants",
-    "describe",
-    "field_of",
-    "force",
-    "integers",
-    "leaf_arrays",
-    "of_class",
-    "with_leaf_arrays",
-    "word_of",
-]
-
 EMPTY: Final[Nodes] = np.zeros((0, 0), dtype=np.int64)
 
 

@@ -15,8 +15,6 @@ from kennfeld.models.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
 
-__all__ = ["DeclaredParameters"]
-
 
 class DeclaredParameters:
     """Parameters by name.

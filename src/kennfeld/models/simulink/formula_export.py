@@ -13,8 +13,6 @@ from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.reader.model_tree import join_path, split_path
 
-__all__ = ["write_formula"]
-
 
 def write_formula(
     source: str | Path,

@@ -4,15 +4,6 @@ from dataclasses import dataclass, field
 
 from kennfeld.errors import Finding
 
-__all__ = [
-    "TYPES_IGNORED",
-    "CalibratableParameter",
-    "ImportReport",
-    "ImportableSubsystem",
-    "Quantity",
-    "UnsupportedBlock",
-]
-
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
 _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
@@ -164,7 +155,7 @@ def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
     first = blocks[0].finding
     if len(blocks) == 1:
         return first
-    return Finding(f"{first.place} and {len(blocks) - 1} more", first.message, first.remedy)
+    return Finding(f"{first.location} and {len(blocks) - 1} more", first.message, first.remedy)
 
 
 def _undefined_finding(name: str, paths: tuple[str, ...], why: str) -> Finding:

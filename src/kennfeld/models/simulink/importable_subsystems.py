@@ -19,8 +19,6 @@ from kennfeld.models.simulink.reader.model_tree import ModelBlock, System, split
 from kennfeld.models.simulink.variables.mask_scope import Scope
 from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
-__all__ = ["inspect_simulink"]
-
 _MIN_BLOCKS = 2  # blocks other than ports
 _MAX_TRIALS_PER_BLOCK = 4  # times that a search lowers each block
 _MAX_SUBSYSTEMS = 50  # listed in the report

@@ -13,8 +13,6 @@ from kennfeld.models.simulink.model_import import ImportResult, ModelImport
 from kennfeld.models.simulink.reader.model_tree import ModelBlock, System
 from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
-__all__ = ["import_simulink", "simulink"]
-
 _MAX_LISTED = 8
 _DRAWING_FIELDS = {"Position", "ZOrder", "Ports", "SID", "Name", "FontSize", "ShowName", "BackgroundColor"}
 
@@ -50,7 +48,7 @@ def simulink(
     result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if result.model is None:
         name = Path(path).name
-        raise InputError([Finding(f"{name} {f.place}", f.message, f.remedy) for f in result.report.findings])
+        raise InputError([Finding(f"{name} {f.location}", f.message, f.remedy) for f in result.report.findings])
     return result.model
 
 

@@ -19,8 +19,6 @@ from kennfeld.models.simulink.variables.m_files import FunctionFiles
 from kennfeld.models.simulink.variables.mask_scope import Scope, Variable, VariableTable
 from kennfeld.models.simulink.variables.model_variables import ParameterSource, collect_variables, model_properties
 
-__all__ = ["LoadedModel"]
-
 
 @dataclass(frozen=True)
 class LoadedModel:

@@ -34,8 +34,6 @@ from kennfeld.models.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus,
 from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.parameters import Axis
 
-__all__ = []
-
 _GIVE: Final = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
 _BLOCK: Final = "the function of the block"
 _MOST_ROUNDS: Final = 20

@@ -6,8 +6,6 @@ from kennfeld.models.simulink.lowering.compiler import BlockCompiler
 from kennfeld.models.simulink.reader.block_ports import port_label
 from kennfeld.models.simulink.signals import leaf_signals
 
-__all__ = ["NodeNames"]
-
 RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
 
 

@@ -37,8 +37,6 @@ from kennfeld.models.simulink.variables.mask_scope import Scope
 from kennfeld.models.simulink.variables.model_variables import solver_settings
 from kennfeld.parameters import Parameter
 
-__all__ = ["ImportResult", "ModelImport"]
-
 _MAX_LISTED = 6
 _MAX_NAMED = 3  # blocks named in a sentence
 _MAX_ATTEMPTS = 20  # to determine nested iteration counts

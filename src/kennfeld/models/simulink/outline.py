@@ -14,8 +14,6 @@ from kennfeld.models.simulink.reader.model_tree import ModelBlock, ModelDocument
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.models.simulink.variables.stored_variables import workspace_variables
 
-__all__ = ["ModelOutline", "summarize_model"]
-
 _CONTROLS = {
     "EnablePort": "enabled",
     "TriggerPort": "triggered",

@@ -10,22 +10,6 @@ import numpy as np
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes
 
-__all__ = [
-    "CONSTANT",
-    "CONTINUOUS",
-    "Bus",
-    "ExternalBus",
-    "Signal",
-    "SignalOrBus",
-    "as_vector",
-    "common_shape",
-    "fastest_sample_time",
-    "fit_to_shape",
-    "leaf_signals",
-    "scalar",
-    "size_text",
-]
-
 CONSTANT = math.inf
 CONTINUOUS = 0.0
 

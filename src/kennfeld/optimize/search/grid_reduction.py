@@ -13,8 +13,6 @@ from kennfeld.optimize.problem import Factor, Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["kept_breakpoints", "penalty_ratio", "reduce_problem", "reduce_table", "refine_parameters", "refine_table"]
-
 
 def kept_breakpoints(count: int, factor: int) -> Int:
     """Return the breakpoints kept if every nth is: the ends, and others spread evenly between them.

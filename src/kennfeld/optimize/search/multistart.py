@@ -31,8 +31,6 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.automatic_settings import resolve_automatic, single_start
 from kennfeld.threads import blas_threads
 
-__all__ = ["run"]
-
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
 

@@ -23,8 +23,6 @@ from kennfeld.optimize.tuning.smoothness import SmoothnessChoice
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import blas_threads
 
-__all__ = ["STOPPED", "StartOutcome", "StartPoint", "StartRunner", "skipped_start", "with_values"]
-
 STOPPED = "Stopped on request; these are the best values so far."
 
 TableValues = Mapping[str, Float]  # by parameter that a search may change

@@ -10,8 +10,6 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
 
-__all__ = ["distance", "draw_start", "sobol"]
-
 BITS = 32
 
 # Primitive polynomials and first direction numbers of the dimensions from the second on: S. Joe and F. Kuo,

@@ -19,8 +19,6 @@ from kennfeld.optimize.problem import Problem, Smoothness
 from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.parameters import Parameter
 
-__all__ = ["check_steps", "sequence_problem", "step_problem", "with_fixed_limits"]
-
 
 def step_problem(problem: Problem, step: Step) -> Problem:
     """Return the problem of one step on the full grid; `with_fixed_limits` adapts its linear limits."""

@@ -28,8 +28,6 @@ from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Start
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, skipped_start
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 
-__all__ = ["run_in_parallel"]
-
 READY, STOP = "ready", "stop"
 POLL_INTERVAL = 0.1  # s; Windows does not deliver Ctrl-C during a wait without timeout
 COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.optimize.search.worker_pool import main; main()"

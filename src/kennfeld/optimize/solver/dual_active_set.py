@@ -8,8 +8,6 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native.cholesky import Factor
 
-__all__ = ["nonnegative_dual", "solve_active"]
-
 RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
 NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
 PASSED = 1e-14  # a slope below 0 by this share of what it is summed from is wrong

@@ -10,8 +10,6 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.native.cholesky import Cholesky, Factor
 
-__all__ = ["GaussNewtonModel", "Objective", "SecantCorrection"]
-
 SCALE_MEMORY = 0.5  # share of its column scale that a value keeps at least from one iteration to the next
 PROBE = 0.1  # share of a step at which its curvature is measured
 SCALE_FLOOR = 1e-6  # of the mean curvature in its table: least column scale, so that no value runs away

@@ -22,8 +22,6 @@ from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Object
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, solve
 
-__all__ = ["STOPPED", "Iteration", "SolverResult", "SolverSettings", "Status", "Stop", "levenberg_marquardt"]
-
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
 MAX_DAMPING = 1e40  # steps have vanished long before

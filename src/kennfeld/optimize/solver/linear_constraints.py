@@ -7,8 +7,6 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 
-__all__ = ["LinearLimits", "LinearRows"]
-
 
 @dataclass(frozen=True)
 class LinearRows:

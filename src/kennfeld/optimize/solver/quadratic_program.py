@@ -15,8 +15,6 @@ from kennfeld.native.gram import Gram
 from kennfeld.optimize.solver.dual_active_set import nonnegative_dual, solve_active
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-__all__ = ["QpSolution", "solve"]
-
 FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
 REFINEMENTS = 3  # corrections of the multipliers by the remaining violation of their step
 

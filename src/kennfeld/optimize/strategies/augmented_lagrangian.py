@@ -17,8 +17,6 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import FEASIBLE, OutputLimits
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["descend_within"]
-
 GAP_TOLERANCE = 1e-6  # share of the cost that a better choice of multipliers might still save
 MAX_ROUNDS = 40  # updates of the multipliers
 SLOW_RATIO = 0.25  # of the excess before a round: what is left above it makes the penalty grow

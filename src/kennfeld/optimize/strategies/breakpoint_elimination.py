@@ -12,8 +12,6 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 
-__all__ = ["DenseAxis", "eliminate_breakpoints"]
-
 ROUNDING = 1e-12  # of the largest variance: avoids a division by zero for dependent lines
 
 

@@ -28,8 +28,6 @@ from kennfeld.optimize.strategies.smoothing_continuation import SHORT_SCHEDULE, 
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["BreakpointPlacement", "axis_groups", "cell_divisions", "coarse", "subdivide", "with_dense_axes"]
-
 MAX_PARTS = 8  # into which a cell of a free axis is divided
 MAX_VALUES = 1000  # of the dense problem
 MAX_VALUES_SINGLE = 2000  # if a single axis is dense

@@ -40,8 +40,6 @@ from kennfeld.optimize.strategies.augmented_lagrangian import descend_within
 from kennfeld.optimize.strategies.output_limits import FEASIBLE, OutputLimits
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["FEW", "FeasibilityFirstCost", "GlobalSettings", "global_search", "polish"]
-
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
 CONVERGED = 1e-6  # relative differences of the cost at which a run ends

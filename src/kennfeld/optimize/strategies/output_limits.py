@@ -24,8 +24,6 @@ from kennfeld.optimize.validation import check_limits
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["FEASIBLE", "NearActiveSamples", "OutputLimits"]
-
 FEASIBLE = 1e-6  # of a limit's scale: a violation below it counts as satisfied
 NEAR_ACTIVE = 1e-4  # of a limit's scale: distance at which a limit counts as active
 MAX_SAMPLES = 400  # at which limits are linearised

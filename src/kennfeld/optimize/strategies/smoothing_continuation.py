@@ -19,8 +19,6 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-__all__ = ["LONG_SCHEDULE", "SHORT_SCHEDULE", "Continuation"]
-
 Report = Callable[[str, Iteration, Float], None]
 
 

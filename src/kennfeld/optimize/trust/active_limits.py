@@ -28,16 +28,6 @@ from kennfeld.optimize.strategies.output_limits import NearActiveSamples
 from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = [
-    "ActiveLimit",
-    "ActiveOutputLimits",
-    "combinations_of_values",
-    "distances",
-    "find_active_output_limits",
-    "multipliers",
-    "outputs_held",
-]
-
 ROUNDING = 1e-12  # relative to the largest number
 RIDGE = 1e-10  # on the unit diagonal of G, so that of two equal rows the one with the smaller excess gives way
 RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of G

@@ -26,8 +26,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.threads import blas_threads
 
-__all__ = ["TrustAssessment"]
-
 MAX_DIRECTIONS = 12
 NEGLIGIBLE_STEP = 0.05  # standard deviations
 

@@ -21,8 +21,6 @@ from kennfeld.native.envelope import split_busy
 from kennfeld.optimize.trust.matrices import part
 from kennfeld.threads import blas_threads
 
-__all__ = ["BlockFactor"]
-
 BLOCK = 32
 TINY = 1e-300  # least eigenvalue of a block that is divided by
 

@@ -42,8 +42,6 @@ from kennfeld.optimize.trust.information_matrix import (
 from kennfeld.optimize.trust.matrices import Matrix, compressed, part, scaled, whole
 from kennfeld.optimize.trust.noise import Group, rescored, variances
 
-__all__ = ["Estimate", "estimate"]
-
 PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
 # of the descent to the values that fit the data without output limits
 DATA_ONLY = SolverSettings(max_iterations=20, tolerance=1e-4)

@@ -13,8 +13,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.rbf import RBF
 
-__all__ = ["Describer", "Direction", "listed"]
-
 PERCENT = 0.01
 MAX_NAMED = 3  # grid points of a table that a sentence names
 MAX_LISTED = 8  # grid points of a table that a remedy lists

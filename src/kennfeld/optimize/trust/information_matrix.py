@@ -14,8 +14,6 @@ from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, scaled, whole
 
-__all__ = ["ConstraintElimination", "Spectrum", "active_rows", "echelon", "held", "nullity", "pivots", "root"]
-
 TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
 

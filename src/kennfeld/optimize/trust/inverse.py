@@ -10,8 +10,6 @@ from kennfeld.arrays import Float, Int, Sparse
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.matrices import Matrix, part, scaled
 
-__all__ = ["DenseInverse", "Inverse", "SparseInverse"]
-
 
 class Inverse(Protocol):
     """The inverse of H, or its pseudo-inverse if H has undetermined directions."""

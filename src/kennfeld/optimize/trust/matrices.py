@@ -4,8 +4,6 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, Sparse
 
-__all__ = ["Matrix", "compressed", "part", "scaled", "whole"]
-
 Matrix = Float | Sparse
 LARGE, FEW = 1000, 0.1  # rows above which a matrix may be sparse, and share of non-zeros up to which it is
 

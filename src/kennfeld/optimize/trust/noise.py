@@ -26,8 +26,6 @@ from kennfeld.optimize.trust.persistence import persistence
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.sample_weights import SampleWeights
 
-__all__ = ["Group", "groups", "rescored", "variances"]
-
 MIN_FREEDOM = 1.0  # residual degrees of freedom for an estimate of the noise
 MIN_GROUP_FREEDOM = 10.0  # the same for one of several groups; with fewer, the noise is that of the criterion
 MAX_CLASSES = 8  # of samples by their own weight

@@ -14,8 +14,6 @@ from kennfeld.optimize.trust.direction_text import Describer, listed
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["NullSpace", "Remedy", "null_space"]
-
 PREFERENCE_PER_SIZE = 0.1  # weight of the values of a table, relative to those of the next smaller table
 MIN_PREFERENCE = 1e-4  # relative to the smallest table
 

@@ -19,8 +19,6 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 
-__all__ = ["inflation", "lagged_products", "persistence"]
-
 SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
 MAX_LAGS = 1 << 17
 MIN_SAMPLES = 8

@@ -16,8 +16,6 @@ from kennfeld.optimize.trust.direction_text import Direction
 from kennfeld.optimize.trust.null_space import NullSpace
 from kennfeld.threads import blas_threads
 
-__all__ = ["Trust"]
-
 
 @dataclass(frozen=True, eq=False)
 class Trust:

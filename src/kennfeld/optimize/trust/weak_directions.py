@@ -21,8 +21,6 @@ from kennfeld.optimize.trust.matrices import Matrix, part
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["TableChange", "WeakDirection", "table_changes", "weak_directions"]
-
 Kind = Literal["scale", "offset", "stretch", "shift", "follow"]
 FLAT = 1e-9  # relative spread of values up to which a table counts as constant
 

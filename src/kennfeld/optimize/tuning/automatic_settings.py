@@ -22,8 +22,6 @@ from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, select_factors
 from kennfeld.threads import blas_threads
 
-__all__ = ["choose_smoothness", "resolve_automatic", "single_start", "with_choice"]
-
 Search = Callable[[Problem], Result]
 
 

@@ -19,8 +19,6 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
-__all__ = ["BLOCKS", "FEWEST", "NEVER", "HoldoutBlock", "HoldoutBlocks", "independent_samples"]
-
 BLOCKS = 20  # approximate number of blocks
 FEWEST = 3  # blocks
 MAX_ENTRIES = 25_000_000  # of all matrices together, 200 MB

@@ -24,8 +24,6 @@ from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.optimize.roughness import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
-__all__ = ["GAMMA", "HOLDOUT_SHARE", "Linearised", "Prediction", "minimise_prediction"]
-
 GAMMA = 1.2
 HOLDOUT_SHARE = 0.75  # of the estimate from held-out blocks in the mean
 RIDGE = 1e-8  # of the diagonal; keeps undetermined values where they are

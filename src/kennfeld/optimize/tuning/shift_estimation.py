@@ -30,8 +30,6 @@ from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.time_shift import shift_channels
 
-__all__ = ["apply_shifts", "estimate_shifts"]
-
 MIN_LIKELIHOOD_RATIO = 10.0  # as a difference of -2 log L, from which another lag is ruled out
 NEIGHBOURHOOD = 2.0  # samples around a lag in time within which others are about as good
 EDGE_DISTANCE = 0.6  # samples

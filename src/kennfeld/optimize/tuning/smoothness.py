@@ -23,8 +23,6 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
 from kennfeld.optimize.tuning.prediction_error import Linearised, Prediction, minimise_prediction
 
-__all__ = ["RANGE", "Round", "SmoothnessChoice", "select_factors"]
-
 RANGE = 1e7  # largest factor, and reciprocal of the smallest one, relative to the data
 MIN_CHANGE = 0.1  # of a logarithm, for another fit
 MIN_RISE = 0.25  # of the level of smoothness, for another fit

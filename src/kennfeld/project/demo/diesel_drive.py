@@ -16,8 +16,6 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = ["STEP", "drive"]
-
 IDLE_SPEED, TOP_SPEED = 820.0, 5000.0  # rpm
 HEATING_VALUE = 42.5  # J/mg
 STROKES = 2.0  # combustions a turn

@@ -9,8 +9,6 @@ from kennfeld.parameters import Axis, Curve, Map
 from kennfeld.project.demo import diesel_drive
 from kennfeld.project.demo.diesel_drive import STEP, drive
 
-__all__ = ["BOUNDS", "FILES", "FORMULA", "NOISE", "SMOOTHNESS", "UNIT", "another", "start", "training"]
-
 NOISE, UNIT = 3.7, "degC"  # standard deviation of the thermometer
 SAMPLES, FEWER = 26_482, 12_000
 SPEED, INJECTION = (800.0, 4000.0), (0.0, 55.0)

@@ -12,8 +12,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
 from kennfeld.project.demo.petrol_engine import random_steps, simulate_engine
 
-__all__ = ["FILES", "FORMULA", "PROJECTS", "closing", "prepare", "recording", "set_values", "start"]
-
 STEP = 0.02  # s, the raster of the governor and of the recordings
 NOISE = 2.0  # rpm, of the speed sensor in the recordings
 THROTTLE, LOAD = (7.0, 15.0), (15.0, 28.0)  # degrees, Nm

@@ -12,8 +12,6 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-__all__ = ["drag", "random_steps", "simulate_engine", "torque"]
-
 Number = TypeVar("Number", float, Float)
 
 FULL_CHARGE = 0.6  # g of air in a cylinder at 100 % relative air mass

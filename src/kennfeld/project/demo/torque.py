@@ -14,20 +14,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map
 from kennfeld.project.demo.petrol_engine import drag, torque
 
-__all__ = [
-    "BOUNDS",
-    "FILES",
-    "FORMULA",
-    "NOISE",
-    "PIN",
-    "SMOOTHNESS",
-    "UNIT",
-    "bench",
-    "fresh",
-    "motored",
-    "start",
-]
-
 NOISE, UNIT = 1.8, "Nm"  # standard deviation of the torque measurement
 SPEED, AIR, IGNITION = (700.0, 6100.0), (28.0, 100.0), (10.0, 40.0)
 LEVELS = (37, 19, 4)  # full factorial: 2812 points

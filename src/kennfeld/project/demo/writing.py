@@ -12,8 +12,6 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["NAMES", "closing", "prepare", "projects", "write"]
-
 NAMES = ("torque", "exhaust", "idle")  # each a module of this package, with its project file
 PROJECT = "kennfeld.toml"
 

@@ -24,8 +24,6 @@ from kennfeld.models.imperative.symbolic_values import (
     word_of,
 )
 
-__all__ = ["ELEMENTWISE_NAMES", "OF_BITS"]
-
 OF_BITS = frozenset(
     {"bitand", "bitor", "bitxor", "bitshift", "bitsll", "bitsrl", "bitsra", "bitcmp", "bitget", "bitset"}
 )

@@ -25,15 +25,6 @@ from kennfeld.models.imperative.symbolic_values import (
 if TYPE_CHECKING:
     from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = [
-    "KEEPS_INTEGERS",
-    "SYMBOLIC_FUNCTIONS",
-    "TAKES_TABLES",
-    "SymbolicArguments",
-    "function",
-    "is_vector",
-    "matlab_word",
-]
 
 # functions whose first result has the integer type of their arguments
 KEEPS_INTEGERS = frozenset(

@@ -20,7 +20,6 @@ from kennfeld.models.imperative.symbolic_values import EMPTY, SymbolicValue, as_
 if TYPE_CHECKING:
     from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
 
-__all__ = ["checked_matrix_product", "combine", "matrix_divide", "matrix_power", "reduce_along", "transpose"]
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing"})

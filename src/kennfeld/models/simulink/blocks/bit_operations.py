@@ -16,8 +16,6 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
 
-__all__ = ["fit_to_type", "stored_integer"]
-
 _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals
 _MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type

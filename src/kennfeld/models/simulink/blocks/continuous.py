@@ -10,18 +10,6 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block, no_feedthrough
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, scalar, size_text
 
-__all__ = [
-    "divide_by_lead",
-    "external_reset",
-    "feedthrough_inputs",
-    "has_feedthrough",
-    "matrices",
-    "matrix_times_vector",
-    "rational",
-    "reset_signal",
-    "with_saturation",
-]
-
 _MAX_STATES = 1000  # of a variable delay, which needs a state for each step
 
 

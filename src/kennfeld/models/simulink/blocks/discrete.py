@@ -19,8 +19,6 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.registry import block, no_feedthrough
 from kennfeld.models.simulink.signals import CONSTANT, Signal, SignalOrBus, scalar
 
-__all__ = ["direct_form"]
-
 _FIR_STRUCTURES = (
     "Direct form", "Direct form symmetric", "Direct form antisymmetric", "Direct form transposed",
 )  # fmt: skip

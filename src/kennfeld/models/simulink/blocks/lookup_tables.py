@@ -29,8 +29,6 @@ from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample
 from kennfeld.models.simulink.variables.mask_scope import Variable
 from kennfeld.parameters import Axis, Parameter
 
-__all__ = ["Method", "breakpoint_axis", "constant_curve", "index_axes", "lookup_field", "method_of", "shape_of"]
-
 _LINEAR = (
     "Linear",
     "Linear point-slope",

@@ -11,8 +11,6 @@ from kennfeld.models.simulink.lowering.parameter_fields import dimension_setting
 from kennfeld.models.simulink.lowering.registry import block
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time, scalar, size_text
 
-__all__ = ["as_matrix", "inverse_of"]
-
 _MAX_COMPARISONS = 100_000
 _MAX_INVERSE_ROWS = 3
 

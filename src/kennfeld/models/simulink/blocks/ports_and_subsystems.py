@@ -26,8 +26,6 @@ from kennfeld.models.simulink.signals import (
     scalar,
 )
 
-__all__ = []
-
 _MAX_PORT_WIDTH = 10_000  # elements of a root inport, each an input of the model
 
 _DASHBOARD = (

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 from kennfeld.models.simulink.signals import size_text
 
-__all__ = ["FieldEvaluator", "FieldValue", "array_of"]
-
 FieldValue: TypeAlias = "Nodes | str | Mapping[str, ParameterValue] | tuple[ParameterValue, ...]"
 
 _SHAPES: Final = {"zeros": 0.0, "ones": 1.0, "reshape": 0.0, "linspace": 0.0}

@@ -35,8 +35,6 @@ from kennfeld.models.simulink.variables.mask_scope import (
     Variable,
 )
 
-__all__ = ["ParameterExpressions", "parameter_value_at", "resolve_parameter"]
-
 _CONSTANTS: Final = {
     "pi": math.pi, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "eps": 2.0**-52, "true": 1.0,
     "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),

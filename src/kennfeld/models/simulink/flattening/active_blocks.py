@@ -17,17 +17,6 @@ from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, SignalLine, System
 from kennfeld.models.simulink.variables.mask_scope import Scope, Variable
 
-__all__ = [
-    "active_choice",
-    "active_content",
-    "choice_at",
-    "choice_labels",
-    "describe_choice",
-    "is_variant",
-    "system_with_choice",
-    "without_commented_blocks",
-]
-
 _PORTS = ("Inport", "Outport")
 _BLOCKS = ("VariantSource", "VariantSink")
 _MODES = ("expression", "label", "sim codegen switching")

@@ -18,8 +18,6 @@ from kennfeld.models.simulink.reader.block_ports import element_of, elements, po
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, Ports
 from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
 
-__all__ = ["ConnectionResolver", "bus_member_names"]
-
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
 _MAX_INPUTS = 1_000_000  # of all blocks

@@ -13,18 +13,6 @@ from typing import NamedTuple, TypeAlias
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = [
-    "SINK_TYPES",
-    "STATE_PORT",
-    "DataStoreOrder",
-    "FlatBlock",
-    "FlatModel",
-    "SignalSource",
-    "is_triggered",
-    "resets_on_enable",
-    "resets_with_subsystem",
-]
-
 STATE_PORT = -1  # the number of a state port among the outputs of its block
 SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph")
 

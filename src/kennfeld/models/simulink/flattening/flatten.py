@@ -27,8 +27,6 @@ from kennfeld.models.simulink.reader.library_links import is_of_simulink
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, SignalLine, System, join_path, split_path
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["flatten", "standalone_system"]
-
 _NESTED = ("SubSystem", "ModelReference")
 
 

@@ -10,8 +10,6 @@ from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["SPECIAL", "FlatteningState", "IterationPlan", "SystemInstance", "enclosing_systems", "goto_tag"]
-
 SPECIAL = {"EnablePort": "enable", "TriggerPort": "trigger", "ActionPort": "ifaction", "ResetPort": "reset"}
 
 _MAX_BLOCKS = 100_000  # including all library instances

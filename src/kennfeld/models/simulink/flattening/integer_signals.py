@@ -8,8 +8,6 @@ from typing import Final
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 
-__all__ = ["find_integer_conversions", "integer_type_of", "specified_integer_type"]
-
 _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _MAX_TRACED_BLOCKS = 200
 # inputs whose type the output has unless the file specifies another one, by block type

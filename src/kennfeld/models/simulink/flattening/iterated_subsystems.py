@@ -17,8 +17,6 @@ from kennfeld.models.simulink.flattening.hierarchy import FlatteningState, Itera
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path
 from kennfeld.models.simulink.variables.mask_scope import MaskVariable, Scope, Variable
 
-__all__ = ["LOOPS", "IterationUnroller", "iterator_block", "plan_iterations"]
-
 LOOPS = ("ForIterator", "WhileIterator", "ForEach")
 _MAX_ITERATIONS = 1000  # of one subsystem
 _UNUSUAL = ("NeedActiveIterationSignal", "ShowActiveIterationCount", "ShowActiveIterationFlag", "ShowResetFlag")

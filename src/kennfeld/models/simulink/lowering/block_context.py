@@ -29,7 +29,6 @@ from kennfeld.models.simulink.signals import (
 if TYPE_CHECKING:
     from kennfeld.models.simulink.lowering.compiler import BlockCompiler
 
-__all__ = ["BlockContext", "Then"]
 
 Then = Callable[[Signal], Signal]
 

@@ -19,8 +19,6 @@ from kennfeld.models.simulink.lowering.pass_state import PendingCompletions
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.models.simulink.signals import SignalOrBus
 
-__all__ = ["BlockDependencies", "BuildOrder"]
-
 # these evaluate their own execution condition
 _CONTROLLED = ("ConditionalOutput", "ConditionalSubsystem", "IterationCondition", "DataStoreWrite")
 

@@ -44,8 +44,6 @@ from kennfeld.models.simulink.signals import Bus, ExternalBus, Signal, SignalOrB
 from kennfeld.models.simulink.variables.m_files import FunctionFiles
 from kennfeld.models.simulink.variables.mask_scope import Scope, Variable
 
-__all__ = ["BlockCompiler", "compile_to_fixed_point"]
-
 _MAX_PASSES = 500
 _MAX_OPERATIONS = 20_000_000  # over all passes
 _UNSETTLED = "the sizes or sample times of its feedback signals cannot be determined"

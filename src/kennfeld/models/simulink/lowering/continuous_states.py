@@ -21,8 +21,6 @@ from kennfeld.models.simulink.lowering.pass_state import Key
 from kennfeld.models.simulink.lowering.state_ports import ContinuousState
 from kennfeld.models.simulink.signals import CONTINUOUS, Signal, fit_to_shape
 
-__all__ = ["SOLVERS", "ContinuousStates"]
-
 
 class ButcherTableau(NamedTuple):
     """Explicit Runge-Kutta method: nodes, rows of the matrix below the diagonal, and weights."""

@@ -14,16 +14,6 @@ from kennfeld.models.simulink.reader.library_links import is_of_simulink
 from kennfeld.models.simulink.reader.model_tree import split_path
 from kennfeld.models.simulink.signals import CONSTANT, Signal
 
-__all__ = [
-    "PARAMETER_ERRORS",
-    "BlockFailure",
-    "BlockFailures",
-    "UnsupportedError",
-    "placeholder_outputs",
-    "placeholder_signal",
-    "unsupported_reason",
-]
-
 PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
 
 

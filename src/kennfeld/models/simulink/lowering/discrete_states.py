@@ -27,8 +27,6 @@ from kennfeld.models.simulink.signals import (
     size_text,
 )
 
-__all__ = ["DataStores", "DiscreteStates"]
-
 
 class DiscreteStates:
     """Discrete states of blocks; `arriving` returns the known signals at the inputs of a block."""

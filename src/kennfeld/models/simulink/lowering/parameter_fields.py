@@ -16,17 +16,6 @@ from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.reader.model_tree import split_arguments
 from kennfeld.models.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable, nested_field
 
-__all__ = [
-    "ParameterField",
-    "calibrated_table",
-    "case_values",
-    "dimension_settings",
-    "parameter_field",
-    "selected_indices",
-    "selection_length",
-    "variable_field",
-]
-
 _MAX_NUMBERS = 10_000
 
 

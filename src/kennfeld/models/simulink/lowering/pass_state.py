@@ -13,8 +13,6 @@ from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.block_ports import port_label
 from kennfeld.models.simulink.signals import CONTINUOUS, ExternalBus, Signal
 
-__all__ = ["DimensionInference", "InferredAttributes", "Key", "ModelInputs", "PendingCompletions", "Shape"]
-
 Key: TypeAlias = tuple[FlatBlock, int]  # a block and the number of its state
 Shape: TypeAlias = tuple[int, ...]
 

@@ -12,8 +12,6 @@ from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.signals import SignalOrBus
 
-__all__ = ["BLOCK_TYPES", "BlockType", "block", "maskable_types", "no_feedthrough", "opaque_mask_types"]
-
 BlockHandler: TypeAlias = Callable[[BlockContext], SignalOrBus | tuple[SignalOrBus, ...]]
 FeedthroughRule: TypeAlias = Callable[[BlockContext], Iterable[int]] | None
 Sample: TypeAlias = str | Callable[[ModelBlock], str]

@@ -17,16 +17,6 @@ from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, BlockType
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, scalar
 
-__all__ = [
-    "CONTINUOUS_BLOCK_TYPES",
-    "ExecutionConditions",
-    "ModelClock",
-    "SampleTime",
-    "SampleTimes",
-    "common_step",
-    "explicit_sample_time",
-]
-
 CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
     {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
 )

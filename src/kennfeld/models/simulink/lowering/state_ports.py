@@ -20,8 +20,6 @@ from kennfeld.models.simulink.lowering.pass_state import DimensionInference, Key
 from kennfeld.models.simulink.lowering.scheduling import SampleTimes
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal
 
-__all__ = ["ContinuousState", "StatePorts", "is_known_at_step_start"]
-
 _MAX_ROUNDS = 100  # states whose initial values depend on each other
 
 

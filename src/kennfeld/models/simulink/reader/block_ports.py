@@ -4,8 +4,6 @@ import re
 
 from kennfeld.models.simulink.reader.model_tree import ModelBlock, Ports, System
 
-__all__ = ["element_of", "elements", "port_label", "port_number", "ports_of"]
-
 # Files omit the ports of a block that has as many as a new one of its type: one input and one output, except for
 _SOURCES = (
     "BandLimitedWhiteNoise",

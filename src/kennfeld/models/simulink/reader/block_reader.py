@@ -22,8 +22,6 @@ from kennfeld.models.simulink.reader.model_tree import (
 )
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, normalize_name
 
-__all__ = ["BlockReader", "read_mask"]
-
 _BAR = re.compile(r"(?<!\\)\|")  # separator of values unless escaped by a backslash
 _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 

@@ -13,8 +13,6 @@ from kennfeld.models.simulink.reader.model_tree import (
 )
 from kennfeld.models.simulink.reader.section_tree import SectionNode, normalize_name
 
-__all__ = ["read_charts"]
-
 _KINDS = {
     "EML_CHART": "MATLAB Function",
     "2": "MATLAB Function",

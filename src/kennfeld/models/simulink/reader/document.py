@@ -32,8 +32,6 @@ from kennfeld.models.simulink.reader.section_tree import (
     brace_text,
 )
 
-__all__ = ["document", "read_document", "recognises_simulink", "solver_from"]
-
 _CALLBACKS = (
     "PreLoadFcn",
     "PostLoadFcn",

@@ -11,8 +11,6 @@ from kennfeld.formatting import nearest
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.model_tree import Mask, ModelBlock, ModelDocument, System, split_path
 
-__all__ = ["LibraryResolver", "ResolvedModel", "is_of_simulink"]
-
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _ENDINGS = (".slx", ".mdl")
 _MAX_DEPTH = 100  # nested subsystems, links resolved

@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from kennfeld.archives import find_oversized
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
-__all__ = ["ModelPackage", "is_text_package", "is_zip", "text_package", "zip_package"]
-
 _BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
 _PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)

@@ -12,29 +12,6 @@ from typing import Literal
 
 from kennfeld.models.simulink.reader.section_tree import normalize_name
 
-__all__ = [
-    "Endpoint",
-    "LibraryLink",
-    "Mask",
-    "MaskParameter",
-    "ModelBlock",
-    "ModelDocument",
-    "Ports",
-    "SignalLine",
-    "StoredChart",
-    "StoredData",
-    "StoredEvent",
-    "StoredJunction",
-    "StoredSolver",
-    "StoredState",
-    "StoredTransition",
-    "StoredWorkspace",
-    "System",
-    "join_path",
-    "split_arguments",
-    "split_path",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class StoredState:

@@ -16,17 +16,6 @@ from xml.parsers import expat
 
 from kennfeld.errors import Finding, InputError
 
-__all__ = [
-    "FileRejectedError",
-    "ReadDiagnostics",
-    "SectionNode",
-    "brace_sections",
-    "brace_text",
-    "json_section",
-    "normalize_name",
-    "xml_section",
-]
-
 MAX_DEPTH = 200  # nested sections; a subsystem takes two, and models nest about ten subsystems
 MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has about 30 000
 

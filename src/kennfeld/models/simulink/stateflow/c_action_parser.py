@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 from kennfeld.matlab import syntax as m
 
-__all__ = ["ActionSyntaxError", "parse_c_expression", "parse_c_statements"]
-
 _MAX_DEPTH = 60  # nested brackets
 _WORD = re.compile(
     r"""(?P<number>0[xX][0-9a-fA-F]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?:[fFuUlLcr]{0,3})(?![A-Za-z0-9_])

@@ -22,8 +22,6 @@ from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, ChartMode
 from kennfeld.models.simulink.stateflow.guarded_variables import Guard, GuardLogic, SizeChangedError
 from kennfeld.models.simulink.stateflow.temporal_logic import ChartTimers
 
-__all__ = ["compile_chart", "early_inputs"]
-
 _MEMORIES = ("OUTPUT_DATA", "LOCAL_DATA")
 _TRANSIENT = ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA")
 _KNOWN = (*_MEMORIES, *_TRANSIENT, "INPUT_DATA", "PARAMETER_DATA", "CONSTANT_DATA", "FUNCTION_INPUT_DATA")

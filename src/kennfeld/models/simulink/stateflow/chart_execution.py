@@ -28,8 +28,6 @@ from kennfeld.models.simulink.stateflow.transition_search import (
 )
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-__all__ = ["ChartExecution"]
-
 _MAX_SHARED_CHILDREN = 12  # beyond, each child is followed from a copy of the variables
 
 _MAX_WORK = 30_000

@@ -34,7 +34,6 @@ from kennfeld.models.simulink.variables.mask_scope import Scope
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["ChartExpressions"]
 
 _MAX_ELEMENTS = 1_000  # of an array with a variable index
 

@@ -19,17 +19,6 @@ from kennfeld.models.simulink.stateflow.label_parser import (
     strip_comments,
 )
 
-__all__ = [
-    "ChartEvent",
-    "ChartFunction",
-    "ChartModel",
-    "ChartVariable",
-    "JunctionNode",
-    "StateAction",
-    "StateNode",
-    "TransitionEdge",
-]
-
 _MAX_DEPTH = 40  # nested states
 
 

@@ -13,8 +13,6 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import SymbolicValue, as_array, force
 
-__all__ = ["call_library_function", "is_library_function"]
-
 _FIXED: Final = frozenset({"zeros", "ones", "reshape", "linspace", "numel", "length"})  # their sizes must be constant
 _ALONG: Final = frozenset({"min", "max", "sum", "prod"})  # block parameters support fewer shapes of arrays
 

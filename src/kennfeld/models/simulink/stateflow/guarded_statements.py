@@ -23,7 +23,6 @@ from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["ChartFunctionCalls", "GuardedStatements"]
 
 Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # returns the node of a condition under a guard
 

@@ -17,8 +17,6 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_model import StateNode
 
-__all__ = ["ActionContext", "Guard", "GuardLogic", "GuardedVariables", "SizeChangedError"]
-
 _MAX_VISITED = 400  # nodes per query of a truth value
 _TURNED = {"lt": "gt", "gt": "lt", "le": "ge", "ge": "le"}
 _COMPARED = frozenset({"eq", "ne", "lt", "le", "gt", "ge"})

@@ -13,8 +13,6 @@ from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.c_action_parser import ActionSyntaxError, parse_c_expression, parse_c_statements
 
-__all__ = ["ActionLanguage", "parse_state_label", "parse_transition_label", "strip_comments"]
-
 _STEP = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*(\+\+|--)[ \t]*(?=$|[;,\n])")
 _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*([-+*/])=(?!=)([^;\n]*)")
 _OR = re.compile(r"\|\||\|")

@@ -23,7 +23,6 @@ from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, 
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["CHANGES", "SECONDS", "TEMPORAL", "TICKS", "ChartTimers", "TemporalLogic", "temporal_unit"]
 
 TEMPORAL = frozenset({"after", "before", "at", "every", "temporalCount", "elapsed", "et", "duration", "count"})
 CHANGES = frozenset({"hasChanged", "hasChangedFrom", "hasChangedTo"})

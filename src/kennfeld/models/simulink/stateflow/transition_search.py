@@ -24,7 +24,6 @@ from kennfeld.models.simulink.stateflow.temporal_logic import SECONDS, TEMPORAL,
 if TYPE_CHECKING:
     from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 
-__all__ = ["EventDispatch", "Fired", "JunctionSearch", "committed_junctions"]
 
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
 _CHANGED = ("change", "chg")

@@ -31,8 +31,6 @@ from kennfeld.models.simulink.variables.stored_variables import (
     stored_variable,
 )
 
-__all__ = ["Dictionary", "read_dictionary"]
-
 _PARTS, _PART, _CONTENT = "__MW_TEXT_PARTS__", "__MW_TEXT_PART__/data/chunk", "__MW_TEXT_content"
 _MATRIX = re.compile(r"\s*Matrix\((\d{1,9}),(\d{1,9})\)(.*)", re.DOTALL)
 _NUMBER = re.compile(  # with its class suffix, `60000U` or `2.5F`

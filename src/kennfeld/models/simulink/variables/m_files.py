@@ -35,20 +35,6 @@ from kennfeld.models.simulink.variables.mask_scope import (
     equal_values,
 )
 
-__all__ = [
-    "EvaluationFailure",
-    "FunctionFiles",
-    "enumerals",
-    "enumeration_file",
-    "enumeration_of",
-    "evaluate_numerically",
-    "read_file",
-    "run_mask_code",
-    "run_parameter_script",
-    "run_text",
-    "variable_of",
-]
-
 _REST = re.compile(r"%.*|\.\.\..*")
 _HEAD = re.compile(r"\s*classdef\s*(?:\([^)]*\))?\s*(\w+)\s*(?:<\s*([\w.]+))?")
 _OPENS, _ENDS = re.compile(r"\s*enumeration\b\s*(?:\([^)]*\))?"), re.compile(r"\s*end\b")

@@ -17,20 +17,6 @@ from kennfeld.models.simulink.reader.model_tree import ModelBlock, StoredSolver,
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
 
-__all__ = [
-    "USER_SOURCE",
-    "MaskCodeVariable",
-    "MaskVariable",
-    "ParameterValue",
-    "Scope",
-    "Variable",
-    "VariableTable",
-    "equal_values",
-    "names_assigned_by_functions",
-    "nested_field",
-    "to_parameter_value",
-]
-
 ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
 USER_SOURCE = "given"  # source of values given by name

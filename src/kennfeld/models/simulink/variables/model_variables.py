@@ -35,8 +35,6 @@ from kennfeld.models.simulink.variables.stored_variables import Value as Stored
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
-__all__ = ["ParameterSource", "collect_variables", "model_properties", "solver_settings"]
-
 ParameterSource: TypeAlias = "str | Path | Mapping[str, object] | ParameterSet"
 
 _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")

@@ -22,17 +22,6 @@ from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mcos import read_array, read_workspace
 from kennfeld.models.simulink.reader.model_tree import StoredWorkspace
 
-__all__ = [
-    "StoredVariable",
-    "StoredVariables",
-    "Value",
-    "mat_variables",
-    "mxarray_value",
-    "mxarray_variables",
-    "stored_variable",
-    "workspace_variables",
-]
-
 Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "StoredVariable", None]
 
 _MAX_BYTES = 200_000_000  # unpacked
