@@ -93,11 +93,15 @@ class Criterion:
         if loss not in get_args(Loss):
             raise ArgumentError(f"loss={loss!r} of the criterion on {node} must be square, huber, soft_l1 or excess")
         owner = f"the criterion on {node}"
-        numbers = {
+        values = {
+            "node": node,
+            "target": Target.of(target),
             "weight": number(weight, "weight", owner, least=0),
+            "loss": loss,
             "delta": number(delta, "delta", owner, above=0),
             "scale": number(scale, "scale", owner, above=0),
+            "weight_channel": weight_channel,
+            "regions": tuple(regions),
         }
-        samples = {"loss": loss, "weight_channel": weight_channel, "regions": tuple(regions)}
-        for name, value in ({"node": node, "target": Target.of(target)} | numbers | samples).items():
+        for name, value in values.items():
             object.__setattr__(self, name, value)

@@ -1,5 +1,7 @@
 """A small project that is right, and a way to change one thing of it."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project import Project
+from kennfeld.project.section import KeyLocation
 
 TEXT = """\
 input Speed[rpm]
@@ -90,11 +93,20 @@ class Workshop:
         return Project.read(self.path)
 
     def findings(self) -> list[Finding]:
-        """What reading or checking finds."""
+        """What reading or checking finds. Lines of the project file are compared with its text, and then left out."""
         try:
-            return self.project.check()
+            found = self.project.check()
         except InputError as error:
-            return list(error.findings)
+            found = list(error.findings)
+        return [self._without_line(finding) for finding in found]
+
+    def _without_line(self, finding: Finding) -> Finding:
+        location = finding.location
+        if not isinstance(location, KeyLocation) or not location.line:
+            return finding
+        line = self.toml.splitlines()[location.line - 1]
+        assert any(word in line for word in re.findall(r"[\w.]+", location.path)), (str(finding), line)
+        return replace(finding, location=replace(location, line=0))
 
     def errors(self) -> list[str]:
         return [str(finding) for finding in self.findings() if finding.severity == "error"]

@@ -134,7 +134,7 @@ def test_an_end_that_was_gone_on_from_is_a_state_among_others(make, tmp_path):
     assert names(tmp_path) == ["1-000002.json", "1-end.json"]
     make(SAVING).calibrate(after(2), resume=True)
     assert names(tmp_path) == ["1-000002.json", "1-000003.json", "1-000004.json"]
-    found = make(SAVING).saves().found().states[1]
+    found = make(SAVING).saves().resume_points().states[1]
     costs = [json_note(tmp_path, name)["cost"] for name in names(tmp_path)]
     assert found.cost == min(costs)
 
@@ -158,7 +158,7 @@ def test_other_data_are_noticed_although_the_project_file_stayed(make, tmp_path)
 def test_a_changed_project_file_is_said(make):
     make(SAVING).calibrate(after(5))
     project = make(SAVING, "# a word")
-    (finding,) = project.saves().found().findings
+    (finding,) = project.saves().resume_points().findings
     assert finding.severity == "warning"
     assert "kennfeld.toml: changed since" in project.calibrate(resume=True).message
 
@@ -182,7 +182,7 @@ def test_a_half_written_state_is_left_out(make, tmp_path, content):
     make(SAVING).calibrate(after(5))
     (tmp_path / "results" / "saves" / "1-000004.json").write_bytes(content)
     project = make(SAVING)
-    (finding,) = project.saves().found().findings
+    (finding,) = project.saves().resume_points().findings
     assert str(finding.location) == "saves/1-000004.json"
     assert project.calibrate(resume=True).resumed == ("saves/1-000002.json",)
 
@@ -218,7 +218,7 @@ def test_a_sequence_goes_on_in_the_step_that_it_was_in(make, tmp_path):
     whole = make(sequence, SAVING).calibrate()
     count = sum(line.stage.startswith("step 1") for line in whole.trace)
     make(sequence, SAVING).calibrate(after(count + 1))
-    state = make(sequence, SAVING).saves().found().states[1]
+    state = make(sequence, SAVING).saves().resume_points().states[1]
     assert state.step == 2
     result = make(sequence, SAVING).calibrate(resume=True)
     assert {line.stage.split(":")[0] for line in result.trace} == {"fine"}

@@ -8,6 +8,7 @@ import pytest
 
 from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
+from kennfeld.errors import Findings, Location
 from kennfeld.project import fallback, folder_replacement
 from kennfeld.project.fallback import write_somewhere
 
@@ -49,16 +50,16 @@ def full_below(monkeypatch, *folders):
 
 
 def test_a_result_goes_to_its_folder_without_a_word(result, tmp_path, temporary):
-    told = []
+    told = Findings()
     written = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
     assert {path.parent for path in written} == {tmp_path / "results"}
-    assert told == []
+    assert len(told) == 0
     assert not list(temporary.iterdir())
 
 
 def test_where_a_disk_is_full_all_files_go_to_a_temporary_folder(result, tmp_path, temporary, monkeypatch):
     full_below(monkeypatch, tmp_path / "results")
-    told = []
+    told = Findings()
     written = write_somewhere(result, Line(), tmp_path / "results", {"report.html": "<p></p>"}, None, told)
     (other,) = temporary.iterdir()
     assert {path.parent for path in written} == {other}
@@ -71,7 +72,7 @@ def test_where_a_disk_is_full_all_files_go_to_a_temporary_folder(result, tmp_pat
 
 def test_where_that_is_too_small_the_parameters_go_there(result, tmp_path, temporary, monkeypatch):
     full_below(monkeypatch, tmp_path)
-    told = []
+    told = Findings()
     (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
     assert [one.name for one in temporary.iterdir()] == [path.parent.name]
     assert read_parameters(path)["b"].value == pytest.approx(2.0)
@@ -80,9 +81,9 @@ def test_where_that_is_too_small_the_parameters_go_there(result, tmp_path, tempo
 def test_where_nothing_can_be_written_that_is_said(result, tmp_path, monkeypatch):
     (tmp_path / "results").write_text("a file", encoding="utf-8")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "results"))
-    told = []
+    told = Findings()
     assert write_somewhere(result, Line(), tmp_path / "results", {}, None, told) == ()
-    assert "A temporary folder cannot be written either." in str(told[0])
+    assert "A temporary folder cannot be written either." in str(next(iter(told)))
 
 
 def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkeypatch):
@@ -90,10 +91,10 @@ def test_a_fault_in_a_writer_loses_no_values(result, tmp_path, temporary, monkey
         raise ZeroDivisionError("so")
 
     monkeypatch.setattr(fallback, "write", fails)
-    told = []
+    told = Findings()
     (path,) = write_somewhere(result, Line(), tmp_path / "results", {}, None, told)
     assert read_parameters(path)["b"].value == pytest.approx(2.0)
-    assert "cannot be written (ZeroDivisionError: so). Written to" in str(told[0])
+    assert "cannot be written (ZeroDivisionError: so). Written to" in str(next(iter(told)))
 
 
 def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkeypatch):
@@ -102,16 +103,16 @@ def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkey
 
     monkeypatch.setattr(fallback, "write", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_somewhere(result, Line(), tmp_path / "results", {}, None, [])
+        write_somewhere(result, Line(), tmp_path / "results", {}, None, Findings())
     assert not list(Path(temporary).iterdir())
 
 
 def test_what_cannot_be_simulated_is_kept_too(result, tmp_path, temporary):
     class Broken(Line):
         def simulate(self, parameters=None, shifts=None):
-            raise InputError.of("model", "cannot be simulated")
+            raise InputError.of(Location("model"), "cannot be simulated")
 
-    told = []
+    told = Findings()
     (path,) = write_somewhere(result, Broken(), tmp_path / "results", {}, None, told)
     assert path.name == "parameters.json"
-    assert "model: cannot be simulated. Written to" in str(told[0])
+    assert "model: cannot be simulated. Written to" in str(next(iter(told)))

@@ -89,7 +89,7 @@ def test_a_target_may_be_a_node_a_number_or_a_channel(shop):
         ('node = "base - sett"\ntarget = 0', "has no channel sett, the input sett of the function"),
         (
             'node = "Predict"\ntarget = { channel = "Torque" }',
-            "duplicate criterion: Predict and Torque are already compared in kennfeld.toml [[",
+            "duplicate criterion: Predict and Torque are already compared in kennfeld.toml line 13 [[",
         ),
     ],
 )

@@ -61,6 +61,7 @@ def test_an_image_that_cannot_hold_the_values_leaves_the_other_results(flash, ca
     flash.write("ecu.hex", hex_of(100, 100, 100, 0, size=1))
     flash.write("results/parameters.hex", "of another run")
     assert run(["calibrate", str(flash.path)]) == 2
-    assert "(Gain): the value [3] is 3 Nm, outside the storable and allowed range" in capsys.readouterr().err
+    message = "parameters.hex Gain: the value [3] is 3 Nm, outside the storable and allowed range"
+    assert message in capsys.readouterr().err
     assert not (flash.folder / "results" / "parameters.hex").exists()
     assert read(flash.folder / "results" / "parameters.dcm")["Gain"].values.tolist() == pytest.approx([1, 2, 3])

@@ -27,10 +27,10 @@ def test_a_project_is_searched_without_gradients(shop):
 
 def test_missing_bounds_are_errors_with_their_place(shop):
     assert shop.add("\n[parameters.Gain]\nbounds = [0, inf]\n" + GLOBAL).errors() == [
-        'kennfeld.toml [parameters.Gain] bounds: Gain has no upper bound; method = "global" requires both. '
-        "Write bounds = [lower, upper], as narrow as you know them.",
         'kennfeld.toml [parameters.offset] bounds: offset has no lower and no upper bound; method = "global" '
         "requires both. Write bounds = [lower, upper], as narrow as you know them.",
+        'kennfeld.toml [parameters.Gain] bounds: Gain has no upper bound; method = "global" requires both. '
+        "Write bounds = [lower, upper], as narrow as you know them.",
     ]
 
 

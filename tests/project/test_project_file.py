@@ -14,7 +14,7 @@ def test_a_right_project_has_no_findings(shop):
 
 def test_reading_looks_at_the_project_file_alone(shop):
     shop.change('file = "sensor.kf"', 'file = "not there.kf"')
-    assert shop.project.findings == ()
+    assert shop.project.file.model.file == "not there.kf"
 
 
 def test_a_project_is_called_like_its_folder_or_its_file(shop):

@@ -1,5 +1,7 @@
 """Training files: what they say, and every problem of theirs."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -48,10 +50,26 @@ def training(shop):
 
 
 def problems(path):
+    """All problems, without the lines of the training file, which `test_a_problem_has_its_line` checks."""
     try:
-        return [str(finding) for finding in read_training(path).check()[1]]
+        found = read_training(path).check()[1]
     except InputError as error:
-        return [str(finding) for finding in error.findings]
+        found = error.findings
+    return [re.sub(r"^engine.toml line \d+", "engine.toml", str(finding)) for finding in found]
+
+
+def test_a_problem_has_its_line(training):
+    path = training(
+        DYNAMIC, ('"level"\n', '"level"\nstep = 0\n\nlags = { u = [0], v = [-1] }\n'), ('["tank.csv"]', "1")
+    )
+    with pytest.raises(InputError) as raised:
+        read_training(path)
+    assert [(f.location.line, f.location.path) for f in raised.value.findings] == [
+        (5, "[surrogate] step"),
+        (7, "[surrogate] lags v"),
+        (7, "[surrogate] lags v"),
+        (10, "[[dataset]] 1 files"),
+    ]
 
 
 def the_problem(path):
@@ -181,7 +199,7 @@ def test_check_says_that_it_is_a_training_file(training, capsys):
 
 def test_check_gives_problems_of_file_and_data_on_stderr(training, capsys):
     assert cli.run(["check", str(training(STATIC, ('"bench.csv"', '"bnch.csv"')))]) == 2
-    assert capsys.readouterr().err.startswith("engine.toml [[dataset]] 1 files: bnch.csv matches no file")
+    assert capsys.readouterr().err.startswith("engine.toml line 7 [[dataset]] 1 files: bnch.csv matches no file")
     assert cli.run(["check", str(training(STATIC, ("starts = 1", "starts = 0")))]) == 2
     assert "starts: must be an integer >= 1, got 0" in capsys.readouterr().err
 

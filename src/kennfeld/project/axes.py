@@ -1,14 +1,13 @@
 """Builds the axes of a project's tables: given, evenly spaced, shared by a group, or quantiles of the training data."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding
+from kennfeld.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
@@ -19,18 +18,18 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
 from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
 from kennfeld.project.model import ProjectModel
-from kennfeld.project.schema import AxisEntry, ProjectFile
+from kennfeld.project.schema import ProjectFile
+from kennfeld.project.table_schema import GroupAxisEntry
 
 
-def free_breakpoints(axis: Axis, entry: AxisEntry, findings: list[Finding]) -> Axis | None:
+def free_breakpoints(axis: Axis, entry: GroupAxisEntry, findings: Findings) -> Axis | None:
     """Free the breakpoints of an axis if its entry says so; return None, with a finding, if the start is invalid."""
-    freedom = entry.freedom
-    if freedom is None:
+    if not entry.is_free:
         return axis
     try:
-        return axis.changed(free=True, min_distance=freedom.min_distance, range=freedom.range)
+        return axis.changed(free=True, min_distance=entry.min_distance, range=entry.range)
     except ArgumentError as error:
-        findings.append(Finding(entry.place, str(error), "Change it, or the initial breakpoints."))
+        findings.error(entry.location, str(error), "Change it, or the initial breakpoints.")
         return None
 
 
@@ -38,18 +37,18 @@ def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     """Yield errors and warnings about axes with free breakpoints."""
     for key, axis in problem.free_axes.items():
         for finding in check_shared_axes({key: axis}, problem.free_names):
-            yield Finding(_place(file, key), finding.message, finding.remedy)
+            yield Finding(_location(file, key), finding.message, finding.remedy)
         lower, upper = breakpoint_bounds(axis, problem.parameters, problem.held)
         if np.array_equal(lower, upper):
             message = f"no breakpoint of {key} can move: the ends and those at locks and pins are fixed"
-            yield Finding(_place(file, key), message, "Add breakpoints, or a range.", severity="warning")
+            yield Finding(_location(file, key), message, "Add breakpoints, or a range.", severity="warning")
     for key in problem.idle_axes:
         message = f"the breakpoints of {key} are free, but no table with this axis is fitted"
-        yield Finding(_place(file, key), message, "Free a table with this axis.", severity="warning")
+        yield Finding(_location(file, key), message, "Free a table with this axis.", severity="warning")
 
 
-def _place(file: ProjectFile, key: AxisKey) -> str:
-    return file.place(f"[parameters.{key.owner}] {key.direction}" if key.direction else f"[axes.{key.owner}]")
+def _location(file: ProjectFile, key: AxisKey) -> Location:
+    return file.location("parameters", key.owner, key.direction) if key.direction else file.location("axes", key.owner)
 
 
 class Axes:
@@ -64,41 +63,44 @@ class Axes:
         function: ProjectModel | None,
         datasets: Sequence[Dataset] | None,
         initial: ParameterSet,
-        findings: list[Finding],
+        findings: Findings,
     ) -> None:
         self._file, self._function, self._datasets, self._findings = file, function, datasets, findings
         self._initial = {axis.name: axis for axis in initial.axes}
         self._groups: dict[str, Axis | None] = {}
 
-    def build(self, entry: AxisEntry, coordinate: str = "") -> Axis | None:
+    def build(self, entry: GroupAxisEntry, coordinate: str = "") -> Axis | None:
         """Build the axis of one table; `coordinate` is the input of the lookup."""
         if entry.group:
             return self.group(entry)
         return self._axis(entry, entry.input or coordinate, "")
 
-    def group(self, entry: AxisEntry) -> Axis | None:
+    def group(self, entry: GroupAxisEntry) -> Axis | None:
         """Return the group axis that an entry names, of the project file or the initial files."""
         name = entry.group
         if name in self._file.axes:
             if name not in self._groups:
                 own = self._file.axes[name]
-                self._groups[name] = self.freed(own, name) if own.inherits else self._axis(own, own.input, name)
+                self._groups[name] = (
+                    self._free_inherited(own, name) if own.inherits else self._axis(own, own.input, name)
+                )
             return self._groups[name]
         if name not in self._initial:
             remedy = nearest(name, [*self._file.axes, *self._initial]) or f"Write a section [axes.{name}]."
-            self._findings.append(Finding(entry.place, f"unknown group axis {name}", remedy))
+            self._findings.error(entry.location, f"unknown group axis {name}", remedy)
         return self._initial.get(name)
 
-    def freed(self, entry: AxisEntry, name: str) -> Axis | None:
+    def _free_inherited(self, entry: GroupAxisEntry, name: str) -> Axis | None:
         """Return a group axis of the initial files with free breakpoints."""
         if name not in self._initial:
             remedy = nearest(name, self._initial) or "Write breakpoints, or begin, end and count."
-            self._report(entry, f"breakpoints are free, but the initial files have no group axis {name}", remedy)
+            message = f"breakpoints are free, but the initial files have no group axis {name}"
+            self._findings.error(entry.location, message, remedy)
             return None
         return free_breakpoints(self._initial[name], entry, self._findings)
 
-    def _axis(self, entry: AxisEntry, quantity: str, name: str) -> Axis | None:
-        points: Sequence[float] | Float | None = entry.breakpoints
+    def _axis(self, entry: GroupAxisEntry, quantity: str, name: str) -> Axis | None:
+        points: Sequence[float] | Float | None = entry.points
         if entry.quantiles:
             points = self._quantiles(entry, quantity)
         if points is None or not len(points):
@@ -114,34 +116,29 @@ class Axes:
         units = [data[channel].unit for data in self._datasets or () if channel in data]
         return unit or next(filter(None, units), "")
 
-    def _quantiles(self, entry: AxisEntry, quantity: str) -> Float | None:
+    def _quantiles(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
         """Return the quantiles of the training data as breakpoints, minimum and maximum included."""
         values = self._values(entry, quantity)
         if values is None:
             return None
         values = values[np.isfinite(values)]
         if not values.size:
-            self._report(entry, f"{quantity} has no values in the training data", "Write breakpoints.")
+            self._findings.error(entry.location, f"{quantity} has no values in the training data", "Write breakpoints.")
             return None
         points = np.unique(np.quantile(values, np.linspace(0.0, 1.0, entry.quantiles)))
         if points.size < entry.quantiles:
             message = f"only {points.size} of {entry.quantiles} quantiles of {quantity} differ"
-            self._report(entry, message, "Write a smaller count, or begin, end and count.", "warning")
+            self._findings.warning(entry.location, message, "Write a smaller count, or begin, end and count.")
         return points
 
-    def _report(
-        self, entry: AxisEntry, message: str, remedy: str, severity: Literal["error", "warning"] = "error"
-    ) -> None:
-        self._findings.append(Finding(entry.place, message, remedy, severity=severity))
-
-    def _values(self, entry: AxisEntry, quantity: str) -> Float | None:
+    def _values(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
         """Return the values of a quantity at all training samples."""
         if self._function is None or self._datasets is None:
             return None
         graph = self._function.graph
         training = [data for data in self._datasets if data.use == "training" and data.weight > 0]
         if not quantity:
-            self._report(entry, "quantiles require an input", 'Write input = "...".')
+            self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
             return None
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
         columns = [data[channel].values for data in training if channel in data]
@@ -151,28 +148,21 @@ class Axes:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
             remedy = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
-            self._report(entry, f"unknown input, node or channel {quantity}", remedy)
+            self._findings.error(entry.location, f"unknown input, node or channel {quantity}", remedy)
         return None
 
-    def _node(self, entry: AxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
+    def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
         """Return the values of a node that depends on data alone."""
         part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
             message = f"the values of {name} depend on parameters ({', '.join(list(part.parameters)[:3])})"
-            self._report(entry, message, "Write begin, end and count, or breakpoints.")
+            self._findings.error(entry.location, message, "Write begin, end and count, or breakpoints.")
             return None
         if uses_clock(part) and any(data.time is None for data in training):
             return None  # reported where the data are bound to the function
-        columns = [
-            evaluate_expression(part, self._renamed(data, part)) for data in training if self._has_inputs(data, part)
-        ]
+        names, columns = self._file.channels, []
+        for data in training:
+            if all(names.get(name, name) in data for name in part.inputs):
+                inputs = (replace(data[names.get(name, name)], name=name) for name in part.inputs)
+                columns.append(evaluate_expression(part, replace(data, channels=tuple(inputs))))
         return np.concatenate(columns) if columns else None
-
-    def _has_inputs(self, data: Dataset, part: Graph) -> bool:
-        return all(self._file.channels.get(name, name) in data for name in part.inputs)
-
-    def _renamed(self, data: Dataset, part: Graph) -> Dataset:
-        """Return the dataset with channels named like the inputs of the function."""
-        names: Mapping[str, str] = self._file.channels
-        inputs = (replace(data[names.get(name, name)], name=name) for name in part.inputs)
-        return replace(data, channels=tuple(inputs))

@@ -19,7 +19,7 @@ import numpy as np
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet
@@ -46,7 +46,7 @@ class Saves:
         self.missed: Finding | None = None  # about the first checkpoint that could not be written
         self._fresh = False
 
-    def found(self) -> ResumePoints:
+    def resume_points(self) -> ResumePoints:
         """Return the best checkpoint of the last step of each start.
 
         Raises `InputError` if there is none. Unreadable files, as a power failure may leave, are reported and skipped.
@@ -59,16 +59,16 @@ class Saves:
                 state, mark = _read(path)
             except (InputError, KeyError, TypeError, ValueError, StopIteration):
                 message = "incomplete checkpoint, skipped"
-                findings.append(Finding(f"{FOLDER}/{path.name}", message, severity="warning"))
+                findings.append(Finding(Location(f"{FOLDER}/{path.name}"), message, severity="warning"))
                 continue
             saved.append(state)
             marks.add(mark)
         if not saved:
             remedy = "Set save_every in [optimizer] and run without --resume first."
-            raise InputError([*findings, Finding(str(self.folder), "no checkpoint to resume from", remedy)])
+            raise InputError([*findings, Finding(Location(str(self.folder)), "no checkpoint to resume from", remedy)])
         if marks != {self.mark}:
             message = "changed since the checkpoints were written; the search resumes from their values"
-            findings.append(Finding(self.project.name, message, severity="warning"))
+            findings.append(Finding(Location(self.project.name), message, severity="warning"))
         return ResumePoints(_latest(saved), tuple(findings))
 
     def begin(self) -> None:
@@ -112,7 +112,7 @@ class Saves:
                 self._reopen(saved.start)
         except OSError as error:
             message = f"checkpoints cannot be written: {error.strerror or error}"
-            self.missed = self.missed or Finding(str(self.folder), message, severity="warning")
+            self.missed = self.missed or Finding(Location(str(self.folder)), message, severity="warning")
 
     def _reopen(self, start: int) -> None:
         """Rename the final checkpoint of a start that is continued to an intermediate one."""
@@ -139,6 +139,7 @@ def _read(path: Path) -> tuple[Checkpoint, str]:
     content = read(path)
     note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
+    ended: dict[str, Any] = {name: inf if value is None else value for name, value in (row or {}).items()}
     state = Checkpoint(
         start=note["start"],
         step=note["step"],
@@ -147,26 +148,21 @@ def _read(path: Path) -> tuple[Checkpoint, str]:
         cost=inf if note["cost"] is None else note["cost"],
         values={name: content[name].values for name in note["free"]}
         | {name: np.array(points, dtype=np.float64) for name, points in note.get("axes", {}).items()},
-        ended=None if row is None else _row(row),
+        ended=None if row is None else StartResult(**ended),
         name=f"{FOLDER}/{path.name}",
     )
     return state, note["project"]
-
-
-def _row(row: Mapping[str, Any]) -> StartResult:
-    fields: dict[str, Any] = {name: inf if value is None else value for name, value in row.items()}
-    return StartResult(**fields)
 
 
 def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
     """Return the final checkpoint of each start, else the best of its last step, with the last iteration number."""
     latest: dict[int, Checkpoint] = {}
     for start in sorted({state.start for state in saved}):
-        mine = [state for state in saved if state.start == start]
-        last = max(state.iteration for state in mine)
-        step = max(state.step for state in mine)
+        own = [state for state in saved if state.start == start]
+        last = max(state.iteration for state in own)
+        step = max(state.step for state in own)
         best = min(
-            (state for state in mine if state.step == step),
+            (state for state in own if state.step == step),
             key=lambda state: (state.ended is None, state.cost, -state.iteration),
         )
         latest[start] = replace(best, iteration=last)

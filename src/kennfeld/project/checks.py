@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.events import Event, events
@@ -40,8 +40,9 @@ from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.settling import is_settled, plan_hold
 from kennfeld.preprocessing.units import compare_units, is_unit_missing
 from kennfeld.project.model import coordinates_of, read_function
-from kennfeld.project.schema import DIRECTIONS, ProjectFile
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.seen_data import seen_test_data
+from kennfeld.project.value_forms import DIRECTIONS
 
 MAX_HELD_SAMPLES = 100_000_000  # each takes 8 bytes per channel
 
@@ -60,7 +61,7 @@ _WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that is valid in every format
 _OF_SETS = (*IMAGE_ENDINGS, ".msq")  # formats that update an existing file
 AXIS_TOLERANCE = 1e-9  # of the width of an axis, for rounding in unit conversions
 
-_Warning = tuple[str, str, str]
+_Warning = tuple[Location, str, str]
 
 
 def weight_channels(file: ProjectFile) -> dict[str, str]:
@@ -68,10 +69,10 @@ def weight_channels(file: ProjectFile) -> dict[str, str]:
     purposes = {}
     for entry in file.criteria:
         if entry.weight_channel:
-            purposes[entry.weight_channel] = f"the weights of {entry.place}"
+            purposes[entry.weight_channel] = f"the weights of {entry.location}"
         for region in entry.regions:
             with suppress(InputError):  # reported with the other findings about weights
-                purposes |= dict.fromkeys(expression(region.where, "").inputs, f"a region of {entry.place}")
+                purposes |= dict.fromkeys(expression(region.where, Location()).inputs, f"a region of {entry.location}")
     return purposes
 
 
@@ -81,8 +82,8 @@ def check_weights(file: ProjectFile, problem: Problem, loaded: LoadedData) -> li
     return weight_findings(
         problem.criteria,
         training,
-        lambda number: file.criteria[number].place,
-        lambda data: loaded.places[data.name],
+        lambda number: file.criteria[number].location,
+        lambda data: loaded.locations[data.name],
         list(loaded.offered),
     )
 
@@ -93,18 +94,18 @@ def check_settling(graph: Graph, loaded: LoadedData) -> list[Finding]:
     for data in loaded.datasets:
         if data.settling is None:
             continue
-        place = loaded.places[data.name]
+        location = loaded.locations[data.name]
         if not is_settled(data, graph):
             message = "settle has no effect: the function has no states"
-            findings.append(Finding(f"{place} settle", message, "Remove settle.", severity="warning"))
+            findings.append(Finding(location.within("settle"), message, "Remove settle.", severity="warning"))
         elif data.settling.step is None:
             message = "settle requires a time step, but neither the dataset nor the model defines one"
-            findings.append(Finding(f"{place} step", message, "Write step = ... in s, here or in [model]."))
+            findings.append(Finding(location.within("step"), message, "Write step = ... in s, here or in [model]."))
         elif (total := data.samples * (each := plan_hold(data, data.settling, None).samples)) > MAX_HELD_SAMPLES:
             message = (
                 f"{data.samples} points of {each} samples each are {total} samples, which exceeds {MAX_HELD_SAMPLES}"
             )
-            findings.append(Finding(f"{place} settle", message, "Shorten settle, or use a larger step."))
+            findings.append(Finding(location.within("settle"), message, "Shorten settle, or use a larger step."))
     return findings
 
 
@@ -113,7 +114,9 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
 
     Nothing is compiled unless factors of products are 0 at the start.
     """
-    candidates = factors(problem.graph) & {name for name in problem.free_names if _at_zero(problem, name)}
+    candidates = factors(problem.graph) & {
+        name for name in problem.free_names if not problem.parameters[name].values.any()
+    }
     if not candidates or file.optimizer.method == "global" or not any(bound.count for bound in problem.training):
         return
     try:
@@ -129,11 +132,7 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         others = " and ".join(other for other in off.stuck if other != name) or name
         message = f"the initial value is 0, so the gradient of {others} is zero and no step can change it"
         remedy = f"Write initial = {off.levels[name]:g}, or all values. By default, a calibration starts at this value."
-        yield Finding(file.place(f"[parameters.{name}] initial"), message, remedy, severity="warning")
-
-
-def _at_zero(problem: Problem, name: str) -> bool:
-    return not np.any(problem.parameters[name].values)
+        yield Finding(file.location("parameters", name, "initial"), message, remedy, severity="warning")
 
 
 class _Gap(NamedTuple):
@@ -161,7 +160,7 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     parts = next((n for n in halvings if (gap := trial.gap(n)) is not None and gap.share <= STEP_TOLERANCE), 0)
     message = f"step = {step:g} s is too long for the fixed-step solver: halving it {_describe_gap(first)}"
     remedy = f"Write step = {step / parts:g} under [model]." if parts else "Try a much shorter step under [model]."
-    yield Finding(file.place("[model] step"), message, remedy, severity="warning")
+    yield Finding(file.location("model", "step"), message, remedy, severity="warning")
 
 
 def _describe_gap(gap: _Gap) -> str:
@@ -195,7 +194,7 @@ class _StepTrial:
 
     def _model(self, parts: int) -> Model | None:
         entry = replace(self.file.model, step=self.step / parts)
-        findings: list[Finding] = []
+        findings = Findings()
         known, surrogates = list(self.problem.parameters), self.problem.model.surrogates
         try:
             function = read_function(
@@ -237,12 +236,12 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
     """Report missing bounds of a global search, and warn of too many values."""
     if file.optimizer.method != "global":
         return []
-    findings = unbounded(problem, lambda name: file.place(f"[parameters.{name}] bounds"))
+    findings = unbounded(problem, lambda name: file.location("parameters", name, "bounds"))
     values = sum(int(np.count_nonzero(~problem.parameters[name].locked)) for name in problem.free_names)
     if values > FEW:
         message = f"{values} values are too many for a search without gradients, which suits up to {FEW}"
         remedy = "Free fewer, use fewer breakpoints, or raise max_evaluations."
-        findings.append(Finding(file.place("[optimizer] method"), message, remedy, severity="warning"))
+        findings.append(Finding(file.location("optimizer", "method"), message, remedy, severity="warning"))
     return findings
 
 
@@ -255,7 +254,8 @@ def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     if not jumps:
         return []
     model = problem.model
-    place = next((model.places[event.name] for event in jumps if event.name in model.places), model.source)
+    located = (model.locations[event.name] for event in jumps if event.name in model.locations)
+    place = next(located, Location(model.source))
     names = dict.fromkeys(name for event in jumps for name in event.parameters)
     listed = join_names(list(names), MAX_NAMES)
     message = f"{describe_events(jumps)} depending on {listed}; derivatives do not account for that"
@@ -265,10 +265,10 @@ def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     return [Finding(place, message, remedy, severity="warning")]
 
 
-def describe_events(found: Sequence[Event]) -> str:
+def describe_events(jumps: Sequence[Event]) -> str:
     """Return a clause on the events, such as `turned (floor) and fires (>) jump`."""
     words: dict[str, list[str]] = {}
-    for event in found:
+    for event in jumps:
         name = event.name if event.name.isprintable() else ""
         words.setdefault(name or "a node without a name", []).append(event.word)
     shown = [f"{name} ({', '.join(dict.fromkeys(own))})" for name, own in list(words.items())[:MAX_EVENTS]]
@@ -277,31 +277,31 @@ def describe_events(found: Sequence[Event]) -> str:
     return f"{', '.join(shown[:-1])} and {shown[-1]} jump" if len(shown) > 1 else f"{shown[0]} jumps"
 
 
-def find_warnings(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
+def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> list[Finding]:
     """Return the warnings about data, units, axes, free parameters, step and start."""
     problems = [
-        *_units(problem, places),
-        *_channels(problem, places),
+        *_units(problem, locations),
+        *_channels(problem, locations),
         *_axes(file, problem),
         *_beyond(file, problem),
         *_idle(file, problem),
         *_names(file, problem),
     ]
-    warnings = [Finding(place, message, remedy, severity="warning") for place, message, remedy in problems]
-    warnings += [*_clocks(file, problem, places), *seen_test_data(file, problem, places)]
+    warnings = [Finding(*problem, severity="warning") for problem in problems]
+    warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
     return [*warnings, *check_events(file, problem), *check_step(file, problem), *check_start(file, problem)]
 
 
-def _clocks(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> Iterator[Finding]:
+def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> Iterator[Finding]:
     """Yield warnings about time stamps that look like milliseconds, if the unit of time matters."""
     entries = file.datasets
-    timed = any(e.raster or e.shift or e.unknown_shifts or e.warmup or e.max_gap or e.steady for e in entries)
+    timed = any(e.raster or e.shift or e.warmup or e.max_gap or e.steady for e in entries)
     if timed or is_timed(problem.model.graph):
         for data in problem.datasets:
-            yield from clock_findings(data, places[data.name])
+            yield from clock_findings(data, locations[data.name])
 
 
-def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
+def _units(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
     """Yield channels whose unit differs from that of the function's input or node."""
     units = problem.model.graph.units
     pairs = [(name, problem.channels.get(name, name), "input") for name in problem.model.graph.inputs]
@@ -316,12 +316,12 @@ def _units(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
             message = f"channel {channel} is in {recorded}, but the {kind} {name} of the function is in {own}"
             if relation == "contrary":
                 remedy = f'Name another channel, or state its unit: [units] {quoted(channel)} = "{own}".'
-                yield places[data.name], f"{message}, a different quantity", remedy
+                yield locations[data.name], f"{message}, a different quantity", remedy
             else:
-                yield places[data.name], message, "Convert it in [calculated], or correct the unit."
+                yield locations[data.name], message, "Convert it in [calculated], or correct the unit."
 
 
-def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]:
+def _channels(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
     """Yield channels with many gaps, and constant channels."""
     training = [bound.dataset for bound in problem.training]
     names = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
@@ -331,12 +331,12 @@ def _channels(problem: Problem, places: Mapping[str, str]) -> Iterator[_Warning]
         for data, values in zip((d for d in training if name in d), known, strict=True):
             share = float(np.mean(~np.isfinite(values))) if values.size else 0.0
             if share > MAX_MISSING:
-                yield places[data.name], f"channel {name} is missing in {share:.0%} of the samples", ""
+                yield locations[data.name], f"channel {name} is missing in {share:.0%} of the samples", ""
         whole = np.concatenate(known) if known else np.empty(0)
         whole = whole[np.isfinite(whole)]
         if whole.size > 1 and np.all(whole == whole[0]):
             message = f"channel {name} is constant ({whole[0]:g}) in the training data"
-            yield places[training[0].name], message, "Is it the right channel?"
+            yield locations[training[0].name], message, "Is it the right channel?"
 
 
 def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
@@ -345,13 +345,13 @@ def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     known = {*graph.inputs, *graph.names}
     for name in graph.parameters:
         entry = file.parameters.get(name)
-        fed = coordinates_of(graph, name)
+        coordinates = coordinates_of(graph, name)
         axes = problem.parameters[name].axes if entry else ()
-        for direction, axis, given in zip(DIRECTIONS, axes, fed, strict=False):
+        for direction, axis, looked_up in zip(DIRECTIONS, axes, coordinates, strict=False):
             own = entry is not None and direction in entry.axes
-            if own and axis.input in known and given in known and axis.input != given:
-                message = f"the input of the axis is {axis.input}, but the function looks {name} up with {given}"
-                yield file.place(f"[parameters.{name}] {direction}"), message, "Are the axes swapped?"
+            if own and axis.input in known and looked_up in known and axis.input != looked_up:
+                message = f"the input of the axis is {axis.input}, but the function looks {name} up with {looked_up}"
+                yield file.location("parameters", name, direction), message, "Are the axes swapped?"
 
 
 def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
@@ -371,7 +371,7 @@ def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
                 f"{outside / total:.0%} of the training samples are outside the axis, {points[0]:g} to {points[-1]:g}; "
                 f"the data range from {low:g} to {high:g}"
             )
-            yield file.place(f"[parameters.{name}] {DIRECTIONS[i]}"), message, "Extend the axis."
+            yield file.location("parameters", name, DIRECTIONS[i]), message, "Extend the axis."
 
 
 def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
@@ -391,11 +391,11 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     ends = [graph.names[difference(i)] for i in range(len(problem.criteria))]
     for entry, at in zip(file.criteria, ends, strict=True):
         if at not in moving:
-            yield entry.place, f"no free parameter affects {entry.node}", "Is it the right node?"
+            yield entry.location, f"no free parameter affects {entry.node}", "Is it the right node?"
     for name in problem.free_names:
         reached = dependents(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
         if reached.isdisjoint(ends):
-            yield file.place("[calibration] free"), f"{name} affects no criterion and keeps its initial value", ""
+            yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
@@ -409,4 +409,4 @@ def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         if unsupported:
             names = join_names(list(unsupported), MAX_NAMES)
             message = f"{ending[1:]} cannot hold {names}: {next(iter(unsupported.values())).message}"
-            yield file.place("[calibration] output"), message, "parameters.json holds every parameter."
+            yield file.location("calibration", "output"), message, "parameters.json holds every parameter."

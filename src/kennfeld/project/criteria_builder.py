@@ -1,18 +1,20 @@
 """Builds the criteria and constraints of a project: pins, shapes of tables, equalities, and output limits."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.criteria import Criterion, Region, Target
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Findings, Location
 from kennfeld.formatting import count_noun, nearest
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables
-from kennfeld.project.schema import DIRECTIONS, CriterionEntry, ParameterEntry, ProjectFile
+from kennfeld.project.schema import CriterionEntry, ProjectFile
+from kennfeld.project.table_schema import ParameterEntry
+from kennfeld.project.value_forms import DIRECTIONS
 
 
 @dataclass
@@ -25,7 +27,7 @@ class Constraints:
 
 
 def build_constraints(
-    file: ProjectFile, tables: Tables, function: ProjectModel | None, findings: list[Finding]
+    file: ProjectFile, tables: Tables, function: ProjectModel | None, findings: Findings
 ) -> Constraints:
     """Return the constraints on free parameters; add findings about those that cannot be met."""
     builder = _ConstraintBuilder(file, tables, function, findings)
@@ -42,13 +44,9 @@ class _ConstraintBuilder:
     file: ProjectFile
     tables: Tables
     function: ProjectModel | None
-    findings: list[Finding] = field(default_factory=list)
+    findings: Findings
 
-    def _report(self, part: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
-        place = part if part.startswith(self.file.path.name) else self.file.place(part)
-        self.findings.append(Finding(place, message, remedy, severity="warning" if warning else "error"))
-
-    def _used(self, name: str) -> bool:
+    def _is_used(self, name: str) -> bool:
         return self.function is not None and name in self.function.graph.parameters
 
     def pins(self) -> Iterable[Pin]:
@@ -56,20 +54,20 @@ class _ConstraintBuilder:
         for name, entry in self.file.parameters.items():
             table = self.tables.parameters[name]
             for number, pin in enumerate(entry.pins, 1):
-                part = f"[parameters.{name}] pin {number}"
-                if not self._fits(part, pin.at, table):
+                location = entry.location.within(f"pin {number}")
+                if not self._fits(location, pin.at, table):
                     continue
-                if name not in self.tables.free and self._used(name):
-                    self._report(part, f"{name} is not free", "Free it, or remove the pin.")
+                if name not in self.tables.free and self._is_used(name):
+                    self.findings.error(location, f"{name} is not free", "Free it, or remove the pin.")
                 if name in self.tables.free:
                     yield Pin(name, pin.at, pin.value)
 
-    def _fits(self, part: str, at: tuple[float, ...], table: Parameter) -> bool:
+    def _fits(self, location: Location, at: tuple[float, ...], table: Parameter) -> bool:
         """Return if there is a coordinate for each axis; warn of those outside the axis."""
         axes = table.index_axes
         if len(at) != len(axes):
-            self._report(
-                part,
+            self.findings.error(
+                location,
                 f"{list(at)} has {count_noun(len(at), 'coordinate')}, but {table.name} has {len(axes)} axes",
                 "Write at = [...], one per axis.",
             )
@@ -78,7 +76,7 @@ class _ConstraintBuilder:
             first, last = axis.breakpoints[0], axis.breakpoints[-1]
             if not first <= x <= last:
                 message = f"{x:g} is outside the axis, {first:g} to {last:g}"
-                self._report(part, message, "It applies at the clipped coordinate.", warning=True)
+                self.findings.warning(location, message, "It applies at the clipped coordinate.")
         return True
 
     def shapes(self, entry: ParameterEntry) -> Iterable[Shape]:
@@ -90,42 +88,42 @@ class _ConstraintBuilder:
             ("curvature", "curvature", entry.curvature, 3),
         ):
             for direction, (lower, upper) in ranges.items():
-                part, axis = f"[parameters.{name}] {key} {direction}", DIRECTIONS.index(direction)
+                location, axis = entry.location.within(f"{key} {direction}"), DIRECTIONS.index(direction)
                 if axis >= len(axes):
-                    self._report(part, f"{name} has no axis {direction}", "Remove it.")
+                    self.findings.error(location, f"{name} has no axis {direction}", "Remove it.")
                 elif len(axes[axis]) < least:
                     message = f"{key} requires {least} breakpoints, but the axis has {len(axes[axis])}"
-                    self._report(part, message, "The limit is ignored.", warning=True)
-                elif name in self.tables.free and self._used(name):
+                    self.findings.warning(location, message, "The limit is ignored.")
+                elif name in self.tables.free and self._is_used(name):
                     yield Shape(name, axis, "slope" if kind == "slope" else "curvature", lower, upper)
-                elif self._used(name):
-                    self._report(part, f"{name} is not free", "The limit is ignored.", warning=True)
+                elif self._is_used(name):
+                    self.findings.warning(location, f"{name} is not free", "The limit is ignored.")
 
     def equalities(self) -> Iterable[Equality]:
         """Yield the equalities whose terms are all valid."""
         for entry in self.file.equalities:
             is_valid = bool(entry.terms)
             for number, term in enumerate(entry.terms, 1):
-                part = f"{entry.place} term {number}"
+                location = entry.location.within(f"term {number}")
                 if term.parameter not in self.tables.parameters:
                     remedy = nearest(term.parameter, self.tables.parameters)
-                    self._report(part, f"unknown parameter {term.parameter}", remedy)
+                    self.findings.error(location, f"unknown parameter {term.parameter}", remedy)
                     is_valid = False
                 elif term.parameter not in self.tables.free:
-                    self._report(part, f"{term.parameter} is not free", "Free it, or remove the equality.")
+                    self.findings.error(location, f"{term.parameter} is not free", "Free it, or remove the equality.")
                     is_valid = False
-                elif term.at is not None and not self._fits(part, term.at, self.tables.parameters[term.parameter]):
+                elif term.at is not None and not self._fits(location, term.at, self.tables.parameters[term.parameter]):
                     is_valid = False
             if is_valid:
                 yield Equality([Term(term.parameter, term.at, term.factor) for term in entry.terms], entry.value)
 
 
 def build_criteria(
-    file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: list[Finding]
+    file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: Findings
 ) -> tuple[Criterion, ...]:
     """Return the valid criteria; add findings about the others. A bare target is a channel, else a node."""
     criteria: list[Criterion] = []
-    first: dict[tuple[str, str], str] = {}
+    first: dict[tuple[str, str], Location] = {}
     for entry in file.criteria:
         target = _target(entry, file, function, loaded, findings)
         if target is None:
@@ -139,16 +137,16 @@ def build_criteria(
         key = (entry.node, str(target))
         if key in first:
             message = f"duplicate criterion: {entry.node} and {target} are already compared in {first[key]}"
-            findings.append(Finding(entry.place, message, "Remove one, or add their weights."))
-        first.setdefault(key, entry.place)
+            findings.error(entry.location, message, "Remove one, or add their weights.")
+        first.setdefault(key, entry.location)
         criteria.append(criterion)
     if file.criteria and all(entry.weight == 0 for entry in file.criteria):
-        findings.append(Finding(file.place("[[criterion]]"), "all weights are 0", "Set at least one weight > 0."))
+        findings.error(file.location("criterion"), "all weights are 0", "Set at least one weight > 0.")
     return tuple(criteria)
 
 
 def _target(
-    entry: CriterionEntry, file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: list[Finding]
+    entry: CriterionEntry, file: ProjectFile, function: ProjectModel | None, loaded: LoadedData, findings: Findings
 ) -> Target | None:
     target = entry.target
     nodes = function.graph.names if function else {}
@@ -162,16 +160,16 @@ def _target(
             return Target("node", target.name)
         message = f"{target.name} is both a channel and a node; the channel is used"
         remedy = f'Write {{ channel = "{target.name}" }} or {{ node = "{target.name}" }}.'
-        findings.append(Finding(f"{entry.place} target", message, remedy, severity="warning"))
+        findings.warning(entry.location.within("target"), message, remedy)
     if having:
-        findings += _partly(entry, file.criteria, loaded.datasets)
+        findings.add(*_partly(entry, file.criteria, loaded.datasets))
     elif loaded.complete and loaded.datasets:
         names = {**loaded.offered, **dict.fromkeys(n for data in loaded.datasets for n in data)}
         candidates = [*names, *nodes] if target.kind == "name" else list(names)
         kinds = "channel or node" if target.kind == "name" else "channel"
         message = f"unknown {kinds} {target.name}"
         remedy = nearest(target.name, candidates) or f"The data have {', '.join(list(names)[:8])}."
-        findings.append(Finding(f"{entry.place} target", message, remedy))
+        findings.error(entry.location.within("target"), message, remedy)
         return None
     return Target("channel", target.name)
 
@@ -186,7 +184,7 @@ def _partly(entry: CriterionEntry, every: Sequence[CriterionEntry], datasets: Se
     apart = {other for other in others if not any(name in data and other in data for data in datasets)}
     return [
         Finding(
-            f"{entry.place} target",
+            entry.location.within("target"),
             f"dataset {data.name} has no channel {name}; {entry.node} is not scored there",
             severity="warning",
         )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.optimize.result import Result
 from kennfeld.project.results import ResultSource, write
 
@@ -20,7 +20,7 @@ def write_somewhere(
     folder: str | Path,
     documents: Mapping[str, str],
     further: Mapping[str, Any] | None,
-    findings: list[Finding],
+    findings: Findings,
 ) -> tuple[Path, ...]:
     """Write like `results.write`; if that fails, into a new temporary folder, or only the parameters there.
 
@@ -31,12 +31,12 @@ def write_somewhere(
     except InputError as error:
         reasons = list(error.findings)
     except Exception as error:  # hours of search must not be lost because of a bug in a writer
-        reasons = [Finding(str(folder), f"cannot be written ({type(error).__name__}: {error})")]
+        reasons = [Finding(Location(str(folder)), f"cannot be written ({type(error).__name__}: {error})")]
     written = _write_temporary(
         lambda temporary: write(result, project, temporary, documents, further)
     ) or _write_temporary(lambda temporary: (_write_values(result, project, temporary),))
     remedy = f"Written to {written[0].parent} instead." if written else "A temporary folder cannot be written either."
-    findings += [replace(reason, remedy=remedy) for reason in reasons]
+    findings.add(*(replace(reason, remedy=remedy) for reason in reasons))
     return written
 
 

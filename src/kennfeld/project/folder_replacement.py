@@ -45,12 +45,12 @@ def _new_scratch(folder: Path) -> tuple[Path, BinaryIO]:
             scratch.mkdir()
         except FileNotFoundError:  # another process made the folder, and removed it empty just now
             continue
-        lock = _locked(scratch)
+        lock = _lock(scratch)
         if lock is not None:
             return scratch, lock
 
 
-def _locked(scratch: Path) -> BinaryIO | None:
+def _lock(scratch: Path) -> BinaryIO | None:
     """Return the open lock file of a scratch folder, or None if another process holds it or has removed the folder."""
     try:
         file = (scratch / LOCK).open("ab")
@@ -83,18 +83,18 @@ def finish_interrupted(folder: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         return
     for scratch in leftovers:
-        lock = _locked(scratch)
+        lock = _lock(scratch)
         if lock is None:
             continue
         with lock, suppress(OSError):
-            for name in _unfinished(scratch):
+            for name in _list_unfinished(scratch):
                 (scratch / name).replace(folder / name)
             _sync_folder(folder)
             lock.close()  # Windows cannot remove open files
             shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _unfinished(scratch: Path) -> list[str]:
+def _list_unfinished(scratch: Path) -> list[str]:
     """Return the names of the complete new files that have not been renamed yet, in order."""
     try:
         names = json.loads((scratch / NAMES).read_text(encoding="utf-8"))

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.calfiles import read_several
+from kennfeld.calfiles.a2l.objects import FlashOrigin
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, unwritable
-from kennfeld.calfiles.format import Findings, FlashOrigin
-from kennfeld.errors import ArgumentError, Finding, InputError
-from kennfeld.formatting import nearest
+from kennfeld.calfiles.format import FileFindings
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.formatting import nearest, size_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project.schema import ProjectFile
@@ -19,7 +20,7 @@ from kennfeld.rbf import RBF
 MAX_REMARKS = 5  # on one file
 
 
-def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | None:
+def read_initial(file: ProjectFile, findings: Findings) -> ParameterSet | None:
     """Return the merged parameters of all initial files; None, with findings, if one of them cannot be used.
 
     Later files override earlier ones.
@@ -30,7 +31,7 @@ def read_initial(file: ProjectFile, findings: list[Finding]) -> ParameterSet | N
 class _InitialFiles:
     """Merges the initial files one by one."""
 
-    def __init__(self, file: ProjectFile, findings: list[Finding]) -> None:
+    def __init__(self, file: ProjectFile, findings: Findings) -> None:
         self.file, self.findings = file, findings
         self.merged = ParameterSet()
         self.origin: dict[str, str] = {}  # the file that each parameter is from
@@ -39,7 +40,7 @@ class _InitialFiles:
 
     def parameters(self) -> ParameterSet | None:
         """Return the merged parameters, None if a finding is an error."""
-        for name in self.file.calibration.initial:
+        for name in self.file.calibration.files:
             parameters = self._read(name)
             if parameters is not None:
                 self._take(name, parameters)
@@ -49,7 +50,7 @@ class _InitialFiles:
         return self._in_variant() if self.is_valid else None
 
     def _fail(self, *findings: Finding) -> None:
-        self.findings += findings
+        self.findings.add(*findings)
         self.is_valid = self.is_valid and not findings
 
     def _read(self, name: str) -> ParameterSet | None:
@@ -59,30 +60,31 @@ class _InitialFiles:
             self._fail(*(_missing(self.file, path) for path in missing))
             return None
         try:
-            given, remarks = _read(folder / name, folder / description if description else None)
+            parameters, remarks = _read(folder / name, folder / description if description else None)
         except InputError as error:
             self._fail(*error.findings)
             return None
-        self.findings += _limit_remarks(name, remarks)
-        return given
+        self.findings.add(*_limit_remarks(name, remarks))
+        return parameters
 
-    def _take(self, name: str, given: ParameterSet) -> None:
+    def _take(self, name: str, parameters: ParameterSet) -> None:
         """Override the parameters of earlier files."""
         self._fail(
             *(
                 _clash(self.file, self.merged[member.name], member, self.origin[member.name], name)
-                for member in given.parameters
+                for member in parameters.parameters
                 if member.name in self.merged and not _alike(self.merged[member.name], member)
             )
         )
         try:
-            self.merged = self.merged.merged(given)
+            self.merged = self.merged.merged(parameters)
         except ArgumentError as error:
-            self._fail(Finding(name, str(error), "Files with the same group axis must agree on its breakpoints."))
-        self.origin |= dict.fromkeys(given, name)
-        if isinstance(given.origin, FlashOrigin):
-            self.image = given.origin
-            self.findings += _identity(self.image)
+            remedy = "Files with the same group axis must agree on its breakpoints."
+            self._fail(Finding(Location(name), str(error), remedy))
+        self.origin |= dict.fromkeys(parameters, name)
+        if isinstance(parameters.origin, FlashOrigin):
+            self.image = parameters.origin
+            self.findings.add(*_identity(self.image))
 
     def _in_variant(self) -> ParameterSet | None:
         variant = self.file.calibration.variant
@@ -91,14 +93,14 @@ class _InitialFiles:
         try:
             return self.merged.in_variant(variant)
         except ArgumentError as error:
-            self._fail(Finding(self.file.place("[calibration] variant"), str(error)))
+            self._fail(Finding(self.file.location("calibration", "variant"), str(error)))
             return None
 
 
 def _limit_remarks(name: str, remarks: Sequence[Finding]) -> list[Finding]:
     if len(remarks) > MAX_REMARKS:
         message = f"{len(remarks)} entries were skipped or are unusual"
-        return [Finding(name, message, f"List them with kennfeld info {name}.", severity="remark")]
+        return [Finding(Location(name), message, f"List them with kennfeld info {name}.", severity="remark")]
     return [replace(remark, severity="remark") for remark in remarks]
 
 
@@ -106,31 +108,32 @@ def _identity(flash: FlashOrigin) -> tuple[Finding, ...]:
     """Return a warning if image and A2L file belong to different programs."""
     from kennfeld.calfiles.a2l.reader import check_epk
 
-    findings = Findings(flash.a2l.file)
+    findings = FileFindings(flash.a2l.file)
     check_epk(flash.a2l, flash.image, findings)
     return findings.finish()
 
 
-def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: list[Finding]) -> bool:
+def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings) -> bool:
     """Return if the initial files contain an image of each format to be written."""
     wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
     reasons = [reason for ending in wanted if (reason := unwritable(image, ending))]
-    findings += [Finding(file.place("[calibration] output"), *reason) for reason in reasons]
+    for reason in reasons:
+        findings.error(file.location("calibration", "output"), *reason)
     return not reasons
 
 
 def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     """Return the parameters of a calibration file, or the expansion of a static surrogate as a parameter."""
     if path.suffix.casefold() != ".json" or not _is_surrogate(path):
-        [given], remarks = read_several([path], a2l)
-        return given, remarks
+        [parameters], remarks = read_several([path], a2l)
+        return parameters, remarks
     from kennfeld.surrogate.surrogate_file import read_surrogate
     from kennfeld.surrogate.surrogate_models import StaticSurrogate
 
     surrogate = read_surrogate(path)
     if not isinstance(surrogate, StaticSurrogate):
         message = f"{surrogate.name} is a dynamic surrogate, which cannot be a parameter"
-        raise InputError.of(path.name, message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
+        raise InputError.of(Location(path.name), message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
     unit = surrogate.units[-1] if surrogate.units else ""
     return ParameterSet([RBF(surrogate.name, surrogate.expansion, surrogate.inputs, unit=unit)]), ()
 
@@ -147,7 +150,7 @@ def _missing(file: ProjectFile, name: str) -> Finding:
     path = file.folder / name
     message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
     return Finding(
-        file.place("[calibration] initial"), message, nearest(path.name, file.siblings(path)) or "Check the path."
+        file.location("calibration", "initial"), message, nearest(path.name, file.siblings(path)) or "Check the path."
     )
 
 
@@ -158,13 +161,13 @@ def _alike(left: Parameter, right: Parameter) -> bool:
     return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
 
 
-def _clash(file: ProjectFile, one: Parameter, other: Parameter, first: str, second: str) -> Finding:
-    if one.kind == other.kind and one.values.shape == other.values.shape:
-        message = f"{one.name} has different breakpoints in {first} and {second}"
+def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second: str) -> Finding:
+    if old.kind == new.kind and old.values.shape == new.values.shape:
+        message = f"{old.name} has different breakpoints in {first} and {second}"
     else:
-        message = f"{one.name} is {describe_parameter(one)} in {first} and {describe_parameter(other)} in {second}"
+        message = f"{old.name} is {describe_parameter(old)} in {first} and {describe_parameter(new)} in {second}"
     remedy = "Remove one of the files, or the parameter from one of them."
-    return Finding(file.place("[calibration] initial"), message, remedy)
+    return Finding(file.location("calibration", "initial"), message, remedy)
 
 
 def describe_parameter(parameter: Parameter) -> str:
@@ -181,4 +184,4 @@ def describe_parameter(parameter: Parameter) -> str:
 
 def format_shape(shape: tuple[int, ...]) -> str:
     """Return a shape as `18 x 14`."""
-    return " x ".join(map(str, shape)) or "1"
+    return size_text(shape) or "1"

@@ -1,12 +1,12 @@
 """Reads the model of a project and its surrogates, and adds the expressions of criteria as nodes."""
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import count_noun, nearest
 from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
@@ -17,7 +17,8 @@ from kennfeld.models.formula.lexer import Source
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.project.schema import DIRECTIONS, PROTECTED, SIMULINK, ProjectFile
+from kennfeld.project.schema import PROTECTED, SIMULINK, ProjectFile, is_simulink_file
+from kennfeld.project.value_forms import DIRECTIONS
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
@@ -33,7 +34,7 @@ _PROTECTED_REMEDY = "Obtain the unprotected model, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
 
-def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrogate, ...]":
+def read_surrogates(file: ProjectFile, findings: Findings) -> "tuple[Surrogate, ...]":
     """Return the surrogates under their names in the project; add findings about those that cannot be read."""
     if not file.surrogates:
         return ()
@@ -47,17 +48,17 @@ def read_surrogates(file: ProjectFile, findings: list[Finding]) -> "tuple[Surrog
             message = (
                 f"{name} is a built-in function" if name in FUNCTIONS else f"invalid name {name!r} in formula text"
             )
-            findings.append(Finding(file.place(f"[surrogates] {name}"), message, "Use another name."))
+            findings.error(file.location("surrogates", name), message, "Use another name.")
             continue
         target = file.folder / path
         if not target.is_file():
             remedy = nearest(target.name, file.siblings(target)) or "Train it with `kennfeld surrogate train`."
-            findings.append(Finding(file.place(f"[surrogates] {name}"), f"file {path} does not exist", remedy))
+            findings.error(file.location("surrogates", name), f"file {path} does not exist", remedy)
             continue
         try:
             surrogates.append(replace(read_surrogate(target), name=name))
         except InputError as error:
-            findings += error.findings
+            findings.add(*error.findings)
     return tuple(surrogates)
 
 
@@ -73,16 +74,16 @@ class ProjectModel:
         """The graph of one time step."""
         return self.model.graph
 
-    def place(self, name: str) -> str:
+    def place(self, name: str) -> Location:
         """Return the location of a name of the function."""
-        return self.model.places.get(name, self.model.source)
+        return self.model.locations.get(name, Location(self.model.source))
 
 
 def read_function(
     file: ProjectFile,
     known: Collection[str],
     surrogates: "Collection[Surrogate]",
-    findings: list[Finding],
+    findings: Findings,
     initial: ParameterSet | None = None,
 ) -> ProjectModel | None:
     """Read the model of a project; return None and add findings if it cannot be read.
@@ -97,20 +98,16 @@ def read_function(
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        model = (
-            _read_simulink(file, initial)
-            if is_simulink(file)
-            else _read_formula(file.folder / file.model.file, known, surrogates)
-        )
+        model = _read_simulink(file, initial) if is_simulink(file) else _read_formula(file, known, surrogates)
     except InputError as error:
-        findings += error.findings
+        findings.add(*error.findings)
         return None
-    return ProjectModel(_extended(model, file, findings), model.graph.inputs)
+    return ProjectModel(_extend_model(model, file, findings), model.graph.inputs)
 
 
 def is_simulink(file: ProjectFile) -> bool:
     """Return if the function is a Simulink model, which defines parameters with values."""
-    return file.model.file.lower().endswith((*SIMULINK, PROTECTED))
+    return is_simulink_file(file.model.file)
 
 
 def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
@@ -122,8 +119,8 @@ def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
 
     entry = file.model
     if missing := [name for name in entry.folders if not (file.folder / name).is_dir()]:
-        place = file.place("[model] folders")
-        raise InputError(Finding(place, f"folder {name} does not exist", "Check the path.") for name in missing)
+        location = file.location("model", "folders")
+        raise InputError(Finding(location, f"folder {name} does not exist", "Check the path.") for name in missing)
     files = [file.folder / name for name in entry.parameters]
     promoted = [name for name in file.parameters if ":" in name]
     scalars = {name: p.initial for name, p in file.parameters.items() if p.initial is not None and not p.axes}
@@ -133,21 +130,22 @@ def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
     return simulink(path, subsystem, values, dict(entry.bind), promoted, folders, entry.step)
 
 
-def _read_formula(path: Path, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
+def _read_formula(file: ProjectFile, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
     """Read formula text; undefined parameters become lookups, so that `find_undefined` can report them."""
+    path, text = file.folder / file.model.file, file.unsaved.get(file.model.file)
     try:
-        return read(path, known, surrogates)
+        return read(path, known, surrogates, text)
     except InputError as error:
-        assumed = _assumed(path, [*known, *(surrogate.name for surrogate in surrogates)])
+        assumed = _find_assumed(path, text, [*known, *(surrogate.name for surrogate in surrogates)])
         if not assumed:
             raise error from None
-    return read(path, [*known, *assumed], surrogates)
+    return read(path, [*known, *assumed], surrogates, text)
 
 
-def _assumed(path: Path, known: Collection[str]) -> list[str]:
+def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[str]:
     """Return undefined tables, and undefined bare names if the text declares its inputs."""
     try:
-        source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
+        source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace") if text is None else text)
     except OSError:
         return []
     names = NameTable(parse(source), NameScope(), source)
@@ -156,55 +154,55 @@ def _assumed(path: Path, known: Collection[str]) -> list[str]:
     return [*tables, *scalars] if names.inputs else tables
 
 
-def _is_readable(file: ProjectFile, findings: list[Finding]) -> bool:
-    name, place = file.model.file, file.place("[model] file")
+def _is_readable(file: ProjectFile, findings: Findings) -> bool:
+    name, location = file.model.file, file.location("model", "file")
     path = file.folder / name.partition(":")[0]  # the name of a Python function follows a colon
     kind = path.suffix.casefold()
     if kind in _LATER_KINDS:
         message = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
-        findings.append(Finding(place, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl)."))
-    elif not path.is_file():
+        findings.error(location, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl).")
+    elif not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
-        findings.append(Finding(place, message, nearest(path.name, file.siblings(path)) or "Check the path."))
+        findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
     elif kind == PROTECTED:
-        findings.append(Finding(place, f"{name} is a protected model; its blocks cannot be read", _PROTECTED_REMEDY))
+        findings.error(location, f"{name} is a protected model; its blocks cannot be read", _PROTECTED_REMEDY)
     elif kind != ".kf" and kind not in SIMULINK:
         message = f"unknown model format {path.suffix or name}"
-        findings.append(Finding(place, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl)."))
+        findings.error(location, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl).")
     else:
         return True
     return False
 
 
-def _extended(model: Model, file: ProjectFile, findings: list[Finding]) -> Model:
+def _extend_model(model: Model, file: ProjectFile, findings: Findings) -> Model:
     """Add each criterion's node and each target node under the text of the project file."""
     for criterion in file.criteria:
         texts = {"node": criterion.node}
         if criterion.target.kind == "node":
             texts["target"] = criterion.target.name
         for key, text in texts.items():
-            model = _with_node(model, text, f"{criterion.place} {key}", findings)
+            model = _with_node(model, text, criterion.location.within(key), findings)
     return model
 
 
-def _with_node(model: Model, text: str, place: str, findings: list[Finding]) -> Model:
+def _with_node(model: Model, text: str, location: Location, findings: Findings) -> Model:
     if not text or text in model.graph.names:
         return model
     if siblings := _siblings(model.graph, text):
         subsystem = text.partition("/")[0]
         remedy = ("/" in text and nearest(text, siblings)) or f"{subsystem} has {', '.join(siblings[:8])}."
-        findings.append(Finding(place, f"unknown node {text}", remedy))
+        findings.error(location, f"unknown node {text}", remedy)
         return model
     if _NAME.fullmatch(text):
         candidates = [name for name in model.graph.names if _NAME.fullmatch(name)]
         shown = list(model.graph.outputs[:12]) if model.values else candidates[-8:]
         remedy = nearest(text, candidates) or f"The function has {', '.join(shown)}."
-        findings.append(Finding(place, f"unknown node {text}", remedy))
+        findings.error(location, f"unknown node {text}", remedy)
         return model
     try:
-        return extend(model, {text: text}, place)
+        return extend(model, {text: text}, location)
     except InputError as error:
-        findings += error.findings
+        findings.add(*error.findings)
         return model
 
 
@@ -216,9 +214,8 @@ def _siblings(graph: Graph, text: str) -> list[str]:
     return [name for name in graph.names if name.startswith(f"{first}/")]
 
 
-def find_undefined(function: ProjectModel, known: Collection[str]) -> list[Finding]:
-    """Return an error for each undefined parameter, with a snippet to copy."""
-    findings = []
+def find_undefined(function: ProjectModel, known: Collection[str]) -> Iterator[Finding]:
+    """Yield an error for each undefined parameter, with a snippet to copy."""
     for name, count in function.graph.parameters.items():
         if name not in known:
             lines = _snippet(name, count, function)
@@ -227,8 +224,7 @@ def find_undefined(function: ProjectModel, known: Collection[str]) -> list[Findi
             others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
             guess = nearest(name, [*known, *others])
             remedy = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
-            findings.append(Finding(function.place(name), message, remedy, "\n".join(lines)))
-    return findings
+            yield Finding(function.place(name), message, remedy, "\n".join(lines))
 
 
 def axis_count_finding(function: ProjectModel, name: str, kind: str, axes: int) -> Finding:

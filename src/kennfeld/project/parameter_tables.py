@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import ArgumentError, Finding
+from kennfeld.errors import ArgumentError, Findings
 from kennfeld.formatting import nearest
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.parameter_set import ParameterSet
@@ -18,8 +18,10 @@ from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
 from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
-from kennfeld.project.schema import DIRECTIONS, Factor, ParameterEntry, ProjectFile, Range
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import grid_points_within, missing_directions
+from kennfeld.project.table_schema import Factor, ParameterEntry
+from kennfeld.project.value_forms import DIRECTIONS, Range
 from kennfeld.rbf import RBF
 
 Report = Callable[[str, str, str], None]  # key, message, remedy
@@ -86,19 +88,21 @@ class Tables:
 
 
 def build_tables(
-    file: ProjectFile, initial: ParameterSet, axes: Axes, function: ProjectModel | None, findings: list[Finding]
+    file: ProjectFile, initial: ParameterSet, axes: Axes, function: ProjectModel | None, findings: Findings
 ) -> Tables | None:
     """Build the parameters of a project; return None, with findings, if one of them is invalid."""
     built: dict[str, Parameter] = {}
     for entry in file.parameters.values():
-        table = _TableBuilder(entry, initial, axes, function, findings).build()
+        own = Findings()
+        table = _TableBuilder(entry, initial, axes, function, own).build()
+        findings.add(*own)
         if table is not None:
             built[entry.name] = table
     try:
         parameters = initial.merged(ParameterSet(built.values()))
     except ArgumentError as error:
         remedy = "Tables with the same group axis share its breakpoints: write { axis = ... } in each."
-        findings.append(Finding(file.place("[axes]"), str(error), remedy))
+        findings.error(file.location("axes"), str(error), remedy)
         return None
     if len(built) < len(file.parameters):
         return None
@@ -123,14 +127,14 @@ class _TableBuilder:
         initial: ParameterSet,
         axes: Axes,
         function: ProjectModel | None,
-        findings: list[Finding],
+        findings: Findings,
     ) -> None:
         self.entry, self.axes, self.function, self.findings = entry, axes, function, findings
         self.old = initial.get(entry.name)
 
     def build(self) -> Parameter | None:
         """Build the parameter; return None, with findings, if it is invalid."""
-        entry, before = self.entry, len(self.findings)
+        entry = self.entry
         if isinstance(self.old, RBF) and not entry.axes:
             return apply_rbf_settings(self.old, entry, self._report)
         axes = self._axes()
@@ -140,17 +144,17 @@ class _TableBuilder:
         attributes: dict[str, Any] = {"unit": entry.unit, "description": entry.description}
         attributes |= {"extrapolation": entry.extrapolation, **self._bounds(values)}
         attributes = {key: value for key, value in attributes.items() if value is not None}
-        if any(finding.severity == "error" for finding in self.findings[before:]):
+        if self.findings.has_errors:
             return None
         if self.old is not None and self.old.kind == "block" and not entry.axes:
             table = self.old.changed(values=values, **attributes)
         else:
-            table = parameter(entry.name, values, axes, **self._inherited(values) | attributes)
-        return table.changed(locked=self._locked(table))
+            table = parameter(entry.name, values, axes, **self._inherit(values) | attributes)
+        return table.changed(locked=self._lock(table))
 
     def _report(self, key: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
-        severity: Any = "warning" if warning else "error"
-        self.findings.append(Finding(f"{self.entry.place} {key}".strip(), message, remedy, severity=severity))
+        report = self.findings.warning if warning else self.findings.error
+        report(self.entry.location.within(key), message, remedy)
 
     def _missing_values(self) -> tuple[str, str, str]:
         """Return key, message and remedy for missing values."""
@@ -168,7 +172,7 @@ class _TableBuilder:
         level = 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
         return f"Write initial = {level}, or all values."
 
-    def _inherited(self, values: Float) -> dict[str, Any]:
+    def _inherit(self, values: Float) -> dict[str, Any]:
         """Return the attributes of the initial file; bounds only if the shape is unchanged."""
         if self.old is None:
             unit = self.function.graph.units.get(self.entry.name, "") if self.function else ""
@@ -188,7 +192,7 @@ class _TableBuilder:
         if self.function and coordinates and any(entries[direction].quantiles for direction in beyond):
             # the lookup has no coordinate for these quantiles
             kind = {2: "map", 3: "cube"}.get(count, "table")
-            self.findings.append(axis_count_finding(self.function, self.entry.name, kind, count))
+            self.findings.add(axis_count_finding(self.function, self.entry.name, kind, count))
             return None
         axes: list[Axis | None] = []
         for i, direction in enumerate(DIRECTIONS[:count]):
@@ -224,22 +228,22 @@ class _TableBuilder:
             self._report(*self._missing_values())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
-            return _regridded(self.old, axes)
+            return _regrid(self.old, axes)
         if self.old.values.shape == shape:
             return self.old.values
         message = f"the initial file has {describe_parameter(self.old)}, but the axes require {format_shape(shape)}"
         self._report("initial", message, self._initial_advice())
         return None
 
-    def _spread(self, key: str, given: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:
-        if given.ndim == 0 or given.shape == shape:
-            return np.array(np.broadcast_to(given, shape))
+    def _spread(self, key: str, array: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:
+        if array.ndim == 0 or array.shape == shape:
+            return np.array(np.broadcast_to(array, shape))
         if not shape:
             remedy = "Give it an axis, x = { ... }, or a single number."
-            self._report(key, f"must be one value for a scalar, got {format_shape(given.shape)}", remedy)
+            self._report(key, f"must be one value for a scalar, got {format_shape(array.shape)}", remedy)
             return None
-        message = f"has {format_shape(given.shape)} values, but the axes require {format_shape(shape)}"
-        turned = given.shape == shape[::-1] and len(shape) == 2
+        message = f"has {format_shape(array.shape)} values, but the axes require {format_shape(shape)}"
+        turned = array.shape == shape[::-1] and len(shape) == 2
         remedy = "It seems to be transposed: write one row per x." if turned else "Write one row per x."
         self._report(key, message, remedy if len(shape) > 1 else "Write one value per breakpoint.")
         return None
@@ -258,7 +262,7 @@ class _TableBuilder:
             self._report("bounds", message, "They will be clipped to the bounds.", warning=True)
         return {"lower": lower, "upper": upper}
 
-    def _locked(self, table: Parameter) -> Bool:
+    def _lock(self, table: Parameter) -> Bool:
         """Return the mask of locked values; "no-data" is applied later."""
         lock = self.entry.lock
         if isinstance(lock, bool) or lock == "no-data":
@@ -279,7 +283,7 @@ class _TableBuilder:
         return inside
 
 
-def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
+def _regrid(old: Parameter, axes: Sequence[Axis]) -> Float:
     """Interpolate a table onto other axes."""
     values = old.values
     for i, (before, after) in enumerate(zip(old.axes, axes, strict=True)):
@@ -290,7 +294,7 @@ def _regridded(old: Parameter, axes: Sequence[Axis]) -> Float:
     return values
 
 
-def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -> tuple[Factor, ...]:
+def _factors(entry: ParameterEntry, table: Parameter, findings: Findings) -> tuple[Factor, ...]:
     """Return the smoothness along each axis."""
     factors = entry.smoothness
     if factors is None:
@@ -301,12 +305,12 @@ def _factors(entry: ParameterEntry, table: Parameter, findings: list[Finding]) -
     for direction in factors:
         if direction not in known:
             message = f"{entry.name} has no axis {direction}"
-            findings.append(Finding(f"{entry.place} smoothness", message, f"It has {', '.join(known) or 'none'}."))
+            findings.error(entry.location.within("smoothness"), message, f"It has {', '.join(known) or 'none'}.")
     return tuple(factors.get(direction, 0.0) for direction in known)
 
 
 def _free(
-    file: ProjectFile, parameters: ParameterSet, function: ProjectModel | None, findings: list[Finding]
+    file: ProjectFile, parameters: ParameterSet, function: ProjectModel | None, findings: Findings
 ) -> tuple[str, ...]:
     """Return the parameters to fit, among those that the function uses."""
     used = list(function.graph.parameters) if function else list(parameters)
@@ -314,14 +318,14 @@ def _free(
     for pattern in file.calibration.free:
         matches = {name for name in parameters if fnmatchcase(name, pattern) or name == pattern}
         chosen |= matches
-        place = file.place("[calibration] free")
+        place = file.location("calibration", "free")
         if not matches and (parameters or pattern != "*"):
             remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
-            findings.append(Finding(place, f"{pattern} matches no parameter", remedy))
+            findings.error(place, f"{pattern} matches no parameter", remedy)
         elif matches and matches.isdisjoint(used):
             names = ", ".join(sorted(matches)[:5])
             message = f"{pattern} matches only parameters that the function does not use: {names}"
-            findings.append(Finding(place, message, severity="warning"))
+            findings.warning(place, message)
     for name, entry in file.parameters.items():
         if entry.free is not None:
             (chosen.add if entry.free else chosen.discard)(name)

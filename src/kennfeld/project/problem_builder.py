@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.models import merge_start_values
 from kennfeld.optimize.api import bind_scalars
@@ -22,7 +22,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated, uses_clock
 from kennfeld.preprocessing.model_step import is_timed
-from kennfeld.preprocessing.pipeline import LoadedData, load_datasets
+from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.preprocessing.units import is_unit_missing
 from kennfeld.project.axes import Axes, check_free_axes
@@ -55,34 +55,35 @@ class ProjectProblem:
     findings: tuple[Finding, ...]
     problem: Problem | None
     seconds: float
-    places: dict[str, str]  # of the datasets, by name
+    locations: dict[str, Location]  # of the datasets, by name
     steps: tuple[Step, ...] = ()
 
 
-def assemble(file: ProjectFile) -> ProjectProblem:
-    """Read all files that a project file names and build the problem."""
+def assemble(file: ProjectFile, load: Loader = load_datasets) -> ProjectProblem:
+    """Read all files that a project file names and build the problem; `load` reads the recordings."""
     began = time.perf_counter()
-    builder = ProblemBuilder(file)
+    builder = ProblemBuilder(file, load)
     problem, steps = None, tuple[Step, ...]()
     try:
         problem = builder.problem()
         if problem is not None:
             steps = build_steps(file, problem, builder.findings)
     except InputError as error:
-        builder.findings += error.findings
+        builder.findings.add(*error.findings)
     except ArgumentError as error:
-        builder.findings.append(Finding(file.path.name, str(error)))
-    findings, places = tuple(dict.fromkeys(builder.findings)), dict(builder.loaded.places)
-    valid = None if builder.failed else problem
-    return ProjectProblem(findings, valid, time.perf_counter() - began, places, steps)
+        builder.findings.error(Location(file.path.name), str(error))
+    findings, locations = tuple(dict.fromkeys(builder.findings)), dict(builder.loaded.locations)
+    valid = None if builder.findings.has_errors else problem
+    return ProjectProblem(findings, valid, time.perf_counter() - began, locations, steps)
 
 
 class ProblemBuilder:
     """Builds a problem from a project file, adding to `findings`."""
 
-    def __init__(self, file: ProjectFile) -> None:
+    def __init__(self, file: ProjectFile, load: Loader = load_datasets) -> None:
+        self._load = load
         self.file = file
-        self.findings: list[Finding] = []
+        self.findings = Findings()
         self.loaded = LoadedData()
         self.function: ProjectModel | None = None
         self.surrogates: tuple[Surrogate, ...] = ()
@@ -90,14 +91,15 @@ class ProblemBuilder:
     def problem(self) -> Problem | None:
         """Build the problem; return None if a finding is an error."""
         file, findings = self.file, self.findings
-        calculated = parse_calculated(file, findings)
+        calculated = parse_calculated(file)
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
             initial = merge_start_values(self.function.model.values, initial).from_origin(initial.origin)
-        self.loaded = load_datasets(file, self._wanted(calculated, known_all=initial is not None), calculated, findings)
+        self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
+        findings.add(*calculated.findings, *self.loaded.findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
         # without all values it is unknown what a section overrides, and false errors would follow
@@ -112,24 +114,23 @@ class ProblemBuilder:
         constraints = Constraints()
         if tables is not None:
             constraints = build_constraints(file, tables, self.function, findings)
-        if self.failed or tables is None or self.function is None:
+        if findings.has_errors or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
-        self.findings += check_free_axes(self.file, problem)
-        self.findings += delay_findings(problem.model, problem.free_size)
-        self.findings += matrix_findings(f"{file.path.name} [calibration] free", problem.free_size)
+        findings.add(*check_free_axes(file, problem))
+        findings.add(*delay_findings(problem.model, problem.free_size))
+        findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))
         self._check_samples(problem)
         self._check_limits(problem)
-        findings += check_method(file, problem)
-        findings += check_weights(file, problem, self.loaded)
-        return None if self.failed else self._feasible(self._locked(problem, tables))
+        findings.add(*check_method(file, problem), *check_weights(file, problem, self.loaded))
+        return None if findings.has_errors else self._feasible(self._lock_uncovered(problem, tables))
 
     def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
         """Add the expansions of the surrogates, which are never fitted, to the initial parameters."""
         for surrogate in self.surrogates:
             if surrogate.name in self.file.parameters or surrogate.name in (initial or ()):
                 message = f"{surrogate.name} is also the name of a parameter"
-                self._report(f"[surrogates] {surrogate.name}", message, "Rename the surrogate.")
+                self.findings.error(self.file.location("surrogates", surrogate.name), message, "Rename the surrogate.")
         if initial is None or not self.surrogates:
             return initial
         from kennfeld.surrogate.surrogate_file import as_parameters
@@ -139,9 +140,9 @@ class ProblemBuilder:
     def _feasible(self, problem: Problem) -> Problem | None:
         """Return the problem, None if its constraints cannot be satisfied together."""
         findings = infeasible(problem)
-        self.findings += [
-            replace(f, location=self.file.path.name) if f.location == "constraints" else f for f in findings
-        ]
+        whole = Location(self.file.path.name)
+        for finding in findings:
+            self.findings.add(replace(finding, location=whole) if str(finding.location) == "constraints" else finding)
         return None if findings else problem
 
     def _problem(
@@ -161,15 +162,6 @@ class ProblemBuilder:
             unknown_shifts=dict(self.loaded.unknown_shifts),
         )
 
-    @property
-    def failed(self) -> bool:
-        """If a finding is an error."""
-        return any(finding.severity == "error" for finding in self.findings)
-
-    def _report(self, part: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
-        severity = "warning" if warning else "error"
-        self.findings.append(Finding(self.file.place(part), message, remedy, severity=severity))  # type: ignore[arg-type]
-
     def _function(self, known: list[str], initial: ParameterSet | None) -> ProjectModel | None:
         """Read the function. Undefined parameters are reported only if all initial files could be read."""
         if len(self.surrogates) < len(self.file.surrogates):
@@ -179,50 +171,51 @@ class ProblemBuilder:
             return None
         for surrogate in self.surrogates:
             if surrogate.name not in function.graph.parameters:
-                self._report(f"[surrogates] {surrogate.name}", "the function does not call it", warning=True)
+                self.findings.warning(self.file.location("surrogates", surrogate.name), "the function does not call it")
         known = [*known, *function.model.values]
-        lacking = find_undefined(function, known) if initial is not None else []
-        self.findings += lacking
+        if initial is not None:
+            self.findings.add(*find_undefined(function, known))
         for name in self.file.parameters:
             if name not in function.graph.parameters:
-                self._unused(name, function, known)
+                self._report_unused(name, function, known)
         self._add_remarks(function.model.remarks)
         inputs = function.graph.inputs
         for name in self.file.channels:
             if name not in inputs:
                 remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
-                self._report(f"[channels] {name}", f"unknown input {name}", remedy)
+                self.findings.error(self.file.location("channels", name), f"unknown input {name}", remedy)
         return function
 
-    def _unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
+    def _report_unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """Report the section of a parameter that the function does not use."""
-        place, entry = f"[parameters.{name}]", self.file.parameters[name]
+        path, entry = ("parameters", name), self.file.parameters[name]
         if not is_simulink(self.file):
             remedy = nearest(name, [n for n in function.graph.parameters if n not in known])
-            self._report(place, f"the function does not use {name}", remedy, warning=True)
+            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
         elif ":" in name and entry.initial is not None:
             message = "the block requires this field to be constant; it has the value given here and is not fitted"
-            self.findings.append(Finding(self.file.place(place), message, severity="remark"))
+            self.findings.remark(self.file.location(*path), message)
         elif entry.initial is not None or entry.axes:  # otherwise the missing value is reported
             remedy = nearest(name, function.graph.parameters)
-            self._report(place, f"the function does not use {name}", remedy, warning=True)
+            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
 
-    def _add_remarks(self, remarks: Sequence[str]) -> None:
+    def _add_remarks(self, remarks: Sequence[Finding]) -> None:
         """Add the first remarks on deviations of the imported model."""
         more = [f"and {len(remarks) - MAX_REMARKS} more; see kennfeld info"] if len(remarks) > MAX_REMARKS else []
-        place = self.file.place("[model] file")
-        self.findings += [Finding(place, remark, severity="remark") for remark in (*remarks[:MAX_REMARKS], *more)]
+        location = self.file.location("model", "file")
+        for remark in (*remarks[:MAX_REMARKS], *more):
+            self.findings.remark(location, str(remark))
 
-    def _wanted(self, calculated: Calculated, *, known_all: bool) -> ChannelRequest:
+    def _request(self, calculated: Calculated, *, known_all: bool) -> ChannelRequest:
         """Return the channels to read. If parameters are unknown, an input may be a scalar and its channel missing."""
         file, function = self.file, self.function
         inputs = function.graph.inputs if function else ()
         needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
         axes = [*file.axes.values(), *(axis for entry in file.parameters.values() for axis in entry.axes.values())]
         nodes = {*inputs, *(function.graph.names if function else ())}
-        quantiles = {a.input: f"the input of {a.place}" for a in axes if a.quantiles and a.input and function}
+        quantiles = {a.input: f"the input of {a.location}" for a in axes if a.quantiles and a.input and function}
         targets = {
-            entry.target.name: f"the target of {entry.place}"
+            entry.target.name: f"the target of {entry.location}"
             for entry in file.criteria
             if entry.target.kind in ("channel", "name")
         }
@@ -247,16 +240,16 @@ class ProblemBuilder:
             return {}
         inputs = [(file.channels.get(name, name), name, "input") for name in graph.inputs]
         nodes = [(e.target.name, e.node, "node") for e in file.criteria if e.target.kind in ("channel", "name")]
-        found: dict[str, tuple[str, str]] = {}
+        units: dict[str, tuple[str, str]] = {}
         for channel, name, kind in [*inputs, *nodes]:
             if not is_unit_missing(unit := graph.units.get(name, "")):
-                found.setdefault(channel, (unit, f"the {kind} {name}"))
-        return found
+                units.setdefault(channel, (unit, f"the {kind} {name}"))
+        return units
 
     def _check_calculated(self, calculated: Calculated, names: list[str]) -> None:
         """Warn of unused calculated channels."""
         conditions = " ".join(f"{entry.where} {entry.weight_channel}" for entry in self.file.datasets)
-        conditions += " ".join(["", *(one.channel for entry in self.file.datasets for one in entry.steady)])
+        conditions += " ".join(["", *(part.channel for entry in self.file.datasets for part in entry.steady)])
         if self.function is None:
             return
         used = {*calculated.needed(names), *calculated.broken}
@@ -266,7 +259,7 @@ class ProblemBuilder:
                 and name not in conditions
                 and not any(name in graph.inputs for graph in calculated.graphs.values())
             ):
-                self._report(f"[calculated] {name}", "unused channel", warning=True)
+                self.findings.warning(self.file.location("calculated", name), "unused channel")
 
     def _step(self) -> float | None:
         """Return the model's step in s, None if its result does not depend on it."""
@@ -278,21 +271,20 @@ class ProblemBuilder:
         entries = self.file.datasets
         if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
             remedy = 'Write use = "training" and a weight > 0 in one of them.'
-            self._report("[[dataset]]", "no dataset is used for training", remedy)
+            self.findings.error(self.file.location("dataset"), "no dataset is used for training", remedy)
         if self.function is None:
             return
-        self.findings += check_settling(self.function.graph, self.loaded)
-        places = self.loaded.places
-        self.findings += step_findings(
-            self.function.model, self.loaded.datasets, self._step(), lambda data: places[data.name]
-        )
+        self.findings.add(*check_settling(self.function.graph, self.loaded))
+        locations = self.loaded.locations
+        own_step = step_findings(self.function.model, self.loaded.datasets, self._step(), lambda d: locations[d.name])
+        self.findings.add(*own_step)
         if not uses_clock(self.function.graph):
             return
         for data in self.loaded.datasets:
             if data.time is None and data.settling is None:
                 message = f"the function requires time steps, but dataset {data.name} has no time stamps"
                 remedy = "Name the time channel `time`, or write settle = ... if these are steady-state points."
-                self.findings.append(Finding(self.loaded.places[data.name], message, remedy))
+                self.findings.error(self.loaded.locations[data.name], message, remedy)
 
     def _check_group_axes(self) -> None:
         """Warn of group axes that no table names."""
@@ -300,25 +292,23 @@ class ProblemBuilder:
         for name in self.file.axes:
             if not any(axis.group == name for axis in axes):
                 remedy = f'Write x = {{ axis = "{name}" }} under [parameters.NAME] of each table on it.'
-                self._report(f"[axes.{name}]", "no table of this file uses the axis", remedy, warning=True)
+                self.findings.warning(self.file.location("axes", name), "no table of this file uses the axis", remedy)
 
     def _check_shifts(self) -> None:
         """Report shifts that cannot be estimated."""
         step, sought = self._step(), self.loaded.unknown_shifts
         training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
         for data in self.loaded.datasets:
-            place = f"{self.loaded.places[data.name]} shift"
+            location = self.loaded.locations[data.name].within("shift")
             for channel in sought.get(data.name, ()):
                 if channel not in training:
                     message = f'shift = "auto" for {channel} must be set on a training dataset'
-                    self.findings.append(
-                        Finding(place, message, 'Write "auto" in a training dataset too, or a number here.')
-                    )
+                    self.findings.error(location, message, 'Write "auto" in a training dataset too, or a number here.')
             if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
                 own = [entry.raster for entry in self.file.datasets if entry.raster]
                 if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
                     message = f"no shift can be estimated: the model's step of {step:g} s is below that of the data"
-                    self.findings.append(Finding(place, message, f"Write raster = {step:g}, or a number."))
+                    self.findings.error(location, message, f"Write raster = {step:g}, or a number.")
 
     def _check_tables(self, tables: Tables, function: ProjectModel) -> None:
         """Report wrong numbers of axes, missing values, and if nothing is free."""
@@ -328,42 +318,43 @@ class ProblemBuilder:
             parameter = tables.parameters[name]
             has = parameter.coordinates
             if has != count:
-                self.findings.append(axis_count_finding(function, name, parameter.kind, has))
+                self.findings.add(axis_count_finding(function, name, parameter.kind, has))
             missing = np.argwhere(~np.isfinite(parameter.values))
             if missing.size:
                 at = ", ".join(str(int(i) + 1) for i in missing[0])
                 message = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
                 where = f", the first at {at}" if at else ""
                 remedy = "Complete the file, or write initial = ... in its section."
-                self._report(f"[parameters.{name}] initial", message + where, remedy)
+                self.findings.error(self.file.location("parameters", name, "initial"), message + where, remedy)
         if not tables.free and function.graph.parameters:
-            self._report(
-                "[calibration] free",
+            self.findings.error(
+                self.file.location("calibration", "free"),
                 "no parameter of the function is free",
                 'Write free = ["*"] in [calibration].',
             )
 
     def _check_limits(self, problem: Problem) -> None:
         """Report invalid output limits."""
-        if problem.limits:
-            self.findings += [replace(f, location=self.file.place(f"[[{f.location}]]")) for f in check_limits(problem)]
+        for finding in check_limits(problem) if problem.limits else ():
+            location = Location(self.file.path.name, path=f"[[{finding.location}]]")
+            self.findings.add(replace(finding, location=location))
 
     def _check_samples(self, problem: Problem) -> None:
         """Report datasets without complete samples, and criteria without a target value."""
         for bound in problem.training:
             if not bound.count:
-                place = self.loaded.places[bound.dataset.name]
+                location = self.loaded.locations[bound.dataset.name]
                 message = f"no sample of dataset {bound.dataset.name} has all inputs: {_missing_shares(problem, bound)}"
-                self.findings.append(Finding(place, message, "Check these channels, or max_gap."))
+                self.findings.error(location, message, "Check these channels, or max_gap.")
         if not any(bound.count for bound in problem.training):
             return
         for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
             if not any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training):
                 message = f"no training sample has a target for {entry.node}"
                 remedy = "Check its target channel and the conditions of the datasets."
-                self.findings.append(Finding(entry.place, message, remedy))
+                self.findings.error(entry.location, message, remedy)
 
-    def _locked(self, problem: Problem, tables: Tables) -> Problem:
+    def _lock_uncovered(self, problem: Problem, tables: Tables) -> Problem:
         """Lock the values that no training sample touches, of parameters with lock = "no-data"."""
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:

@@ -1,23 +1,24 @@
 """A project: a file that defines the function, its data, and how to calibrate it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.initial_calibration import describe_parameter
-from kennfeld.project.schema import ProjectFile
-from kennfeld.project.sections import read_project
+from kennfeld.project.schema import ProjectFile, read_project
+from kennfeld.search_settings import SearchSettings
 
 if TYPE_CHECKING:
     from kennfeld.optimize.options import Options
     from kennfeld.optimize.problem import Problem
     from kennfeld.optimize.quality import NodeSimulator
     from kennfeld.optimize.result import Result
+    from kennfeld.preprocessing.pipeline import Loader
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
 
@@ -36,40 +37,31 @@ class Project:
     path: Path
     name: str
     formats: tuple[str, ...]
-    findings: tuple[Finding, ...]
     file: ProjectFile = field(repr=False)
+    load: "Loader | None" = field(default=None, repr=False)
 
     @classmethod
-    def read(cls, path: str | Path) -> Self:
+    def read(cls, path: str | Path, unsaved: Mapping[str, str] | None = None, load: "Loader | None" = None) -> Self:
         """Read a project file, but not the files that it names.
 
         Args:
             path: the TOML file.
+            unsaved: texts that replace those of the project file and of formula files, by name.
+            load: reads the recordings, by default `preprocessing.pipeline.load_datasets`.
 
         Raises:
             InputError: all problems of the project file.
         """
-        file = read_project(Path(path))
-        return cls(file.path, file.name, file.calibration.output, file.findings, file)
+        file = read_project(Path(path), unsaved)
+        return cls(file.path, file.name, file.calibration.output, file, load)
 
     @property
     def options(self) -> "Options":
         """Settings of the optimizer."""
         from kennfeld.optimize.options import Options
 
-        entry = self.file.optimizer
-        return Options(
-            max_iterations=entry.max_iterations,
-            tolerance=entry.tolerance,
-            continuation=entry.continuation,
-            method=entry.method,
-            max_evaluations=entry.max_evaluations,
-            starts=entry.starts,
-            seed=entry.seed,
-            spread=entry.spread,
-            steps=self._assembly.steps if self.file.steps else (),
-            save_every=entry.save_every,
-        )
+        shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
+        return Options(**shared, steps=self._assembly.steps if self.file.steps else ())
 
     @property
     def surrogates(self) -> tuple[str, ...]:
@@ -85,16 +77,16 @@ class Project:
     def _assembly(self) -> "ProjectProblem":
         from kennfeld.project.problem_builder import assemble
 
-        return assemble(self.file)
+        return assemble(self.file) if self.load is None else assemble(self.file, self.load)
 
     def check(self) -> list[Finding]:
         """Return all problems of the project and of the files that it names, errors and warnings, without raising."""
         from kennfeld.project.checks import find_warnings
 
         assembly = self._assembly
-        findings = [*self.findings, *assembly.findings]
+        findings = list(assembly.findings)
         if assembly.problem is not None:
-            findings += find_warnings(self.file, assembly.problem, assembly.places)
+            findings += find_warnings(self.file, assembly.problem, assembly.locations)
         return list(dict.fromkeys(findings))
 
     def seen_test_data(self) -> list[Finding]:
@@ -104,13 +96,13 @@ class Project:
         """
         from kennfeld.project.seen_data import seen_test_data
 
-        return seen_test_data(self.file, self.problem(), self._assembly.places)
+        return seen_test_data(self.file, self.problem(), self._assembly.locations)
 
     def problem(self) -> "Problem":
         """Return the calibration problem. Raises `InputError` with all findings if one of them is an error."""
         assembly = self._assembly
         if assembly.problem is None:
-            raise InputError([*self.findings, *assembly.findings])
+            raise InputError(assembly.findings)
         return assembly.problem
 
     def calibrate(
@@ -146,7 +138,7 @@ class Project:
         from kennfeld.project.checkpoints import ResumePoints
 
         saves = self.saves(folder)
-        points = saves.found() if resume else ResumePoints()
+        points = saves.resume_points() if resume else ResumePoints()
         if not resume:
             saves.begin()
         result = run(
@@ -221,7 +213,7 @@ def replace_parameters(problem: "Problem", parameters: ParameterSet | None) -> P
     needed = problem.model.graph.parameters
     errors = [
         Finding(
-            "parameters",
+            Location("parameters"),
             f"{name} is {describe_parameter(parameters[name])}, but the function looks it up with {count} coordinates",
         )
         for name, count in needed.items()
@@ -232,4 +224,4 @@ def replace_parameters(problem: "Problem", parameters: ParameterSet | None) -> P
     try:
         return problem.parameters.merged(parameters)
     except ArgumentError as error:
-        raise InputError.of("parameters", str(error)) from None
+        raise InputError.of(Location("parameters"), str(error)) from None

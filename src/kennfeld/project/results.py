@@ -16,18 +16,18 @@ from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.free_axes import free_axes
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.rbf import RBF
 
-AXES = ("x", "y", "z", "w")
 COLUMNS = (
-    *("parameter", *AXES, "value", "unit", "deviation", "scatter"),
+    *("parameter", *AXIS_LETTERS, "value", "unit", "deviation", "scatter"),
     *("samples", "leverage", "informed", "by_smoothness"),
 )
 MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
@@ -65,7 +65,7 @@ def _lines(
         place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
         yield [
             name,
-            *(place + [""] * (len(AXES) - len(place))),
+            *(place + [""] * (len(AXIS_LETTERS) - len(place))),
             float(values[at]),
             unit,
             *(_number(array[at]) for array in (trust.deviation[name], trust.scatter[name])),
@@ -102,7 +102,7 @@ def write(
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
     further: Mapping[str, Any] | None = None,
-    findings: list[Finding] | None = None,
+    findings: Findings | None = None,
 ) -> tuple[Path, ...]:
     """Write a result into a folder and return the paths of its files.
 
@@ -116,7 +116,7 @@ def write(
         folder: the results folder.
         documents: texts of further files, by name.
         further: additional keys of `result.json`.
-        findings: to be extended by remarks on the calibration files.
+        findings: collects the findings about the calibration files.
 
     Raises:
         InputError: the folder cannot be written.
@@ -126,7 +126,8 @@ def write(
     with _scratch(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
             remarks = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
-            (findings if findings is not None else []).extend(remarks)
+            if findings is not None:
+                findings.add(*remarks)
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         _save(simulation, scratch / "simulation.parquet")
@@ -160,7 +161,9 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
     """Write simulated datasets, one after the other, as Parquet or CSV according to the extension of `path`."""
     target = Path(path)
     if target.suffix.lower() not in (".parquet", ".csv"):
-        raise InputError.of(str(target), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}")
+        raise InputError.of(
+            Location(str(target)), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}"
+        )
     with _convert_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(target) as beside:
@@ -197,7 +200,7 @@ def _convert_errors(target: Path) -> Iterator[None]:
         yield
     except OSError as error:
         message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(str(target), message, "Name another file with -o.") from None
+        raise InputError.of(Location(str(target)), message, "Name another file with -o.") from None
 
 
 @contextmanager
@@ -207,7 +210,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
         with scratch_folder(folder) as scratch:
             yield scratch
     except OSError as error:
-        raise InputError.of(str(folder), f"cannot be written: {error.strerror or error}", REMEDY) from None
+        raise InputError.of(Location(str(folder)), f"cannot be written: {error.strerror or error}", REMEDY) from None
 
 
 def _write_json(content: Any, path: Path) -> None:

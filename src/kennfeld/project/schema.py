@@ -1,227 +1,397 @@
-"""Values of a project file; `sections.py` reads them from its text."""
+"""The project file: its sections and their keys, in the documented order.
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+Reading, writing, the JSON schema and the tables of the documentation all come from these classes.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from kennfeld.arrays import Float
-from kennfeld.errors import Finding
-from kennfeld.parameters import Extrapolation
+from kennfeld.errors import Findings, InputError, Location
+from kennfeld.file_keys import KeyProblem, key
 from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.project.forms import (
+    EitherForm,
+    EntriesForm,
+    IntegerForm,
+    NamedEntriesForm,
+    TableOfForm,
+    TextForm,
+    form_of,
+    keys_of,
+    read_entry,
+)
+from kennfeld.project.section import KeyLocation, Section
+from kennfeld.project.table_schema import FACTOR, FACTORS, Factor, GroupAxisEntry, ParameterEntry
+from kennfeld.project.toml_file import is_training, parse_toml, read_text
+from kennfeld.project.toml_keys import TomlKeys
+from kennfeld.project.value_forms import (
+    DIRECTIONS,
+    CoordinatesForm,
+    ImageEntry,
+    InitialForm,
+    Lock,
+    LockForm,
+    OutputForm,
+    StepCriteriaForm,
+    TargetEntry,
+    TargetForm,
+)
+from kennfeld.search_settings import SearchSettings
 
-DIRECTIONS = ("x", "y", "z", "w")
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
-MAX_STARTS = 10_000  # equals that of `optimize.Options`, which takes long to load
-Factor = float | Literal["auto"]
-Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
-Lock = bool | Literal["no-data"] | tuple[Range, ...]
+_INNER = "calculated"
+_REDUCTION = IntegerForm(least=1)
+_REDUCTIONS = EitherForm(_REDUCTION, TableOfForm(_REDUCTION, names=DIRECTIONS))
+_TERMS_EXAMPLE = 'Write terms = [{ parameter = "...", at = [...], factor = 1 }, ...].'
+_REGION_EXAMPLE = 'Write regions = [{ where = "Speed > 3000", weight = 2.0 }].'
+
+
+def is_simulink_file(name: str) -> bool:
+    """Return if a name is that of a Simulink model."""
+    return name.lower().endswith((*SIMULINK, PROTECTED))
 
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`; the fields after `step` are for Simulink models."""
+    """`[model]`; the keys after `step` are for Simulink models."""
 
-    file: str
-    step: float | None = None
-    subsystem: str = ""
-    parameters: tuple[str, ...] = ()  # files with values of its variables
-    bind: Mapping[str, str] = field(default_factory=dict)  # block: channel or formula
-    folders: tuple[str, ...] = ()  # of libraries and referenced models, in addition to its own
+    file: str = key(
+        "the function: a `.kf` file, or a [Simulink model](formats.md#simulink), `.slx` or `.mdl`",
+        missing='Write file = "....kf", the formula text.',
+    )
+    step: float | None = key(
+        "s; for models with memory: the step of the model. If it is finer than the step of the data, inputs are "
+        "interpolated, and stepped inputs are held",
+        None,
+        above=0,
+        default_text="the step of the data",
+    )
+    subsystem: str = key('the part of a Simulink model that is the function: `"Engine/Torque"`', "")
+    parameters: tuple[str, ...] = key(
+        "a file, or a list of files, with values of a Simulink model's variables: scripts (`.m`), `.mat`, `.sldd`, "
+        "calibration files; later files take precedence",
+        (),
+    )
+    bind: Mapping[str, str] = key(
+        '`{ "Engine/Sensor" = "T_meas + 273.15" }` replaces the output of a block of a Simulink model by a channel or '
+        "a [formula](formula.md) over channels",
+        factory=dict,
+    )
+    folders: tuple[str, ...] = key(
+        "a folder or a list of folders in which libraries, referenced models and functions of a Simulink model are "
+        "searched, in addition to its own folder",
+        (),
+    )
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield Simulink keys of another model."""
+        has_own = self.subsystem or self.parameters or self.bind or self.folders
+        if self.file and has_own and not is_simulink_file(self.file):
+            yield "file", f"subsystem, parameters, bind and folders require a Simulink model, got {self.file}", ""
 
 
 @dataclass(frozen=True)
-class Freedom:
-    """Constraints on breakpoints that are fitted, see `Axis`."""
+class CalibrationEntry:
+    """`[calibration]`."""
 
-    min_distance: float | None = None
-    range: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class AxisEntry:
-    """Source of the breakpoints of an axis, at most one of `breakpoints`, `group` and `quantiles`.
-
-    `breakpoints` are given or evenly spaced; `group` names a group axis; `quantiles` is a number of quantiles of the
-    training data. Without any, they come from the initial files. With `freedom` they are fitted.
-    """
-
-    place: str
-    input: str = ""
-    breakpoints: tuple[float, ...] = ()
-    group: str = ""
-    quantiles: int = 0
-    freedom: Freedom | None = None
+    initial: tuple[str | ImageEntry, ...] = key(
+        "a calibration file, or a list of them; later files take precedence. Two files that define a table "
+        'differently are an error. An image is `{ a2l = "ecu.a2l", hex = "ecu.hex" }`, also within a list; `hex` may '
+        "be Intel HEX or S-records, and `a2l` may be omitted if the A2L file has the name of the image or is the only "
+        "one next to it",
+        (),
+        form=InitialForm(),
+    )
+    variant: str = key(
+        'which values to use of labels that have several variants: `"Engine=2"`. Results are written to this variant; '
+        "the others are kept",
+        "",
+        default_text="the first",
+    )
+    output: tuple[str, ...] = key(
+        'formats to write: `"dcm"`, `"csv"` (INCA\'s CVX), `"cdfx"`, `"xlsx"`, `"m"` and `"mat"` (MATLAB), `"json"`, '
+        '`"msq"` if `initial` is a tune, or `"hex"` and `"s19"` if `initial` has such an image: a copy of it with the '
+        "fitted values. `parameters.json` is always written. A parameter whose name a format cannot represent, such as "
+        "a block path with spaces in DCM, is omitted from that file, and `kennfeld check` reports it beforehand",
+        (),
+        form=OutputForm(),
+    )
+    free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",))
 
     @property
-    def inherits(self) -> bool:
-        """If the breakpoints are those of the initial files."""
-        return not (self.breakpoints or self.group or self.quantiles) and self.freedom is not None
+    def files(self) -> tuple[str, ...]:
+        """The initial files, without those that describe images."""
+        return tuple(item if isinstance(item, str) else item.hex for item in self.initial)
 
-
-@dataclass(frozen=True)
-class PinEntry:
-    """One entry of `pin`."""
-
-    at: tuple[float, ...]
-    value: float
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterEntry:
-    """One `[parameters.NAME]`; None where a key is missing."""
-
-    place: str
-    name: str
-    axes: Mapping[str, AxisEntry]
-    unit: str | None = None
-    description: str | None = None
-    initial: Float | None = None
-    free: bool | None = None
-    bounds: tuple[Float, Float] | None = None
-    smoothness: Factor | Mapping[str, Factor] | None = None
-    lock: Lock = False
-    pins: tuple[PinEntry, ...] = ()
-    gradient: Range = field(default_factory=dict)
-    curvature: Range = field(default_factory=dict)
-    extrapolation: Extrapolation | None = None
-
-
-@dataclass(frozen=True)
-class TargetEntry:
-    """Target of a criterion; a bare name is a channel, else a node."""
-
-    kind: Literal["name", "channel", "node", "number"]
-    name: str = ""
-    value: float = 0.0
+    @property
+    def descriptions(self) -> Mapping[str, str]:
+        """The A2L file of each image that names one."""
+        return {item.hex: item.a2l for item in self.initial if isinstance(item, ImageEntry) and item.a2l}
 
 
 @dataclass(frozen=True)
 class RegionEntry:
     """One entry of `regions`."""
 
-    where: str
-    weight: float
+    where: str = key("a condition over channels", missing=_REGION_EXAMPLE)
+    weight: float = key("weight of the samples that satisfy it", least=0, missing=_REGION_EXAMPLE)
 
 
 @dataclass(frozen=True)
 class CriterionEntry:
     """One `[[criterion]]`."""
 
-    place: str
-    node: str
-    target: TargetEntry
-    weight: float = 1.0
-    loss: Literal["square", "huber", "soft_l1"] = "square"
-    delta: float = 1.0
-    scale: float = 1.0
-    weight_channel: str = ""
-    regions: tuple[RegionEntry, ...] = ()
+    location: Location
+    node: str = key("the node to fit to the target", missing='Write node = "...".')
+    target: TargetEntry = key(
+        '`{ channel = "Torque" }`, `{ node = "Other" }`, or a number; a bare name is a channel or, if there is none, a '
+        "node. A dataset without the channel is not scored; this causes a warning unless the dataset has the channel "
+        "of another criterion",
+        form=TargetForm(),
+        missing='Write target = { channel = "..." }.',
+    )
+    weight: float = key("factor on the squared errors; 0 switches off", 1.0, least=0)
+    scale: float = key("errors are divided by it, in the channel's unit", 1.0, above=0)
+    loss: Literal["square", "huber", "soft_l1"] = key(
+        '`"huber"` or `"soft_l1"` reduce the influence of outliers', "square"
+    )
+    delta: float = key("error at which this reduction begins, in units of `scale`", 1.0, above=0)
+    weight_channel: str = key("a channel with the weight of each sample, >= 0; missing values count as 0", "")
+    regions: tuple[RegionEntry, ...] = key(
+        '`[{ where = "Speed > 3000", weight = 2.0 }]`: a weight for the samples that satisfy a condition over channels',
+        (),
+        word="region",
+        remedy=_REGION_EXAMPLE,
+    )
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield a delta without effect."""
+        if self.loss == "square" and "delta" in present:
+            yield "delta", "delta requires the loss huber or soft_l1", 'Write loss = "huber" or "soft_l1".'
 
 
 @dataclass(frozen=True)
 class LimitEntry:
     """One `[[limit]]`."""
 
-    place: str
-    node: str
-    lower: float
-    upper: float
-    where: str = ""
+    location: Location
+    node: str = key(
+        'a node, or an expression over nodes, inputs and channels: `"abs(n_set - n)"`',
+        missing='Write node = "...", a node or an expression.',
+    )
+    lower: float = key("the lower bound", -math.inf, name="min", default_text="none")
+    upper: float = key("the upper bound; one of the two, or both", math.inf, name="max", default_text="none")
+    where: str = key("a condition over inputs and channels; the limit applies to the samples that satisfy it", "")
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield missing and reversed bounds."""
+        if not {"min", "max"} & set(present):
+            yield "max", "min and max are missing", "Write max = ... or min = ..."
+        if self.lower > self.upper:
+            yield "min", f"min = {self.lower:g} exceeds max = {self.upper:g}", "Swap them."
 
 
 @dataclass(frozen=True)
 class TermEntry:
-    """One term of an `[[equality]]`; without coordinates, the sum of all values."""
+    """One term of an `[[equality]]`."""
 
-    parameter: str
-    at: tuple[float, ...] | None
-    factor: float
+    parameter: str = key("the parameter", missing='Write parameter = "...".')
+    at: tuple[float, ...] | None = key(
+        "the coordinates, one per axis", None, form=CoordinatesForm(), default_text="the sum of all values"
+    )
+    factor: float = key("factor of the value", 1.0)
 
 
 @dataclass(frozen=True)
 class EqualityEntry:
     """One `[[equality]]`."""
 
-    place: str
-    terms: tuple[TermEntry, ...]
-    value: float
-
-
-@dataclass(frozen=True)
-class CalibrationEntry:
-    """`[calibration]`; `output` are file extensions."""
-
-    initial: tuple[str, ...] = ()
-    descriptions: Mapping[str, str] = field(default_factory=dict)  # the A2L file of each image
-    variant: str = ""
-    output: tuple[str, ...] = ()
-    free: tuple[str, ...] = ("*",)
-
-
-@dataclass(frozen=True)
-class OptimizerEntry:
-    """`[optimizer]`."""
-
-    max_iterations: int = 200
-    tolerance: float = 1e-8
-    continuation: Literal["auto", "off"] = "auto"
-    method: Literal["gauss-newton", "global"] = "gauss-newton"
-    max_evaluations: int = 0
-    starts: int = 1
-    seed: int = 0
-    spread: float = 0.5
-    save_every: int = 0
+    location: Location
+    terms: tuple[TermEntry, ...] = key(
+        '`[{ parameter = "A", at = [0] }, { parameter = "B", at = [0], factor = -1 }]`; without `at`, a term is the '
+        "sum of all values of its parameter",
+        word="term",
+        fault="must be a list of terms",
+        remedy=_TERMS_EXAMPLE,
+        shows=True,
+        fills=True,
+        missing=_TERMS_EXAMPLE,
+    )
+    value: float = key("the sum of the terms", 0.0)
 
 
 @dataclass(frozen=True)
 class StepEntry:
     """One `[[step]]`; None where a key is missing. Names of parameters may be patterns."""
 
-    place: str
-    name: str = ""
-    free: tuple[str, ...] | None = None
-    lock: Mapping[str, Lock] | None = None
-    smoothness: Factor | Mapping[str, Factor | Mapping[str, Factor]] | None = None
-    grid_reduction: float | Mapping[str, float | Mapping[str, float]] | None = None
-    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = None
-    max_iterations: int | None = None
-    tolerance: float | None = None
-    continuation: Literal["auto", "off"] | None = None
+    location: Location
+    name: str = key("name of the step in the trace", "", default_text="`step 1`, ...")
+    free: tuple[str, ...] | None = key(
+        "patterns of the parameters that this step fits; the others are fixed", None, default_text="by `[calibration]`"
+    )
+    lock: Mapping[str, Lock] | None = key(
+        '`{ MapA = true, MapB = "no-data", MapC = [{ x = [700, 1000] }] }` replaces the locks of these parameters; '
+        "`false` unlocks",
+        None,
+        form=TableOfForm(LockForm()),
+        default_text="by parameter",
+    )
+    smoothness: Factor | Mapping[str, Factor | Mapping[str, Factor]] | None = key(
+        'a factor for all tables, or `{ MapA = 1, MapB = { x = 1, y = 0.3 } }` for these. `"auto"` instead of a number '
+        "chooses it in this step, on its grid",
+        None,
+        form=EitherForm(FACTOR, TableOfForm(FACTORS)),
+        default_text="by parameter",
+    )
+    grid_reduction: int | Mapping[str, int | Mapping[str, int]] | None = key(
+        "keep every nth breakpoint of the tables that are fitted: `2`, or `{ MapA = 2, MapB = { x = 2, y = 3 } }`",
+        None,
+        form=EitherForm(_REDUCTION, TableOfForm(_REDUCTIONS)),
+        default_text="1",
+    )
+    criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = key(
+        'the criteria to use: nodes, or numbers from 1 in the order of the file, `["TorquePredict", 2]`; or with '
+        "weights, `{ TorquePredict = 1, other = 0.1 }`. All others are off",
+        None,
+        form=StepCriteriaForm(),
+        default_text="all",
+    )
+    max_iterations: int | None = key(
+        "maximum number of iterations of one descent", None, least=1, default_text="by `[optimizer]`"
+    )
+    tolerance: float | None = key(
+        "relative change of the cost at which a descent ends", None, above=0, default_text="by `[optimizer]`"
+    )
+    continuation: Literal["auto", "off"] | None = key("as in `[optimizer]`", None, default_text="by `[optimizer]`")
 
 
-@dataclass(frozen=True, eq=False)
-class ProjectFile:
-    """Contents of a project file; `findings` are the warnings about it."""
+@dataclass(frozen=True)
+class OptimizerEntry(SearchSettings):
+    """`[optimizer]`."""
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield a budget of another method."""
+        if self.method != "global" and "max_evaluations" in present:
+            message = f"max_evaluations requires the method global, got {self.method}"
+            yield "max_evaluations", message, 'Write method = "global", or max_iterations.'
+
+
+class ChannelsForm(TableOfForm):
+    """Channels of inputs. A table `calculated` among them is an alternative spelling of `[calculated]`."""
+
+    def read(self, section: Section, key: str) -> dict[str, str] | None:
+        table = section.values[key]
+        if isinstance(table, dict) and isinstance(table.get(_INNER), dict):
+            rest = {name: value for name, value in table.items() if name != _INNER}
+            section = section.with_values({key: rest})
+        return super().read(section, key)
+
+    def json_schema(self) -> dict[str, Any]:
+        schema = super().json_schema()
+        return schema | {"properties": {_INNER: {"anyOf": [{"type": "string"}, schema]}}}
+
+
+class SectionsFile:
+    """A file of sections; `lines` are those of its keys, by path."""
 
     path: Path
-    name: str
-    model: ModelEntry
-    channels: Mapping[str, str]
-    calculated: Mapping[str, str]
-    datasets: tuple[DatasetEntry, ...]
-    calibration: CalibrationEntry
-    axes: Mapping[str, AxisEntry]
-    parameters: Mapping[str, ParameterEntry]
-    criteria: tuple[CriterionEntry, ...]
-    optimizer: OptimizerEntry
-    limits: tuple[LimitEntry, ...] = ()
-    equalities: tuple[EqualityEntry, ...] = ()
-    steps: tuple[StepEntry, ...] = ()
-    surrogates: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
+    lines: dict[str, int]
 
     @property
     def folder(self) -> Path:
         """The folder that paths in the file are relative to."""
         return self.path.parent
 
-    def place(self, part: str) -> str:
-        """Return the location of a part, as in `kennfeld.toml [model] file`."""
-        return f"{self.path.name} {part}"
+    def location(self, *keys: str | int) -> Location:
+        """Return the location of a section or key.
+
+        The path `"dataset", 2, "files"` is shown as `kennfeld.toml line 9 [[dataset]] 2 files`.
+        """
+        section, *inner = keys
+        form = form_of(keys_of(type(self))[str(section)])
+        heading = f"[[{section}]]" if isinstance(form, EntriesForm) else f"[{section}]"
+        if isinstance(form, NamedEntriesForm) and inner:
+            heading = f"[{section}.{inner.pop(0)}]"
+        location = KeyLocation(self.path.name, lines=self.lines)
+        for part in (heading, *inner):
+            location = location.within(str(part))
+        return location
 
     def siblings(self, path: Path) -> list[str]:
         """Return the names of the files in the folder of a path."""
         return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProjectFile(SectionsFile):
+    """Contents of a project file, its sections in the documented order."""
+
+    path: Path
+    lines: dict[str, int] = field(repr=False)
+    unsaved: Mapping[str, str] = field(default_factory=dict, repr=False)  # texts that replace those of files, by name
+    model: ModelEntry = key("", missing='Write [model] and file = "....kf".')
+    channels: Mapping[str, str] = key("", factory=dict, form=ChannelsForm(TextForm()))
+    calculated: Mapping[str, str] = key("", factory=dict)
+    units: Mapping[str, str] = key("", factory=dict)
+    datasets: tuple[DatasetEntry, ...] = key("", name="dataset", missing='Write [[dataset]] and files = ["..."].')
+    calibration: CalibrationEntry = key("", CalibrationEntry())
+    surrogates: Mapping[str, str] = key("", factory=dict)
+    axes: Mapping[str, GroupAxisEntry] = key("", factory=dict, form=NamedEntriesForm(GroupAxisEntry))
+    parameters: Mapping[str, ParameterEntry] = key("", factory=dict, form=NamedEntriesForm(ParameterEntry))
+    criteria: tuple[CriterionEntry, ...] = key(
+        "", name="criterion", missing='Write [[criterion]], node = "..." and target = "...".'
+    )
+    limits: tuple[LimitEntry, ...] = key("", (), name="limit")
+    equalities: tuple[EqualityEntry, ...] = key("", (), name="equality")
+    steps: tuple[StepEntry, ...] = key("", (), name="step")
+    optimizer: OptimizerEntry = key("", OptimizerEntry())
+
+    @property
+    def name(self) -> str:
+        """The name of the file, or of its folder if it is called `kennfeld.toml`."""
+        return self.path.resolve().parent.name if self.path.stem == "kennfeld" else self.path.stem
+
+
+def open_sections(path: Path, text: str | None = None) -> Section:
+    """Return the tables of a file, or of another text for it. Raises `InputError` if it is not valid TOML."""
+    text = read_text(path) if text is None else text
+    tables = parse_toml(path.name, text)
+    return Section(tables, KeyLocation(path.name, lines={}), Findings(), line_of=TomlKeys(text).line)
+
+
+def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> ProjectFile:
+    """Read a project file.
+
+    Args:
+        path: the file.
+        unsaved: texts that replace those of the project file and of formula files, by name.
+
+    Raises:
+        InputError: every problem of the file itself.
+    """
+    unsaved = unsaved or {}
+    root = open_sections(path, unsaved.get(path.name))
+    if is_training(root.values):
+        message = "this is a training file, not a project"
+        raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")
+    file: ProjectFile = read_entry(ProjectFile, root, path=path, lines=root.location.lines, unsaved=unsaved)
+    more = _calculated_channels(root, file.calculated)
+    root.findings.finish()
+    return replace(file, calculated={**more, **file.calculated})
+
+
+def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str, str]:
+    """Return the formulas of `[channels.calculated]` and report names that `[calculated]` has, too."""
+    channels = root.values.get("channels")
+    if not isinstance(channels, dict) or not isinstance(channels.get(_INNER), dict):
+        return {}
+    section = root.inner(channels, "[channels]", "channels")
+    for name in channels[_INNER]:
+        if name in calculated:
+            location = f"{_INNER} {name}"
+            section.report(location, "duplicate of the channel in [calculated]", "Remove one.")
+    return TableOfForm(TextForm()).read(section, _INNER) or {}

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
 from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.recipe import DatasetEntry
@@ -12,17 +12,17 @@ from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project.schema import ProjectFile
 
 
-def seen_test_data(file: ProjectFile, problem: Problem, places: Mapping[str, str]) -> list[Finding]:
+def seen_test_data(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> list[Finding]:
     """Return a warning for each test dataset with files or samples that are training data too.
 
     Args:
         file: the project.
         problem: its problem.
-        places: locations of the datasets, by name.
+        locations: locations of the datasets, by name.
     """
     of_files = list(_shared_files(file))
     known = {str(finding.location) for finding in of_files}
-    of_samples = overlap_findings(problem, lambda data: places[data.name])
+    of_samples = overlap_findings(problem, lambda data: locations[data.name])
     return [*of_files, *(finding for finding in of_samples if str(finding.location).partition(" (")[0] not in known)]
 
 
@@ -38,7 +38,7 @@ def _shared_files(file: ProjectFile) -> Iterator[Finding]:
             first.setdefault(path, other)
         if first:
             yield Finding(
-                test.place, "; ".join(_sentence(*pair) for pair in first.items()), HOLD_BACK, severity="warning"
+                test.location, "; ".join(_sentence(*pair) for pair in first.items()), HOLD_BACK, severity="warning"
             )
 
 

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool
-from kennfeld.errors import Finding
+from kennfeld.errors import Findings
 from kennfeld.optimize.lookup_coverage import Coverage, touched
 from kennfeld.optimize.options import Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.project.schema import DIRECTIONS, Lock, ProjectFile, Range, StepEntry
+from kennfeld.project.schema import ProjectFile, StepEntry
+from kennfeld.project.value_forms import DIRECTIONS, Lock, Range
 
 
 def missing_directions(table: Parameter, part: Range) -> list[str]:
@@ -57,23 +58,22 @@ def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:
     return counts
 
 
-def build_steps(file: ProjectFile, problem: Problem, findings: list[Finding]) -> tuple[Step, ...]:
+def build_steps(file: ProjectFile, problem: Problem, findings: Findings) -> tuple[Step, ...]:
     """Return the steps of a project file; add findings about them."""
     steps = [_StepBuilder(entry, problem, findings).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
-        mine = check_steps(problem, [steps[number - 1]])
-        findings += [
-            replace(finding, location=str(finding.location).replace("step 1", entry.place, 1)) for finding in mine
-        ]
+        for finding in check_steps(problem, [steps[number - 1]]):
+            path = str(finding.location).removeprefix("step 1").strip()
+            findings.add(replace(finding, location=entry.location.within(path)))
     if steps and steps[-1].reduces:
         message = "the last step has a coarse grid; values between its points are interpolated"
         remedy = "Add a [[step]] without grid_reduction."
-        findings.append(Finding(file.steps[-1].place, message, remedy, severity="warning"))
+        findings.warning(file.steps[-1].location, message, remedy)
     return tuple(steps)
 
 
 class _StepBuilder:
-    def __init__(self, entry: StepEntry, problem: Problem, findings: list[Finding]) -> None:
+    def __init__(self, entry: StepEntry, problem: Problem, findings: Findings) -> None:
         self.entry, self.problem, self.findings = entry, problem, findings
 
     def step(self) -> Step:
@@ -91,7 +91,7 @@ class _StepBuilder:
         )
 
     def _report(self, key: str, message: str, remedy: str = "") -> None:
-        self.findings.append(Finding(f"{self.entry.place} {key}", message, remedy))
+        self.findings.error(self.entry.location.within(key), message, remedy)
 
     def _matching(self, pattern: str) -> list[Parameter]:
         return [p for name, p in self.problem.parameters.items() if name == pattern or fnmatchcase(name, pattern)]
@@ -119,12 +119,12 @@ class _StepBuilder:
                 locked |= grid_points_within(table, part)
         return locked
 
-    def _by_axis(self, key: str, given: Any, default: float) -> Any:
+    def _by_axis(self, key: str, setting: Any, default: float) -> Any:
         """Return a number for all tables, or by parameter a number or one per axis."""
-        if not isinstance(given, Mapping):
-            return given
+        if not isinstance(setting, Mapping):
+            return setting
         values: dict[str, Any] = {}
-        for pattern, value in given.items():
+        for pattern, value in setting.items():
             matches = self._matching(pattern) if isinstance(value, Mapping) else []
             for p in matches:
                 values[p.name] = self._per_axis(key, p, value, default, p.name == pattern)
@@ -133,12 +133,12 @@ class _StepBuilder:
         return values
 
     def _per_axis(
-        self, key: str, table: Parameter, given: Mapping[str, float], default: float, exactly: bool
+        self, key: str, table: Parameter, setting: Mapping[str, float], default: float, exactly: bool
     ) -> tuple[Any, ...]:
         """Return one number per axis; a pattern may name axes that some of its tables do not have."""
         known = DIRECTIONS[: len(table.axes)]
-        for direction in given if exactly else ():
+        for direction in setting if exactly else ():
             if direction not in known:
                 message = f"{table.name} has no axis {direction}"
                 self._report(f"{key} {table.name}", message, f"It has {', '.join(known) or 'none'}.")
-        return tuple(given.get(direction, default) for direction in known)
+        return tuple(setting.get(direction, default) for direction in known)

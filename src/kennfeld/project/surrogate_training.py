@@ -1,166 +1,200 @@
 """Reads training files, `kennfeld surrogate train`: the recordings and settings of a surrogate."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError
+from kennfeld.file_keys import KeyProblem, key
 from kennfeld.formatting import nearest
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import load_datasets
+from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recordings import ChannelRequest
-from kennfeld.project.schema import MAX_STARTS, CalibrationEntry, ModelEntry, OptimizerEntry, ProjectFile
-from kennfeld.project.sections import read_datasets
-from kennfeld.project.structuring import Section, as_number
-from kennfeld.project.toml_file import read_toml
+from kennfeld.project.forms import Form, IntegerForm, TableOfForm, TextsForm, keys_of, read_entry
+from kennfeld.project.schema import SectionsFile, open_sections
+from kennfeld.project.section import Section
+from kennfeld.project.value_forms import PairForm
+from kennfeld.search_settings import MAX_STARTS
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import extract_points, raster_of, split_recordings
 
-DYNAMIC_KEYS = (
-    *("step", "lags", "output_lags", "longest_lag", "limits"),
-    *("free_run", "moves_centres", "hold", "iterations"),
-)
-METHODS = {"static": ("auto", "exact", "sparse", "expansion"), "dynamic": ("auto", "sparse")}
-
-SECTIONS = ("surrogate", "calculated", "dataset", "units")
+_CHANNELS = "Write names of channels."
+_UNSUPPORTED = ("weight", "weight_channel", "settle", "average", "step")  # keys of [[dataset]]
 
 
-def read_settings(root: Section, path: Path) -> tuple[SurrogateSettings | None, str]:
-    """Return the settings, None with findings if they are invalid, and the name of the file to write."""
-    section = root.section("surrogate", 'Write [surrogate] with inputs = ["..."] and output = "...".')
-    if section is None:
-        return None, ""
-    before = len(section.findings)
-    inputs, output = _channels(section)
-    name = section.text("name") or (path.stem if path.stem != "surrogate" else output)
-    kind = section.choice("kind", "static", tuple(METHODS))
-    settings = {"kind": kind, "method": _method(section, kind), **_numbers(section), **_dynamic(section, kind, inputs)}
-    target = section.text("file") or f"{name}.json"
-    _check_target(section, path, target)
-    section.end()
-    if len(section.findings) > before:
-        return None, target
-    try:
-        return SurrogateSettings(name, inputs, output, **settings), target
-    except ArgumentError as error:
-        section.report("", str(error))
-        return None, target
+@dataclass(frozen=True)
+class LagsForm(Form):
+    """A number of samples, or a list of them; or "auto", if the current sample is no lag."""
+
+    least: int
+
+    @property
+    def label(self) -> str:
+        return f"list of integers >= {self.least}" + (' or `"auto"`' if self.least else "")
+
+    def read(self, section: Section, key: str) -> tuple[int, ...] | str | None:
+        value = section.values[key]
+        if value == "auto" and self.least:
+            return "auto"
+        lags = value if isinstance(value, list) else [value]
+        if lags and all(isinstance(n, int) and not isinstance(n, bool) and n >= self.least for n in lags):
+            return tuple(lags)
+        remedy = f"Write {key} = [1, 2]" + (', or "auto".' if self.least else ".")
+        section.report(key, f"must be integers >= {self.least}, in samples, got {value!r}", remedy)
+        return None
+
+    def write(self, value: tuple[int, ...] | str) -> Any:
+        return value if isinstance(value, str) else list(value)
+
+    def json_schema(self) -> dict[str, Any]:
+        number = IntegerForm(least=self.least).json_schema()
+        lags = [number, {"type": "array", "items": number, "minItems": 1}]
+        return {"anyOf": [*lags, {"const": "auto"}] if self.least else lags}
 
 
-def _channels(section: Section) -> tuple[tuple[str, ...], str]:
-    for key in ("inputs", "output"):
-        if not section.has(key):
-            section.report(key, "the key is missing", "Write names of channels.")
-    inputs, output = section.texts("inputs"), section.text("output")
-    if section.get("inputs") == []:
-        section.report("inputs", "the list is empty", "Write names of channels.")
-    if output and output in inputs:
-        section.report("output", f"{output} is also an input", "Remove it from inputs.")
-    return inputs, output
+class InputLagsForm(TableOfForm):
+    """Lags by input, or "auto"."""
+
+    label = '`"auto"` or table of lists of integers >= 0'
+
+    def read(self, section: Section, key: str) -> Any:
+        value = section.values[key]
+        if value == "auto":
+            return value
+        lags = super().read(section, key)
+        return lags if lags is None else {name: lags.get(name, ()) for name in value}  # also of invalid ones
+
+    def write(self, value: Any) -> Any:
+        return value if isinstance(value, str) else super().write(value)
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"anyOf": [{"const": "auto"}, super().json_schema()]}
 
 
-def _method(section: Section, kind: str) -> str:
-    method = section.choice("method", "auto", METHODS["static"])
-    if method not in METHODS[kind]:
-        section.report("method", f'"{method}" requires a static surrogate', 'Write "auto" or "sparse".')
-    return method
+@dataclass(frozen=True)
+class SurrogateEntry:
+    """`[surrogate]`; the keys with `dynamic` are for models of recordings over time."""
+
+    inputs: tuple[str, ...] = key("channels", form=TextsForm(_CHANNELS), missing=_CHANNELS)
+    output: str = key("the channel that is modelled", missing=_CHANNELS)
+    name: str = key(
+        "the name that `info` shows; a project can choose another name",
+        "",
+        default_text="the file's stem; `output` if the file is `surrogate.toml`",
+    )
+    kind: Literal["static", "dynamic"] = key(
+        '`"static"` for points, `"dynamic"` for recordings over time', SurrogateSettings.kind
+    )
+    method: Literal["auto", "exact", "sparse", "expansion"] = key(
+        '`"exact"` or `"sparse"` Gaussian process, or `"expansion"` for few centres by k-means; `"auto"` is exact up '
+        "to 1000 points. Dynamic surrogates are always sparse",
+        SurrogateSettings.method,
+    )
+    centres: int = key("maximum number of centres", SurrogateSettings.centres, least=1)
+    seed: int = key("random seed of the search for length scales", SurrogateSettings.seed, least=0)
+    starts: int = key("number of starts of that search", SurrogateSettings.starts, least=1, most=MAX_STARTS)
+    step: float | None = key("sampling step in s", None, above=0, dynamic=True, default_text="that of the data")
+    lags: Mapping[str, tuple[int, ...]] | Literal["auto"] = key(
+        "lags of each input in samples; 0 is the present sample: `{ throttle = [0, 4] }`",
+        SurrogateSettings.lags,
+        form=InputLagsForm(LagsForm(0)),
+        dynamic=True,
+    )
+    output_lags: tuple[int, ...] | Literal["auto"] = key(
+        "lags of the output in samples, 1 or more", SurrogateSettings.output_lags, form=LagsForm(1), dynamic=True
+    )
+    longest_lag: int = key(
+        "longest lag in samples that the automatic choice tries", SurrogateSettings.longest_lag, least=1, dynamic=True
+    )
+    limits: tuple[float, float] = key(
+        "minimum and maximum output, `inf` for none. They also limit the output that is fed back, for a saturation "
+        "that is part of the system",
+        SurrogateSettings.limits,
+        form=PairForm("must be a lower and a higher number", "Write limits = [0, inf].", shows=True),
+        dynamic=True,
+        default_text="none",
+    )
+    free_run: bool = key("train for free run, not only one step ahead", SurrogateSettings.free_run, dynamic=True)
+    moves_centres: bool = key(
+        "also refine centres and widths; slow with more than about 50 centres",
+        SurrogateSettings.moves_centres,
+        dynamic=True,
+    )
+    hold: float | None = key(
+        "strength of the regularisation of the bells during training for free run; by default chosen on held-out "
+        "blocks, which takes minutes",
+        None,
+        least=0,
+        dynamic=True,
+        default_text="chosen",
+    )
+    iterations: int = key(
+        "maximum iterations of the training for free run", SurrogateSettings.iterations, least=1, dynamic=True
+    )
+    file: str = key("output file", "", default_text="`NAME.json`")
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield contradictions between the keys."""
+        if self.output and self.output in self.inputs:
+            yield "output", f"{self.output} is also an input", "Remove it from inputs."
+        if self.kind == "dynamic":
+            yield from self._dynamic_problems()
+            return
+        for name, part in keys_of(SurrogateEntry).items():
+            if part.metadata.get("dynamic") and name in present:
+                yield name, f"{name} requires a dynamic surrogate", 'Write kind = "dynamic", or remove it.'
+
+    def _dynamic_problems(self) -> Iterator[KeyProblem]:
+        if self.method in ("exact", "expansion"):
+            yield "method", f'"{self.method}" requires a static surrogate', 'Write "auto" or "sparse".'
+        lags = self.lags if isinstance(self.lags, Mapping) else dict.fromkeys(self.inputs)
+        for name in lags:
+            if self.inputs and name not in self.inputs:
+                remedy = nearest(name, self.inputs) or f"Inputs are {', '.join(self.inputs)}."
+                yield f"lags {name}", f"unknown input {name}", remedy
+        for name in self.inputs:
+            if name not in lags:
+                remedy = f"Write {name} = [0] for the current sample, or other lags."
+                yield f"lags {name}", "the input is missing", remedy
+
+    def target(self, path: Path) -> str:
+        """Return the file to write, for the training file at `path`."""
+        return self.file or f"{self.model_name(path)}.json"
+
+    def model_name(self, path: Path) -> str:
+        """Return the name in formula text, for the training file at `path`."""
+        return self.name or (path.stem if path.stem != "surrogate" else self.output)
 
 
-def _numbers(section: Section) -> dict[str, Any]:
-    default = SurrogateSettings
-    return {
-        "centres": section.whole("centres", default.centres, 1),
-        "seed": section.whole("seed", default.seed, 0),
-        "starts": section.whole("starts", default.starts, 1, MAX_STARTS),
-    }
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingFile(SectionsFile):
+    """Contents of a training file, its sections in the documented order."""
 
+    path: Path
+    lines: dict[str, int] = field(repr=False)
+    surrogate: SurrogateEntry = key("", missing='Write [surrogate] with inputs = ["..."] and output = "...".')
+    calculated: Mapping[str, str] = key("", factory=dict)
+    units: Mapping[str, str] = key("", factory=dict)
+    datasets: tuple[DatasetEntry, ...] = key("", name="dataset", missing='Write [[dataset]] and files = ["..."].')
 
-def _dynamic(section: Section, kind: str, inputs: Sequence[str]) -> dict[str, Any]:
-    """Return the settings of dynamic surrogates."""
-    if kind == "static":
-        for key in DYNAMIC_KEYS:
-            if section.has(key):
-                remedy = 'Write kind = "dynamic", or remove it.'
-                section.report(key, f"{key} requires a dynamic surrogate", remedy)
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """A surrogate reads its inputs under their own names."""
         return {}
-    default = SurrogateSettings
-    settings = {
-        "step": section.number("step", 0.0, 0.0, above=True) or None,
-        "lags": _lags(section, inputs),
-        "output_lags": _whole_numbers(section, "output_lags", 1),
-        "longest_lag": section.whole("longest_lag", default.longest_lag, 1),
-        "free_run": section.flag("free_run") is not False,
-        "moves_centres": section.flag("moves_centres") is True,
-        "hold": section.number("hold", 0.0, 0.0) if section.has("hold") else None,
-        "iterations": section.whole("iterations", default.iterations, 1),
-    }
-    limits = _limits(section)
-    return settings if limits is None else settings | {"limits": limits}
-
-
-def _lags(section: Section, inputs: Sequence[str]) -> Any:
-    """Return lags by input, or "auto"."""
-    if section.get("lags") in (None, "auto"):
-        return "auto"
-    inner = section.inner("lags")
-    if inner is None:
-        return "auto"
-    for name in inner.values:
-        if inputs and name not in inputs:
-            inner.report(name, f"unknown input {name}", nearest(name, inputs) or f"Inputs are {', '.join(inputs)}.")
-    for name in inputs:
-        if name not in inner.values:
-            inner.report(name, "the input is missing", f"Write {name} = [0] for the current sample, or other lags.")
-    return {name: _whole_numbers(inner, name, 0) for name in inner.values}
-
-
-def _whole_numbers(section: Section, key: str, least: int) -> Any:
-    value = section.get(key)
-    if value is None or (value == "auto" and least):
-        return "auto"
-    numbers = value if isinstance(value, list) else [value]
-    whole = all(isinstance(number, int) and not isinstance(number, bool) and number >= least for number in numbers)
-    if not whole or not numbers:
-        remedy = f"Write {key} = [1, 2]" + (', or "auto".' if least else ".")
-        section.report(key, f"must be integers >= {least}, in samples, got {value!r}", remedy)
-        return "auto"
-    return tuple(numbers)
-
-
-def _limits(section: Section) -> tuple[float, float] | None:
-    """Return two numbers, which may be infinite."""
-    value = section.get("limits")
-    if value is None:
-        return None
-    ends = [as_number(end) for end in value] if isinstance(value, list) else []
-    if len(ends) != 2 or ends[0] is None or ends[1] is None or not ends[0] < ends[1]:
-        section.report("limits", f"must be a lower and a higher number, got {value!r}", "Write limits = [0, inf].")
-        return None
-    return ends[0], ends[1]
-
-
-def _check_target(section: Section, path: Path, target: str) -> None:
-    """Report a target that cannot be written, before the training."""
-    file = path.parent / target
-    if not file.parent.is_dir():
-        section.report("file", f"folder {Path(target).parent} does not exist", "Create it, or name another one.")
-    elif file.is_dir():
-        section.report("file", f"{target} is a folder", 'Write file = "....json".')
-    elif file.resolve() == path.resolve():
-        section.report("file", f"{target} is this training file", 'Write file = "....json".')
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
     """A training file: its data, its settings, and the file to write."""
 
-    data: ProjectFile
+    data: TrainingFile
     settings: SurrogateSettings
     target: Path
 
@@ -171,32 +205,30 @@ class Training:
 
     def datasets(self) -> list[Dataset]:
         """Return the recordings. Raises `InputError` with every problem of their files."""
-        findings: list[Finding] = []
-        datasets = self._datasets(findings)
-        if any(finding.severity == "error" for finding in findings):
-            raise InputError(findings)
+        datasets, findings = self._load()
+        findings.finish()
         return datasets
 
     def check(self) -> tuple[list[Dataset], list[Finding]]:
         """Return the recordings and all findings about them, errors and warnings; nothing is trained."""
-        findings: list[Finding] = []
-        datasets = self._datasets(findings)
-        if not any(finding.severity == "error" for finding in findings):
-            findings += self._unusable(datasets)
+        datasets, findings = self._load()
+        if not findings.has_errors:
+            findings.add(*self._unusable(datasets))
         return datasets, list(dict.fromkeys(findings))
 
-    def _datasets(self, findings: list[Finding]) -> list[Dataset]:
-        calculated = parse_calculated(self.data, findings)
+    def _load(self) -> tuple[list[Dataset], Findings]:
+        calculated = parse_calculated(self.data)
         needed = dict.fromkeys(self.settings.inputs, "an input of the surrogate")
         needed[self.settings.output] = "the output of the surrogate"
-        return load_datasets(self.data, ChannelRequest(needed), calculated, findings).datasets
+        loaded = load_datasets(self.data, ChannelRequest(needed), calculated)
+        return loaded.datasets, Findings((*calculated.findings, *loaded.findings))
 
     def _unusable(self, datasets: list[Dataset]) -> Iterator[Finding]:
         """Yield reasons why the recordings cannot be used for training, as far as known without training."""
         training = [data for data in datasets if data.use == "training"]
         if not training:
             yield Finding(
-                self.data.place("[[dataset]]"),
+                self.data.location("dataset"),
                 "no dataset is used for training",
                 'Write use = "training" in one of them.',
             )
@@ -210,13 +242,13 @@ class Training:
             return
         if not tables:
             message = "all gap-free pieces of the training data are too short"
-            yield Finding(self.data.place("[[dataset]]"), message, "Increase max_gap, or use other files.")
+            yield Finding(self.data.location("dataset"), message, "Increase max_gap, or use other files.")
             return
         whole = np.concatenate(tables)
         for name, column in zip((*self.settings.inputs, self.settings.output), whole.T, strict=True):
             if np.ptp(column) == 0:
                 message = f"channel {name} is constant ({column[0]:g}) in the training data"
-                yield Finding(self.data.place("[surrogate]"), message, "Remove it.")
+                yield Finding(self.data.location("surrogate"), message, "Remove it.")
 
     def _tables(self, dataset: Dataset, step: float) -> list[Float]:
         """Return the training samples of a dataset, Float[samples, inputs and output] per piece."""
@@ -232,41 +264,52 @@ class Training:
 
 def read_training(path: str | Path) -> Training:
     """Read a training file. Raises `InputError` with every problem of the file itself."""
-    path, findings = Path(path), list[Finding]()
-    tables = read_toml(path)
-    if "surrogate" not in tables and "model" in tables:
-        raise InputError.of(path.name, "this is a project, not a training file", "Run `kennfeld calibrate`.")
-    root = Section(tables, path.name, findings)
-    settings, target = read_settings(root, path)
-    data = ProjectFile(
-        path=path,
-        name=path.stem,
-        model=ModelEntry(""),
-        channels={},
-        calculated=root.text_table("calculated"),
-        datasets=read_datasets(root),
-        calibration=CalibrationEntry(),
-        axes={},
-        parameters={},
-        criteria=(),
-        optimizer=OptimizerEntry(),
-        units=root.text_table("units"),
-    )
-    _check_datasets(root)
-    for key in root.values:
-        if key not in SECTIONS:
-            root.report(f"[{key}]", "unknown section", nearest(key, SECTIONS))
-    if any(finding.severity == "error" for finding in findings) or settings is None:
-        raise InputError(findings)
-    return Training(data, settings, path.parent / target)
+    path = Path(path)
+    root = open_sections(path)
+    if "surrogate" not in root.values and "model" in root.values:
+        raise InputError.of(root.location, "this is a project, not a training file", "Run `kennfeld calibrate`.")
+    file: TrainingFile = read_entry(TrainingFile, root, path=path, lines=root.location.lines)
+    _check_datasets(root, file)
+    target = path.parent / file.surrogate.target(path)
+    if "surrogate" in root.values:
+        for message, remedy in _target_problems(target, file.surrogate.target(path), path):
+            root.findings.error(file.location("surrogate", "file"), message, remedy)
+    settings = None
+    if not root.findings.has_errors:
+        settings = _settings(root, file)
+    root.findings.finish()
+    assert settings is not None, "finish raises if there are no settings"
+    return Training(file, settings, target)
 
 
-def _check_datasets(root: Section) -> None:
+def _settings(root: Section, file: TrainingFile) -> SurrogateSettings | None:
+    entry = file.surrogate
+    shared = [part.name for part in fields(SurrogateSettings) if part.name != "name"]
+    try:
+        return SurrogateSettings(entry.model_name(file.path), **{name: getattr(entry, name) for name in shared})
+    except ArgumentError as error:
+        root.findings.error(file.location("surrogate"), str(error))
+        return None
+
+
+def _target_problems(file: Path, target: str, path: Path) -> Iterator[tuple[str, str]]:
+    """Yield message and remedy of a target that cannot be written, before the training."""
+    if not file.parent.is_dir():
+        yield f"folder {Path(target).parent} does not exist", "Create it, or name another one."
+    elif file.is_dir():
+        yield f"{target} is a folder", 'Write file = "....json".'
+    elif file.resolve() == path.resolve():
+        yield f"{target} is this training file", 'Write file = "....json".'
+
+
+def _check_datasets(root: Section, file: TrainingFile) -> None:
     """Report keys of `[[dataset]]` that apply to calibration only."""
-    for section in root.sections("dataset"):
-        for key in ("weight", "weight_channel", "settle", "average", "step"):
-            if section.has(key):
-                section.report(key, f"{key} is not supported in a training file", "Remove it.")
-        shift = section.get("shift")
-        if isinstance(shift, dict) and "auto" in shift.values():
-            section.report("shift", '"auto" is not supported in a training file', "Write the shift as a number.")
+    tables = root.values.get("dataset", ()) if file.datasets else ()
+    for table, entry in zip(tables, file.datasets, strict=True):
+        for name in _UNSUPPORTED:
+            if name in table:
+                message = f"{name} is not supported in a training file"
+                root.findings.error(entry.location.within(name), message, "Remove it.")
+        if entry.unknown_shifts:
+            message = '"auto" is not supported in a training file'
+            root.findings.error(entry.location.within("shift"), message, "Write the shift as a number.")

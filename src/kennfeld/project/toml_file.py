@@ -4,10 +4,11 @@ import ast
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import nearest
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
@@ -26,19 +27,23 @@ _DEEP_KEY = re.compile(
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file. Raises `InputError` if it is missing, binary, or not valid TOML."""
-    text = _text(path)
+    return parse_toml(path.name, read_text(path))
+
+
+def parse_toml(name: str, text: str) -> dict[str, Any]:
+    """Return the tables of the text of a file. Raises `InputError` if it is not valid TOML."""
     if deep := _DEEP_KEY.search(text):
         line = text.count("\n", 0, deep.start(1)) + 1
-        what = f"the key {deep[1][:40]}... has more than {_MAX_KEY_PARTS} parts"
-        raise InputError.of(f"{path.name} line {line}", what, "Keys of a project file have at most three.")
+        message = f"the key {deep[1][:40]}... has more than {_MAX_KEY_PARTS} parts"
+        raise InputError.of(Location(name, line), message, "Keys of a project file have at most three.")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError([_syntax(path.name, text, str(error))]) from None
+        raise InputError([_syntax(name, text, str(error))]) from None
     except RecursionError:
-        raise InputError.of(path.name, "brackets are nested too deeply") from None
+        raise InputError.of(Location(name), "brackets are nested too deeply") from None
     except (ValueError, OverflowError) as error:  # numbers and dates that Python cannot hold
-        raise InputError.of(path.name, f"a value cannot be read: {error}") from None
+        raise InputError.of(Location(name), f"a value cannot be read: {error}") from None
 
 
 def is_training(tables: Mapping[str, Any]) -> bool:
@@ -50,57 +55,56 @@ def is_training(tables: Mapping[str, Any]) -> bool:
     return "surrogate" in tables and not tables.keys() & {"model", "criterion", "calibration"}
 
 
-def _text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Return the text of a TOML file, with line feeds only. Raises `InputError` if it is missing or binary."""
+    name = Location(path.name)
     try:
         if path.stat().st_size > _MAX_SIZE:
-            what = f"the project file has {path.stat().st_size / 1e6:.0f} MB; the maximum is {_MAX_SIZE / 1e6:.0f} MB"
-            raise InputError.of(
-                path.name, what, "Move large tables into a calibration file and name it under `initial`."
-            )
+            size = path.stat().st_size / 1e6
+            message = f"the project file has {size:.0f} MB; the maximum is {_MAX_SIZE / 1e6:.0f} MB"
+            remedy = "Move large tables into a calibration file and name it under `initial`."
+            raise InputError.of(name, message, remedy)
         content = path.read_bytes()
     except FileNotFoundError:
-        raise InputError([_missing(path)]) from None
+        siblings = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        remedy = nearest(path.name, siblings) or "Check the path."
+        raise InputError.of(Location(str(path)), "the project file does not exist", remedy) from None
     except OSError as error:
-        what = f"the project file cannot be read: {error.strerror or error}"
-        raise InputError.of(str(path), what, "Name a .toml file.") from None
+        message = f"the project file cannot be read: {error.strerror or error}"
+        raise InputError.of(Location(str(path)), message, "Name a .toml file.") from None
     if b"\0" in content:
-        raise InputError.of(path.name, "this is a binary file", "A project file is TOML in UTF-8.")
+        raise InputError.of(name, "this is a binary file", "A project file is TOML in UTF-8.")
     try:
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        what = f"byte {content[error.start]:#04x} is not valid UTF-8"
-        raise InputError.of(f"{path.name} line {line}", what, "Save the file as UTF-8.") from None
+        message = f"byte {content[error.start]:#04x} is not valid UTF-8"
+        raise InputError.of(Location(path.name, line), message, "Save the file as UTF-8.") from None
 
 
-def _missing(path: Path) -> Finding:
-    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-    return Finding(str(path), "the project file does not exist", nearest(path.name, beside) or "Check the path.")
-
-
-def _syntax(name: str, text: str, message: str) -> Finding:
-    location = _AT.search(message)
-    what = message[: location.start()] if location else message
-    last = text.rstrip().count("\n") + 1
-    if repeated := _repeated(what, text.split("\n"), int(location[1]) if location and location[1] else last):
-        return Finding(f"{name} line {location[1] if location and location[1] else last}", *repeated)
-    if not location or location[1] is None:
-        return Finding(f"{name} line {last}", f"{what}: unexpected end of file", "Is the file truncated?")
-    line, column = int(location[1]), int(location[2])
-    shown = text.split("\n")[line - 1][:_MAX_EXCERPT]
+def _syntax(name: str, text: str, error: str) -> Finding:
+    at = _AT.search(error)
+    message = error[: at.start()] if at else error
+    line = int(at[1]) if at and at[1] else text.rstrip().count("\n") + 1
+    location = Location(name, line)
+    if repeated := _find_repetition(message, text.split("\n"), line):
+        return Finding(location, *repeated)
+    if not at or at[1] is None:
+        return Finding(location, f"{message}: unexpected end of file", "Is the file truncated?")
+    column, shown = int(at[2]), text.split("\n")[line - 1][:_MAX_EXCERPT]
     excerpt = f"{shown}\n{' ' * (column - 1)}^" if column <= _MAX_EXCERPT else shown
-    return Finding(f"{name} line {line}, column {column}", what, _syntax_remedy(what, shown), excerpt)
+    return Finding(replace(location, column=column), message, _syntax_remedy(message, shown), excerpt)
 
 
-def _repeated(what: str, lines: Sequence[str], line: int) -> tuple[str, str] | None:
+def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str, str] | None:
     """Return message and remedy if a section or a key is repeated; tomllib words each case differently."""
-    section = _SECTION_TWICE.fullmatch(what)
+    section = _SECTION_TWICE.fullmatch(message)
     if section:
         name = ".".join(ast.literal_eval(section[1]))
         first = next((at for at, text in enumerate(lines[: line - 1], 1) if _begins_section(text, name)), None)
         where = "" if first is None else f", which begins in line {first}"
         return f"duplicate of section [{name}]{where}", _merge(name)
-    key = _KEY_TWICE.fullmatch(what)
+    key = _KEY_TWICE.fullmatch(message)
     if key:
         name = key[1] or lines[line - 1].partition("=")[0].strip() or "this key"
         return f"duplicate key {name}", "Remove one of them."
@@ -117,9 +121,9 @@ def _merge(name: str) -> str:
     return f"Merge the two sections.{several}"
 
 
-def _syntax_remedy(what: str, line: str) -> str:
-    if "\\" in line and ("escape" in what or "hex" in what):
+def _syntax_remedy(message: str, line: str) -> str:
+    if "\\" in line and ("escape" in message or "hex" in message):
         return "Write paths with / or in single quotes."
-    if "Invalid value" in what:
+    if "Invalid value" in message:
         return 'Text needs quotes: "text".'
     return "Write key = value."

@@ -19,36 +19,35 @@ from kennfeld.surrogate.gp_kernel import Plane, bells, scaled_second_moment
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class _KernelSystem:
     """Intermediate results of the formulas above for one set of length scales and eta."""
 
     root: Float  # lower Cholesky factor of K
     projected: Float  # P
-    coupled: Float  # K^-1 U
     plane_root: Float  # lower Cholesky factor of U'K^-1 U
     weights: Float  # P y
     variance: float  # s^2
 
 
-def _solve(kernel: Float, noise: float, y: Float, plane: Plane) -> _Solved:
+def _solve(kernel: Float, noise: float, y: Float, plane: Plane) -> _KernelSystem:
     from scipy.linalg import lapack
 
     root: Float = np.asarray(np.linalg.cholesky(kernel + noise * np.eye(len(y))), dtype=np.float64)
     lower, _ = lapack.dpotri(root, lower=1)
     inverse = np.tril(lower) + np.tril(lower, -1).T
-    coupled = inverse @ plane.basis
+    coupled = inverse @ plane.basis  # K^-1 U
     plane_root: Float = np.asarray(np.linalg.cholesky(plane.basis.T @ coupled), dtype=np.float64)
     half = np.linalg.solve(plane_root, coupled.T)
     inverse -= half.T @ half
     weights = inverse @ y
     variance = max(float(y @ weights) / max(len(y) - plane.rank, 1), 1e-300)
-    return _Solved(root, inverse, coupled, plane_root, weights, variance)
+    return _KernelSystem(root, inverse, plane_root, weights, variance)
 
 
 def exact_likelihood(values: Float, x: Float, y: Float, plane: Plane) -> tuple[float, Float]:
     """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
-    `x` Float[points, inputs] and `y` Float[points] are in units of their spread. Raises `LinAlgError` where the matrix
+    `x` Float[points, inputs] and `y` Float[points] are in units of their spread. Raises `LinAlgError` if the matrix
     is not positive definite.
     """
     lengths, noise = np.exp(values[:-1]), float(np.exp(values[-1]))
@@ -70,7 +69,7 @@ class Exact:
     plane: Plane
     lengths: Float
     noise: float
-    solved: _Solved
+    system: _KernelSystem
 
     @classmethod
     def at(cls, x: Float, y: Float, lengths: Float, noise: float) -> "Exact":
@@ -78,28 +77,14 @@ class Exact:
         plane = Plane.over(x)
         return cls(x, y, plane, lengths, noise, _solve(bells(x, x, lengths), noise, y, plane))
 
-    @property
-    def variance(self) -> float:
-        """Variance of f, s^2."""
-        return self.solved.variance
-
     def terms(self) -> tuple[float, Float, Float, Float]:
         """Return offset, slopes, weights and centres of the mean."""
-        weights = self.solved.weights
+        weights = self.system.weights
         rest = self.y - bells(self.x, self.x, self.lengths) @ weights - self.noise * weights
         flat = self.plane.back @ (self.plane.basis.T @ rest)
         return float(flat[0]), flat[1:], weights, self.x
 
-    def deviation(self, x: Float) -> Float:
-        """Return the standard deviation of plane and f at Float[points, inputs]."""
-        near = bells(x, self.x, self.lengths)
-        explained = np.linalg.solve(self.solved.root, near.T)
-        open_plane = np.linalg.solve(self.solved.plane_root, (self.plane.at(x) - near @ self.solved.coupled).T)
-        share = 1 - np.sum(explained**2, axis=0) + np.sum(open_plane**2, axis=0)
-        deviation: Float = np.sqrt(self.variance * np.maximum(share, 0.0))
-        return deviation
-
     def left_out(self) -> Float:
         """Return the residual at each point of the process trained without it."""
-        residual: Float = self.solved.weights / np.diag(self.solved.projected)
+        residual: Float = self.system.weights / np.diag(self.system.projected)
         return residual

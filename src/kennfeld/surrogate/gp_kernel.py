@@ -13,6 +13,7 @@ from kennfeld.arrays import Float, Int
 RANK = 1e-10  # share of the largest singular value below which inputs are collinear
 ROUNDS = 30  # of k-means
 LEFT = 1e-7  # share of the variance below which no further centre is added
+CANDIDATES = 5000  # points that greedy centres are chosen from
 JITTER = 1e-8  # share of the kernel's variance
 MOST_JITTER = 1e-2
 
@@ -30,7 +31,7 @@ class Plane:
     @classmethod
     def over(cls, x: Float) -> "Plane":
         """Return the planes over points Float[points, inputs]."""
-        u, s, v = np.linalg.svd(_columns(x), full_matrices=False)
+        u, s, v = np.linalg.svd(np.column_stack([np.ones(len(x)), x]), full_matrices=False)
         keep = s > RANK * s[0]
         return cls(u[:, keep], v[keep].T / s[keep])
 
@@ -44,14 +45,13 @@ class Plane:
         rest: Float = values - self.basis @ (self.basis.T @ values)
         return rest
 
-    def at(self, x: Float) -> Float:
-        """Return the basis at other points: Float[points, rank]."""
-        values: Float = _columns(x) @ self.back
-        return values
 
-
-def _columns(x: Float) -> Float:
-    return np.column_stack([np.ones(len(x)), x])
+def greedy_centres(x: Float, count: int, lengths: Float, seed: int, left: float = LEFT) -> Float:
+    """Return the points that `greedy` selects, of many points among some that are drawn by `seed`."""
+    if len(x) > CANDIDATES:
+        x = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
+    centres: Float = x[greedy(x, count, lengths, left)]
+    return centres
 
 
 def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
@@ -63,21 +63,20 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
     """
     scaled = x / lengths
     square = 0.5 * np.einsum("id,id->i", scaled, scaled)
-    opened = np.ones(len(x))
-    first = int(np.argmin(np.sum((scaled - scaled.mean(0)) ** 2, axis=1)))
+    variance = np.ones(len(x))
+    pivot = int(np.argmin(np.sum((scaled - scaled.mean(0)) ** 2, axis=1)))
     rows = np.empty((min(count, len(x)), len(x)))
     chosen: list[int] = []
-    pivot = first
     for k in range(len(rows)):
-        if opened[pivot] <= left:
+        if variance[pivot] <= left:
             break
         near = np.exp(np.minimum(scaled @ scaled[pivot] - square - square[pivot], 0.0))
         near -= rows[:k, pivot] @ rows[:k]
-        rows[k] = near / np.sqrt(opened[pivot])
-        opened -= rows[k] ** 2
-        opened[pivot] = 0.0
+        rows[k] = near / np.sqrt(variance[pivot])
+        variance -= rows[k] ** 2
+        variance[pivot] = 0.0
         chosen.append(pivot)
-        pivot = int(np.argmax(opened))
+        pivot = int(np.argmax(variance))
     return np.array(chosen, dtype=np.int64)
 
 
@@ -87,31 +86,26 @@ def k_means(x: Float, count: int, seed: int) -> Float:
     Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
     """
     rng = np.random.default_rng(seed)
-    centres = _scattered(x, count, rng)
+    centres = _scatter(x, count, rng)
     for _ in range(ROUNDS):
-        group = np.argmin(_distances(x, centres), axis=1)
+        # squared distances without the points' own squares
+        group = np.argmin(np.einsum("id,id->i", centres, centres) - 2 * (x @ centres.T), axis=1)
         members = np.bincount(group, minlength=len(centres))
         sums = np.stack([np.bincount(group, x[:, d], len(centres)) for d in range(x.shape[1])], axis=1)
-        moved = np.where(members[:, None] > 0, sums / np.maximum(members, 1)[:, None], centres)
-        if np.array_equal(moved, centres):
+        means = np.where(members[:, None] > 0, sums / np.maximum(members, 1)[:, None], centres)
+        if np.array_equal(means, centres):
             break
-        centres = moved
+        centres = means
     return centres
 
 
-def _scattered(x: Float, count: int, rng: np.random.Generator) -> Float:
+def _scatter(x: Float, count: int, rng: np.random.Generator) -> Float:
     centres = [x[rng.integers(len(x))]]
     distance = np.sum((x - centres[0]) ** 2, axis=1)
     while len(centres) < count and distance.max() > 0:
         centres.append(x[rng.choice(len(x), p=distance / distance.sum())])
         distance = np.minimum(distance, np.sum((x - centres[-1]) ** 2, axis=1))
     return np.array(centres)
-
-
-def _distances(x: Float, centres: Float) -> Float:
-    """Return squared distances without the points' own squares."""
-    distances: Float = np.einsum("id,id->i", centres, centres) - 2 * (x @ centres.T)
-    return distances
 
 
 def bells(x: Float, z: Float, lengths: Float) -> Float:
@@ -131,8 +125,8 @@ def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) ->
     """
     a, b = x / lengths, z / lengths
     across = np.einsum("id,id->d", a, weighted @ b)
-    bent: Float = weighted.sum(1) @ (a * a) + weighted.sum(0) @ (b * b) - 2 * across
-    return bent
+    moment: Float = weighted.sum(1) @ (a * a) + weighted.sum(0) @ (b * b) - 2 * across
+    return moment
 
 
 def factor(matrix: Float) -> Float:

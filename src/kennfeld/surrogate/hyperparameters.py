@@ -24,11 +24,11 @@ def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations
     """Return length scales Float[inputs] and eta of the exact process, all in units of spread."""
     rng = np.random.default_rng(seed)
     part = _part(len(y), SCREENED, rng)
-    found = _screened(x[part], y[part], starts, rng, iterations)
+    best = _screen_starts(x[part], y[part], starts, rng, iterations)
     if part.size < len(y):
         plane = Plane.over(x)
-        found = _climb(lambda values: exact_likelihood(values, x, y, plane), found, iterations)[1]
-    return np.exp(found[:-1]), float(np.exp(found[-1]))
+        best = _maximise(lambda values: exact_likelihood(values, x, y, plane), best, iterations)[1]
+    return np.exp(best[:-1]), float(np.exp(best[-1]))
 
 
 def sparse_hyperparameters(
@@ -37,38 +37,36 @@ def sparse_hyperparameters(
     """Return length scales and eta of the sparse process: the exact ones of a subset, improved on the bound."""
     rng = np.random.default_rng(seed)
     few = _part(len(y), SCREENED, rng)
-    found = _screened(x[few], y[few], starts, rng, iterations)
+    best = _screen_starts(x[few], y[few], starts, rng, iterations)
     part = _part(len(y), SEARCHED, rng)
     x, y = x[part], y[part]
     plane = Plane.over(x)
     for _ in range(ROUNDS):
-        z = x[greedy(x, min(centres, SEARCHED_CENTRES), np.exp(found[:-1]))]
-        found = _climb(lambda values, z=z: sparse_bound(values, x, y, z, plane), found, iterations)[1]  # type: ignore[misc]
-    return np.exp(found[:-1]), float(np.exp(found[-1]))
+        z = x[greedy(x, min(centres, SEARCHED_CENTRES), np.exp(best[:-1]))]
+        best = _maximise(lambda values, z=z: sparse_bound(values, x, y, z, plane), best, iterations)[1]  # type: ignore[misc]
+    return np.exp(best[:-1]), float(np.exp(best[-1]))
 
 
 def _part(count: int, most: int, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
 
 
-def _screened(x: Float, y: Float, starts: int, rng: np.random.Generator, iterations: int) -> Float:
-    """Return the best end of several climbs of the exact likelihood."""
-    plane = Plane.over(x)
+def _screen_starts(x: Float, y: Float, starts: int, rng: np.random.Generator, iterations: int) -> Float:
+    """Return the best result of several searches for the highest exact likelihood.
+
+    The first begins at middling smoothness, the others at points that are drawn around it.
+    """
+    plane, inputs = Plane.over(x), x.shape[1]
+    middle = np.append(np.full(inputs, 0.5 * np.log(max(inputs, 2))), np.log(FIRST_NOISE))
+    others = [middle + rng.normal(0.0, [*([1.0] * inputs), 2.0]) for _ in range(max(starts, 1) - 1)]
     ends = [
-        _climb(lambda values: exact_likelihood(values, x, y, plane), start, iterations)
-        for start in _starts(x.shape[1], starts, rng)
+        _maximise(lambda values: exact_likelihood(values, x, y, plane), start, iterations)
+        for start in (middle, *others)
     ]
     return max(ends, key=lambda end: end[0])[1]
 
 
-def _starts(inputs: int, count: int, rng: np.random.Generator) -> list[Float]:
-    """Return the first is of middling smoothness; the others are drawn around it."""
-    middle = np.append(np.full(inputs, 0.5 * np.log(max(inputs, 2))), np.log(FIRST_NOISE))
-    drawn = [middle + rng.normal(0.0, [*([1.0] * inputs), 2.0]) for _ in range(max(count, 1) - 1)]
-    return [middle, *drawn]
-
-
-def _climb(likelihood: Likelihood, start: Float, iterations: int) -> tuple[float, Float]:
+def _maximise(likelihood: Likelihood, start: Float, iterations: int) -> tuple[float, Float]:
     """Return the highest likelihood and its position."""
     from scipy.optimize import minimize
 
@@ -80,7 +78,7 @@ def _climb(likelihood: Likelihood, start: Float, iterations: int) -> tuple[float
         return -value, -slope
 
     bounds = [tuple(np.log(LENGTHS))] * (start.size - 1) + [tuple(np.log(NOISE))]
-    clipped = np.clip(start, [low for low, _ in bounds], [high for _, high in bounds])
+    clipped = np.clip(start, *np.transpose(bounds))
     options = {"maxiter": iterations, "ftol": 1e-7, "maxfun": 2 * iterations}
-    found = minimize(negative, clipped, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
-    return -float(found.fun), np.asarray(found.x, dtype=np.float64)
+    best = minimize(negative, clipped, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+    return -float(best.fun), np.asarray(best.x, dtype=np.float64)

@@ -68,39 +68,35 @@ def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples:
 
     If there are more than `samples`, blocks are skipped evenly.
     """
-    blocks = list(_blocks(pieces, lags, count, samples))
-    every = range(len(blocks))
+    blocks = _blocks(pieces, lags, count, samples)
     thinned = sum(len(piece) for piece in pieces) > samples
-    if thinned:
-        every = range(0, len(blocks), max(len(blocks) // FEW, 1))
+    step = max(len(blocks) // FEW, 1) if thinned else 1
     result = []
-    for left_out in every:
-        training = [block for i, block in enumerate(blocks) if i != left_out]
-        if training:
-            result.append(
-                HoldoutFold(
-                    Runs.of(_joined(pieces, training, lags), lags), _alone(pieces, blocks[left_out], lags), thinned
-                )
-            )
+    for number in range(0, len(blocks), step) if len(blocks) > 1 else ():
+        i, first, end = blocks[number]
+        begin = max(first - lags.longest + max(lags.output), 0)
+        held_out = Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
+        training = _cut_runs(pieces, [*blocks[:number], *blocks[number + 1 :]], lags)
+        result.append(HoldoutFold(Runs.of(training, lags), held_out, thinned))
     return result
 
 
-def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> Iterator[tuple[int, int, int]]:
+def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> list[tuple[int, int, int]]:
     """Return (piece, first, end) of each block: at least `count`, evenly over the pieces, of similar length."""
     total = sum(len(piece) for piece in pieces)
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
-    cut = []
+    blocks = []
     for i, piece in enumerate(pieces):
         parts = max(round(len(piece) / length), 1)
         edges = np.linspace(0, len(piece), parts + 1).astype(int).tolist()
-        cut += [(i, a, b) for a, b in pairwise(edges) if b - a > lags.longest + 5]
+        blocks += [(i, a, b) for a, b in pairwise(edges) if b - a > lags.longest + 5]
     most = max(count, 2)
-    if total > samples and len(cut) > most:
-        cut = [cut[k] for k in np.unique(np.linspace(0, len(cut) - 1, most).round().astype(int))]
-    yield from cut
+    if total > samples and len(blocks) > most:
+        blocks = [blocks[k] for k in np.unique(np.linspace(0, len(blocks) - 1, most).round().astype(int))]
+    return blocks
 
 
-def _joined(pieces: Sequence[Recording], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Recording]:
+def _cut_runs(pieces: Sequence[Recording], blocks: Sequence[tuple[int, int, int]], lags: Lags) -> list[Recording]:
     """Join neighbouring blocks, then cut them into runs of the longest horizon."""
     joined: list[tuple[int, int, int]] = []
     for i, first, end in blocks:
@@ -111,12 +107,6 @@ def _joined(pieces: Sequence[Recording], blocks: Sequence[tuple[int, int, int]],
     return [
         pieces[i].part(*span) for i, first, end in joined for span in horizon_ranges(first, end, lags, HORIZONS[-1])
     ]
-
-
-def _alone(pieces: Sequence[Recording], block: tuple[int, int, int], lags: Lags) -> Runs:
-    i, first, end = block
-    begin = max(first - lags.longest + max(lags.output), 0)
-    return Runs.of([pieces[i].part(begin, end)], lags, None if begin else max(lags.output))
 
 
 def choose_regularisation(
@@ -205,28 +195,25 @@ def select_lags(
     first = [(1,)] * inputs if input_lags is None else list(input_lags)
     best = Lags(output_lags or (1,), tuple(first))
     for _ in range(MOST):
-        more = sorted(_more(best, reach, output_lags is None, input_lags is None), key=repr)
-        found = min(more, key=score, default=best)
-        if found is best or not score(found) <= WORTH * score(best):
+        neighbours = sorted(_neighbours(best, reach, output_lags is None, input_lags is None), key=repr)
+        trial = min(neighbours, key=score, default=best)
+        if trial is best or not score(trial) <= WORTH * score(best):
             break
-        best = found
+        best = trial
         report(f"lags {best.output} of the output, {best.inputs} of the inputs: {score(best):.4g} on blocks left out")
     return best
 
 
-def _more(lags: Lags, reach: int, outputs: bool, inputs: bool) -> set[Lags]:
-    """Return the same with one lag more, or with one lag moved; what is given is kept."""
-    result = set()
+def _neighbours(lags: Lags, reach: int, outputs: bool, inputs: bool) -> Iterator[Lags]:
+    """Yield the same with one lag more, or with one lag moved; what is given is kept."""
     if outputs:
-        result |= {Lags(chosen, lags.inputs) for chosen in _changed(lags.output, range(1, MOST_OUTPUT + 1))}
-    if inputs:
-        for j, before in enumerate(lags.inputs):
-            for chosen in _changed(before, candidates(reach)):
-                result.add(Lags(lags.output, (*lags.inputs[:j], chosen, *lags.inputs[j + 1 :])))
-    return result
+        yield from (Lags(changed, lags.inputs) for changed in _change_lags(lags.output, range(1, MOST_OUTPUT + 1)))
+    for j, before in enumerate(lags.inputs) if inputs else ():
+        for changed in _change_lags(before, candidates(reach)):
+            yield Lags(lags.output, (*lags.inputs[:j], changed, *lags.inputs[j + 1 :]))
 
 
-def _changed(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
+def _change_lags(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, ...]]:
     """Return one lag more; a lag one sample earlier or later; a single lag replaced."""
     more = {(*lags, lag) for lag in among if lag not in lags}
     if len(lags) == 1:

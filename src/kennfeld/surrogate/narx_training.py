@@ -17,6 +17,7 @@ horizon are simulated in parallel.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import bells, factor, greedy
+from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
@@ -39,7 +40,6 @@ WIDEST = 1.5  # a centre's width changes by at most exp of this
 HORIZONS = (30, 120, 500)  # samples
 
 FIRST_NOISE = 1e-2
-CANDIDATES = 5000
 LEFT = 1e-6
 
 
@@ -60,7 +60,7 @@ class TrainingSettings:
     tolerance: float = 1e-3
 
 
-class _Values:
+class _TrainedValues:
     """The trained values and their expansion, in units of the training data's spread."""
 
     def __init__(self, start: Expansion, runs: Runs, settings: TrainingSettings) -> None:
@@ -72,8 +72,8 @@ class _Values:
         self.lengths = start.widths[0] if start.size else np.ones(start.inputs)
         self.root = factor(bells(start.centres, start.centres, self.lengths)) if start.size else np.empty((0, 0))
         plane = [start.offset + float(start.slopes @ self.centre), *(start.slopes * self.spread)]
-        moved = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
-        self.first = np.concatenate([np.array(plane) / self.height, self.root.T @ start.weights / self.height, moved])
+        moves = np.zeros(2 * start.size * start.inputs if self.moves_centres else 0)
+        self.first = np.concatenate([np.array(plane) / self.height, self.root.T @ start.weights / self.height, moves])
         self.hold = settings.hold * np.ones(self.first.size)
         self.hold[: start.inputs + 1] *= PLANE
         self.goal = self.first.copy()
@@ -88,8 +88,8 @@ class _Values:
         weights = self.height * solve_triangular(self.root, values[d + 1 : d + 1 + start.size], lower=True, trans="T")
         centres, widths = start.centres, start.widths
         if self.moves_centres:
-            moved, wider = values[d + 1 + start.size :].reshape(2, start.size, d)
-            centres, widths = centres + widths * moved, widths * np.exp(np.clip(wider, -WIDEST, WIDEST))
+            moves, growths = values[d + 1 + start.size :].reshape(2, start.size, d)
+            centres, widths = centres + widths * moves, widths * np.exp(np.clip(growths, -WIDEST, WIDEST))
         return Expansion(self.height * values[0] - float(slopes @ self.centre), slopes, weights, centres, widths)
 
     def direct(self, expansion: Expansion, x: Float, own: int) -> tuple[Float, Float]:
@@ -125,10 +125,12 @@ def train_free_run(
 ) -> Expansion:
     """Return the expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
 
-    `report` is called after each step with the RMSE in units of the output. Where the start itself runs away, it is
-    returned as it is. All widths of `start` must be one row repeated.
+    `report` is called after each step with the RMSE in units of the output. If the start itself diverges, it is
+    returned unchanged. All widths of `start` must be one row repeated.
     """
-    values = _Values(start, runs, settings)
+    from scipy.linalg import cho_factor, cho_solve
+
+    values = _TrainedValues(start, runs, settings)
     at = values.first
     expansion, run, cost = _evaluate(values, at, runs, settings)
     damping, calm, count = 1e-2, 0, int(runs.scored.sum())
@@ -139,10 +141,11 @@ def train_free_run(
         scale = np.diag(matrix) + 1e-9 * np.diag(matrix).max()
         before = cost
         while damping < MOST_DAMPING:
-            trial = at - _solved(matrix, damping * scale, gradient)
-            tried, tried_run, tried_cost = _evaluate(values, trial, runs, settings)
-            if tried_cost < cost:
-                at, expansion, run, cost = trial, tried, tried_run, tried_cost
+            damped = cho_factor(matrix + np.diag(damping * scale), lower=True, overwrite_a=True)
+            trial = at - cho_solve(damped, gradient)
+            trial_expansion, trial_run, trial_cost = _evaluate(values, trial, runs, settings)
+            if trial_cost < cost:
+                at, expansion, run, cost = trial, trial_expansion, trial_run, trial_cost
                 damping = max(damping / 5, 1e-12)
                 break
             damping *= 4
@@ -153,27 +156,21 @@ def train_free_run(
     return expansion
 
 
-def _solved(matrix: Float, damping: Float, gradient: Float) -> Float:
-    from scipy.linalg import cho_factor, cho_solve
-
-    damped = matrix + np.diag(damping)
-    step: Float = cho_solve(cho_factor(damped, lower=True, overwrite_a=True), gradient)
-    return step
-
-
-def _evaluate(values: _Values, at: Float, runs: Runs, settings: TrainingSettings) -> tuple[Expansion, FreeRun, float]:
+def _evaluate(
+    values: _TrainedValues, at: Float, runs: Runs, settings: TrainingSettings
+) -> tuple[Expansion, FreeRun, float]:
     expansion = values.expansion(at)
     run = simulate(expansion, runs, settings.limits)
     cost = _misfit(run, runs, values) + float(values.hold @ (at - values.goal) ** 2)
     return expansion, run, cost if np.isfinite(cost) else np.inf
 
 
-def _misfit(run: FreeRun, runs: Runs, values: _Values) -> float:
+def _misfit(run: FreeRun, runs: Runs, values: _TrainedValues) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         return float(np.sum(((run.y - runs.target)[runs.scored] / values.height) ** 2))
 
 
-def _normal(values: _Values, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
+def _normal(values: _TrainedValues, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
     """Return J'J and J'r of the free run, block by block of its steps; the last rows of a block begin the next."""
     lags, size = runs.lags.output, values.first.size
     steps, pieces = run.y.shape
@@ -207,7 +204,7 @@ def free_run_rmse(expansion: Expansion, runs: Runs, limits: tuple[float, float] 
     return rmse if np.isfinite(rmse) else np.inf
 
 
-def split_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> list[Recording]:
+def cut_recordings(pieces: Sequence[Recording], lags: Lags, horizon: int) -> list[Recording]:
     """Return the pieces in stretches of about `horizon` samples, which share the lags at their ends."""
     return [piece.part(*span) for piece in pieces for span in horizon_ranges(0, len(piece), lags, horizon)]
 
@@ -230,18 +227,14 @@ def train_over_horizons(
     longest = max(len(piece) for piece in pieces)
     expansion = start
     for horizon in [h for h in HORIZONS if h < longest] or [longest]:
-        runs = Runs.of(split_recordings(pieces, lags, horizon), lags)
-
-        def heard(step: int, rmse: float, horizon: int = horizon) -> None:
-            report(horizon, step, rmse)
-
-        expansion = train_free_run(expansion, runs, settings, heard)
+        runs = Runs.of(cut_recordings(pieces, lags, horizon), lags)
+        expansion = train_free_run(expansion, runs, settings, partial(report, horizon))
     return expansion
 
 
 def one_step_lengths(runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int) -> Float:
     """Return the length scale of each number of a point, in units of its spread, by the highest likelihood."""
-    x, y = _free(runs, limits)
+    x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
     return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed)[0]
@@ -251,18 +244,15 @@ def one_step_expansion(
     runs: Runs, lengths: Float, centres: int, limits: tuple[float, float], seed: int = 0
 ) -> Expansion:
     """Fit the process with given length scales, in units of spread, and a limited number of centres."""
-    x, y = _free(runs, limits)
+    x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     inner = scaling.inward(x)
-    few = inner
-    if len(inner) > CANDIDATES:
-        few = inner[np.random.default_rng(seed).choice(len(inner), CANDIDATES, replace=False)]
-    z = few[greedy(few, centres, lengths, LEFT)]
+    z = greedy_centres(inner, centres, lengths, seed, LEFT)
     process = Sparse.at(inner, (y - scaling.level) / scaling.height, z, lengths, FIRST_NOISE)
     return scaling.expansion(*process.terms(), lengths)
 
 
-def _free(runs: Runs, limits: tuple[float, float]) -> tuple[Float, Float]:
+def _within_limits(runs: Runs, limits: tuple[float, float]) -> tuple[Float, Float]:
     """Return the points whose output is not at a limit, where it carries little information on the function."""
     target = runs.one_step_target
     free = (target > limits[0]) & (target < limits[1])

@@ -8,7 +8,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.parameters import Parameter
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import greedy, k_means
+from kennfeld.surrogate.gp_kernel import CANDIDATES, greedy, k_means
 from kennfeld.surrogate.training_data import Scaling, check_points
 
 Placing = Literal["greedy", "k-means"]
@@ -17,7 +17,6 @@ NEIGHBOURS = 2  # a width reaches to about so many neighbouring centres
 OVERLAPS = (0.7, 1.0, 1.5, 2.0, 3.0)  # widths in units of the distance to them
 RIDGES = 10.0 ** np.arange(-10.0, 3.0)
 LENGTH = 1.0  # in spreads, by which greedy centres keep apart
-CANDIDATES = 5000
 
 
 def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-means", seed: int = 0) -> Expansion:
@@ -47,13 +46,13 @@ def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-
     scaling = Scaling.of(points, values)
     inner = scaling.inward(points)
     if placing == "k-means":
-        placed = k_means(inner, centres, seed)
+        positions = k_means(inner, centres, seed)
     else:
         few = inner[np.random.default_rng(seed).permutation(len(inner))[:CANDIDATES]]
-        placed = few[greedy(few, centres, np.full(inner.shape[1], LENGTH))]
+        positions = few[greedy(few, centres, np.full(inner.shape[1], LENGTH))]
     target = (values - scaling.level) / scaling.height
-    apart = np.repeat(_apart(placed)[:, None], inner.shape[1], axis=1)
-    fits = [_Fit(inner, target, placed, overlap * apart) for overlap in OVERLAPS]
+    spacing = np.repeat(_spacing(positions)[:, None], inner.shape[1], axis=1)
+    fits = [_RidgeFit(inner, target, positions, overlap * spacing) for overlap in OVERLAPS]
     return min(fits, key=lambda fit: fit.score).expansion(scaling)
 
 
@@ -70,11 +69,11 @@ def compress_map(table: Parameter, centres: int = 20, *, seed: int = 0) -> Expan
     if not table.axes:
         raise ArgumentError(f"{table.name} is a {table.kind}; only a curve, map or cube can be compressed")
     grid = np.meshgrid(*(axis.breakpoints for axis in table.axes), indexing="ij")
-    points = np.stack([one.reshape(-1) for one in grid], axis=1)
+    points = np.stack([coordinate.reshape(-1) for coordinate in grid], axis=1)
     return expand_data(points, table.values.reshape(-1), min(centres, len(points)), seed=seed)
 
 
-def _apart(centres: Float) -> Float:
+def _spacing(centres: Float) -> Float:
     """Return the mean distance of each centre to its nearest neighbours."""
     if len(centres) == 1:
         return np.ones(1)
@@ -84,7 +83,7 @@ def _apart(centres: Float) -> Float:
     return least
 
 
-class _Fit:
+class _RidgeFit:
     """Ridge regression of the weights over a plane, at given centres and widths, in units of spread."""
 
     def __init__(self, x: Float, y: Float, centres: Float, widths: Float) -> None:
@@ -101,8 +100,8 @@ class _Fit:
         self.score, self.ridge = min((self._score(ridge), float(ridge)) for ridge in RIDGES)
 
     def _score(self, ridge: float) -> float:
-        kept = self.s**2 / (self.s**2 + ridge)
-        return float((self.rest + np.sum(((1 - kept) * self.aimed) ** 2)) / max(self.free - kept.sum(), 1e-9) ** 2)
+        shares = self.s**2 / (self.s**2 + ridge)
+        return float((self.rest + np.sum(((1 - shares) * self.aimed) ** 2)) / max(self.free - shares.sum(), 1e-9) ** 2)
 
     def expansion(self, scaling: Scaling) -> Expansion:
         weights = self.v.T @ (self.s / (self.s**2 + self.ridge) * self.aimed)

@@ -30,8 +30,8 @@ class Lags:
     inputs: tuple[tuple[int, ...], ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "output", _rising("output_lags", self.output, 1))
-        object.__setattr__(self, "inputs", tuple(_rising("lags", lags, 0) for lags in self.inputs))
+        object.__setattr__(self, "output", _check_lags("output_lags", self.output, 1))
+        object.__setattr__(self, "inputs", tuple(_check_lags("lags", lags, 0) for lags in self.inputs))
         if not self.output:
             raise ArgumentError("output_lags=() of a dynamic model need at least one lag; without any it is static")
 
@@ -50,9 +50,9 @@ class Lags:
 
         Before the recording the inputs have the values of its first sample.
         """
-        held = max(self.longest - first, 0)
-        padded = np.concatenate([np.repeat(u[:1], held, axis=0), u])
-        begin, count = first + held, len(padded)
+        before = max(self.longest - first, 0)
+        padded = np.concatenate([np.repeat(u[:1], before, axis=0), u])
+        begin, count = first + before, len(padded)
         columns = [padded[begin - lag : count - lag, j] for j, lags in enumerate(self.inputs) for lag in lags]
         return np.column_stack(columns) if columns else np.empty((max(count - begin, 0), 0))
 
@@ -61,7 +61,7 @@ class Lags:
         return np.column_stack([y[first - lag : len(y) - lag] for lag in self.output])
 
 
-def _rising(name: str, lags: Sequence[int], least: int) -> tuple[int, ...]:
+def _check_lags(name: str, lags: Sequence[int], least: int) -> tuple[int, ...]:
     if any(isinstance(lag, bool) or int(lag) != lag or lag < least for lag in lags):
         raise ArgumentError(f"{name}={tuple(lags)} must be whole numbers from {least} on")
     return tuple(sorted({int(lag) for lag in lags}))

@@ -61,7 +61,7 @@ def sparse_bound(values: Float, x: Float, y: Float, z: Float, plane: Plane) -> t
 
 
 @dataclass(frozen=True, eq=False)
-class _Sums:
+class _DataSums:
     """The data in the whitened basis L^-1 k(z, x): enough for any eta."""
 
     root: Float  # L, lower Cholesky factor of Kzz
@@ -73,7 +73,7 @@ class _Sums:
     based: Float  # basis'y
 
 
-def _sum(x: Float, y: Float, z: Float, lengths: Float, plane: Plane) -> _Sums:
+def _sum_data(x: Float, y: Float, z: Float, lengths: Float, plane: Plane) -> _DataSums:
     """Return one pass over the data, block by block."""
     root = factor(bells(z, z, lengths))
     crossed = np.zeros((plane.rank, len(z)))
@@ -86,7 +86,7 @@ def _sum(x: Float, y: Float, z: Float, lengths: Float, plane: Plane) -> _Sums:
         features -= crossed.T @ plane.basis[part].T
         whitened += features @ features.T
         aimed += features @ target[part]
-    return _Sums(root, whitened, aimed, float(target @ target), explained, crossed, plane.basis.T @ y)
+    return _DataSums(root, whitened, aimed, float(target @ target), explained, crossed, plane.basis.T @ y)
 
 
 def _features(x: Float, z: Float, lengths: Float, root: Float) -> Iterator[tuple[slice, Float]]:
@@ -98,7 +98,7 @@ def _features(x: Float, z: Float, lengths: Float, root: Float) -> Iterator[tuple
         yield part, solve_triangular(root, bells(x[part], z, lengths).T, lower=True)
 
 
-def best_noise(sums: _Sums, count: int, rank: int, start: float) -> float:
+def best_noise(sums: _DataSums, count: int, rank: int, start: float) -> float:
     """Return the eta of the highest bound at given lengths and inducing inputs, near `start`."""
     from scipy.optimize import minimize_scalar
 
@@ -113,8 +113,8 @@ def best_noise(sums: _Sums, count: int, rank: int, start: float) -> float:
         return float(free * np.log(misfit / free) + grown + max(count - sums.explained, 0.0) / noise)
 
     middle = np.log(start)
-    found = minimize_scalar(negative, bounds=(middle - 7, middle + 7), method="bounded", options={"xatol": 1e-3})
-    return float(np.exp(found.x))
+    best = minimize_scalar(negative, bounds=(middle - 7, middle + 7), method="bounded", options={"xatol": 1e-3})
+    return float(np.exp(best.x))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,6 @@ class Sparse:
     plane: Plane
     lengths: Float
     noise: float
-    variance: float
     root: Float  # L of Kzz
     outer: Float  # lower Cholesky factor of eta I + L^-1 C~'C~ L^-T
     whitened_weights: Float
@@ -140,15 +139,13 @@ class Sparse:
         from scipy.linalg import cho_solve
 
         plane = Plane.over(x)
-        sums = _sum(x, y, z, lengths, plane)
+        sums = _sum_data(x, y, z, lengths, plane)
         if refine:
             noise = best_noise(sums, len(y), plane.rank, noise)
         outer: Float = np.asarray(np.linalg.cholesky(sums.whitened + noise * np.eye(len(z))), dtype=np.float64)
         weights = cho_solve((outer, True), sums.aimed)
-        misfit = max((sums.square - float(sums.aimed @ weights)) / noise, 1e-300)
         level = sums.based - sums.crossed @ weights
-        variance = misfit / (len(y) - plane.rank)
-        return cls(x, y, z, plane, lengths, noise, variance, sums.root, outer, weights, sums.crossed, level)
+        return cls(x, y, z, plane, lengths, noise, sums.root, outer, weights, sums.crossed, level)
 
     def terms(self) -> tuple[float, Float, Float, Float]:
         """Return offset, slopes, weights and centres of the mean."""
@@ -158,33 +155,16 @@ class Sparse:
         weights = solve_triangular(self.root.T, self.whitened_weights, lower=False)
         return float(flat[0]), flat[1:], weights, self.z
 
-    def deviation(self, x: Float) -> Float:
-        """Return the standard deviation of plane and f at Float[points, inputs]."""
-        near = self._whitened(x)
-        share = 1 - np.sum(near**2, axis=0) + self.noise * self._open(near, self.plane.at(x))
-        deviation: Float = np.sqrt(self.variance * np.maximum(share, 0.0))
-        return deviation
-
     def left_out(self) -> Float:
         """Return the residual at each point of the process without it, with fixed lengths and inducing inputs."""
+        from scipy.linalg import solve_triangular
+
         residual = np.empty(len(self.y))
-        for first in range(0, len(self.x), BLOCK):
-            part = slice(first, first + BLOCK)
-            near, basis = self._whitened(self.x[part]), self.plane.basis[part]
+        for part, near in _features(self.x, self.z, self.lengths, self.root):
+            basis = self.plane.basis[part]
             mean = self.whitened_weights @ near + basis @ self.level
-            residual[part] = (self.y[part] - mean) / np.maximum(1 - self._open(near, basis), 1e-12)
+            # phi'(Phi'Phi + diag(eta, 0))^-1 phi of the features phi = [L^-1 k; basis] of each point
+            half = solve_triangular(self.outer, near - self.crossed.T @ basis.T, lower=True)
+            leverage = np.sum(half**2, axis=0) + np.sum(basis**2, axis=1)
+            residual[part] = (self.y[part] - mean) / np.maximum(1 - leverage, 1e-12)
         return residual
-
-    def _whitened(self, x: Float) -> Float:
-        from scipy.linalg import solve_triangular
-
-        near: Float = solve_triangular(self.root, bells(x, self.z, self.lengths).T, lower=True)
-        return near
-
-    def _open(self, near: Float, basis: Float) -> Float:
-        """Return phi'(Phi'Phi + diag(eta, 0))^-1 phi of the features [L^-1 k; basis] of each point: its leverage."""
-        from scipy.linalg import solve_triangular
-
-        half = solve_triangular(self.outer, near - self.crossed.T @ basis.T, lower=True)
-        leverage: Float = np.sum(half**2, axis=0) + np.sum(basis**2, axis=1)
-        return leverage

@@ -50,38 +50,28 @@ def check_stability(expansion: Expansion, runs: Runs, limits: tuple[float, float
     with np.errstate(invalid="ignore"):
         inside = (y > 2 * low - high) & (y < 2 * high - low)
     sizes = _eigenvalues(expansion, runs, limits)
-    return Stability(
-        int(inside.all(axis=0).sum()), y.shape[1], float(np.mean(sizes < 1)), float(sizes.max(initial=0.0))
-    )
+    bounded = int(inside.all(axis=0).sum())
+    return Stability(bounded, y.shape[1], float(np.mean(sizes < 1)), float(sizes.max(initial=0.0)))
 
 
 def _trials(runs: Runs, target: Float, rng: np.random.Generator) -> Runs:
-    """Yield constant inputs, then random steps between inputs that occur together in the training data."""
+    """Return constant inputs, then random steps between inputs that occur together in the training data."""
     lags = runs.lags
-    back = lags.longest
-    samples = STEPS + back
-    own = len(lags.output)
-    heads = np.cumsum([own, *(len(of_input) for of_input in lags.inputs)])[:-1]
-    present = (
-        np.stack(
-            [
-                runs.points[:, at] if n else np.zeros(len(runs.points))
-                for at, n in zip(heads, map(len, lags.inputs), strict=True)
-            ],
-            axis=1,
-        )
-        if lags.inputs
-        else np.zeros((len(runs.points), 0))
-    )
+    samples = STEPS + lags.longest
+    heads = np.cumsum([len(lags.output), *map(len, lags.inputs)])[:-1]
+    present = np.zeros((len(runs.points), len(lags.inputs)))  # the latest sample of each input that the model reads
+    for j, (head, own) in enumerate(zip(heads, lags.inputs, strict=True)):
+        if own:
+            present[:, j] = runs.points[:, head]
     begins = (target.min(), target.mean(), target.max())
-    result = []
+    recordings = []
     for i in range(2 * RUNS):
         picked = np.full(samples, rng.integers(len(present)))
         if i >= RUNS:
             lengths = rng.integers(*HOLD, size=samples, endpoint=True)
             picked = np.repeat(rng.integers(len(present), size=samples), lengths)[:samples]
-        result.append(Recording(present[picked], np.full(samples, begins[i % len(begins)])))
-    return Runs.of(result, lags)
+        recordings.append(Recording(present[picked], np.full(samples, begins[i % len(begins)])))
+    return Runs.of(recordings, lags)
 
 
 def _eigenvalues(expansion: Expansion, runs: Runs, limits: tuple[float, float], most: int = 2000) -> Float:

@@ -4,14 +4,14 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Use
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
@@ -23,12 +23,9 @@ KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-sur
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 REWRITE = "Train it again with `kennfeld surrogate train`."
-
-T = TypeVar("T")
+NUMBERS = ("rmse", "r2", "max_abs")
 
 Surrogate = StaticSurrogate | DynamicSurrogate
-
-NUMBERS = ("rmse", "r2", "max_abs")
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
@@ -37,7 +34,7 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
         write_whole(Path(path), _text(_tables(surrogate)))
     except OSError as error:
         message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(str(path), message, "Name another file.") from None
+        raise InputError.of(Location(str(path)), message, "Name another file.") from None
 
 
 def recognises_surrogate(head: str) -> bool:
@@ -47,22 +44,23 @@ def recognises_surrogate(head: str) -> bool:
 
 def read_surrogate(path: str | Path) -> Surrogate:
     """Read a file that `write_surrogate` wrote. Raises `InputError` with all problems of the file."""
-    place = Path(path)
-    content = _content(place)
-    findings: list[Finding] = []
-    reader = _SurrogateReader(content, place.name, findings)
+    file = Path(path)
+    findings = Findings()
+    reader = _TableReader(_content(file), Location(file.name), findings)
     kind = reader.text("kind")
     if kind and kind not in KINDS.values():
         reader.report("kind", f"unknown kind {kind!r}", nearest(kind, KINDS.values()) or REWRITE)
     version = reader.number("version")
     if version is not None and version != VERSION:
         reader.report("version", f"version {version:g} is not supported, only {VERSION}", "Update kennfeld.")
-    if findings:
-        raise InputError(findings)
-    result = _dynamic(reader) if kind == KINDS["dynamic"] else _static(reader)
-    if findings or result is None:
-        raise InputError(findings)
-    return result
+    findings.finish()
+    dynamic = kind == KINDS["dynamic"]
+    values = _shared(reader) | (_dynamic(reader) if dynamic else {})
+    findings.finish()
+    try:
+        return DynamicSurrogate(**values) if dynamic else StaticSurrogate(**values)
+    except ArgumentError as error:
+        raise InputError.of(Location(file.name), str(error), REWRITE) from None
 
 
 def _tables(surrogate: Surrogate) -> dict[str, Any]:
@@ -115,54 +113,54 @@ def _text(tables: Mapping[str, Any], indent: str = "") -> str:
 
 
 def _content(path: Path) -> Mapping[str, Any]:
+    location = Location(path.name)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        content = json.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
         others = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise InputError.of(
-            str(path), "there is no such file", nearest(path.name, others) or "Check the path."
-        ) from None
+        remedy = nearest(path.name, others) or "Check the path."
+        raise InputError.of(Location(str(path)), "there is no such file", remedy) from None
     except OSError as error:
-        raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise InputError.of(path.name, "this is not UTF-8 text", REWRITE) from None
-    try:
-        content = json.loads(text)
+        raise InputError.of(location, "this is not UTF-8 text", REWRITE) from None
     except json.JSONDecodeError as error:
-        place = f"{path.name} line {error.lineno}, column {error.colno}"
-        raise InputError.of(place, f"this is not valid JSON: {error.msg}", f"Is it cut off? {REWRITE}") from None
+        location = location.within(f"line {error.lineno}, column {error.colno}")
+        raise InputError.of(location, f"this is not valid JSON: {error.msg}", f"Is it cut off? {REWRITE}") from None
     except RecursionError:
-        raise InputError.of(path.name, "brackets are nested too deeply to be read", REWRITE) from None
+        raise InputError.of(location, "brackets are nested too deeply to be read", REWRITE) from None
     if not isinstance(content, dict):
-        raise InputError.of(path.name, "this is not a surrogate file", REWRITE)
+        raise InputError.of(location, "this is not a surrogate file", REWRITE)
     return content
 
 
-class _SurrogateReader:
+class _TableReader:
     """Typed access to one table of the file; collects all findings."""
 
-    def __init__(self, values: Mapping[str, Any], place: str, findings: list[Finding]) -> None:
-        self.values, self.place, self.findings = values, place, findings
+    def __init__(self, values: Mapping[str, Any], location: Location, findings: Findings) -> None:
+        self.values, self.location, self.findings = values, location, findings
 
     def report(self, key: str, message: str, remedy: str = REWRITE) -> None:
-        self.findings.append(Finding(f"{self.place} {key}".strip(), message, remedy))
+        self.findings.error(self.location.within(key), message, remedy)
 
     def get(self, key: str) -> Any:
+        """Return a value; None, with an error, if it is missing."""
         if key not in self.values:
             self.report(key, "is missing")
         return self.values.get(key)
 
+    def check(self, key: str, value: Any, accepts: Callable[[Any], bool], expected: str) -> Any:
+        """Return the value if it is accepted; else None, with an error unless it is missing."""
+        if value is None or accepts(value):
+            return value
+        self.report(key, f"must be {expected}, got {_shorten(value)}")
+        return None
+
     def text(self, key: str) -> str:
-        value = self.get(key)
-        if value is not None and not isinstance(value, str):
-            self.report(key, f"must be text, got {_shorten(value)}")
-        return value if isinstance(value, str) else ""
+        return self.check(key, self.get(key), lambda value: isinstance(value, str), "text") or ""
 
     def texts(self, key: str) -> tuple[str, ...]:
-        value = self.get(key)
-        if value is not None and not (isinstance(value, list) and all(isinstance(item, str) for item in value)):
-            self.report(key, f"must be a list of texts, got {_shorten(value)}")
-        return tuple(value) if isinstance(value, list) else ()
+        return tuple(self.check(key, self.get(key), _is_list_of(str), "a list of texts") or ())
 
     def number(self, key: str) -> float | None:
         value = self.get(key)
@@ -186,56 +184,25 @@ class _SurrogateReader:
         return result
 
     def whole(self, key: str, value: Any) -> tuple[int, ...]:
-        if isinstance(value, list) and all(isinstance(item, int) and not isinstance(item, bool) for item in value):
-            return tuple(value)
-        if value is not None:
-            self.report(key, f"must be a list of whole numbers, got {_shorten(value)}")
-        return ()
+        return tuple(self.check(key, value, _is_list_of(int), "a list of whole numbers") or ())
 
-    def inner(self, key: str) -> "_SurrogateReader | None":
-        value = self.get(key)
-        if isinstance(value, dict):
-            return _SurrogateReader(value, f"{self.place} {key}", self.findings)
-        if value is not None:
-            self.report(key, f"must be a table, got {_shorten(value)}")
-        return None
+    def inner(self, key: str) -> "_TableReader | None":
+        values = self.check(key, self.get(key), lambda value: isinstance(value, dict), "a table")
+        return None if values is None else _TableReader(values, self.location.within(key), self.findings)
 
 
-def _static(reader: _SurrogateReader) -> StaticSurrogate | None:
-    values = _shared(reader)
-    return _made(reader, lambda: StaticSurrogate(**values))
+def _is_list_of(kind: type) -> Callable[[Any], bool]:
+    """Return a check that a value is a list of such items; truth values are not numbers."""
+    return lambda value: (
+        isinstance(value, list) and all(isinstance(item, kind) and not isinstance(item, bool) for item in value)
+    )
 
 
-def _dynamic(reader: _SurrogateReader) -> DynamicSurrogate | None:
-    values = _shared(reader)
-    lags = reader.get("lags")
-    if lags is not None and not isinstance(lags, list):
-        reader.report("lags", f"must be a list of lists, got {_shorten(lags)}")
-    rows = lags if isinstance(lags, list) else []
-    values |= {
-        "lags": tuple(reader.whole(f"lags {j + 1}", row) for j, row in enumerate(rows)),
-        "output_lags": reader.whole("output_lags", reader.get("output_lags")),
-        "step": reader.number("step"),
-        "start": reader.number("start"),
-        "start_inputs": _row(reader, "start_inputs"),
-        "limits": _limits(reader),
-        "stability": reader.text("stability"),
-    }
-    return _made(reader, lambda: DynamicSurrogate(**values))
-
-
-def _row(reader: _SurrogateReader, key: str) -> tuple[float, ...]:
-    numbers = reader.numbers(key)
-    if numbers is not None and numbers.ndim != 1:
-        reader.report(key, "must be a flat list of numbers")
-        return ()
-    return () if numbers is None else tuple(numbers.tolist())
-
-
-def _shared(reader: _SurrogateReader) -> dict[str, Any]:
-    names = {"name": reader.text("name"), "inputs": reader.texts("inputs"), "output": reader.text("output")}
+def _shared(reader: _TableReader) -> dict[str, Any]:
     return {
-        **names,
+        "name": reader.text("name"),
+        "inputs": reader.texts("inputs"),
+        "output": reader.text("output"),
         "units": reader.texts("units"),
         "quality": _quality(reader),
         "expansion": _inner(reader, "expansion", EXPANSION, Expansion),
@@ -243,17 +210,28 @@ def _shared(reader: _SurrogateReader) -> dict[str, Any]:
     }
 
 
-def _made(reader: _SurrogateReader, make: Callable[[], T]) -> T | None:
-    if reader.findings:
-        return None
-    try:
-        return make()
-    except ArgumentError as error:
-        reader.report("", str(error))
-        return None
+def _dynamic(reader: _TableReader) -> dict[str, Any]:
+    lags = reader.check("lags", reader.get("lags"), lambda value: isinstance(value, list), "a list of lists") or []
+    return {
+        "lags": tuple(reader.whole(f"lags {j}", row) for j, row in enumerate(lags, 1)),
+        "output_lags": reader.whole("output_lags", reader.get("output_lags")),
+        "step": reader.number("step"),
+        "start": reader.number("start"),
+        "start_inputs": _row(reader, "start_inputs"),
+        "limits": _limits(reader),
+        "stability": reader.text("stability"),
+    }
 
 
-def _inner(reader: _SurrogateReader, key: str, names: tuple[str, ...], kind: type[Any]) -> Any:
+def _row(reader: _TableReader, key: str) -> tuple[float, ...]:
+    numbers = reader.numbers(key)
+    if numbers is not None and numbers.ndim != 1:
+        reader.report(key, "must be a flat list of numbers")
+        return ()
+    return () if numbers is None else tuple(numbers.tolist())
+
+
+def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[Any]) -> Any:
     inner = reader.inner(key)
     if inner is None:
         return None
@@ -271,10 +249,10 @@ def _inner(reader: _SurrogateReader, key: str, names: tuple[str, ...], kind: typ
         return None
 
 
-def _limits(reader: _SurrogateReader) -> tuple[float, float]:
+def _limits(reader: _TableReader) -> tuple[float, float]:
     value = reader.get("limits")
-    good = isinstance(value, list) and len(value) == 2
-    if not good or not all(item is None or isinstance(item, int | float) for item in value):
+    valid = isinstance(value, list) and len(value) == 2
+    if not valid or not all(item is None or isinstance(item, int | float) for item in value):
         if "limits" in reader.values:
             reader.report("limits", f"must be two numbers or null, got {_shorten(value)}")
         return (-math.inf, math.inf)
@@ -282,16 +260,11 @@ def _limits(reader: _SurrogateReader) -> tuple[float, float]:
     return (-math.inf if lower is None else float(lower), math.inf if upper is None else float(upper))
 
 
-def _quality(reader: _SurrogateReader) -> tuple[SurrogateQuality, ...]:
-    lines = reader.get("quality")
-    if lines is None:
-        return ()
-    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
-        reader.report("quality", f"must be a list of tables, got {_shorten(lines)}")
-        return ()
+def _quality(reader: _TableReader) -> tuple[SurrogateQuality, ...]:
+    lines = reader.check("quality", reader.get("quality"), _is_list_of(dict), "a list of tables") or ()
     result = []
     for i, values in enumerate(lines, 1):
-        inner = _SurrogateReader(values, f"{reader.place} quality {i}", reader.findings)
+        inner = _TableReader(values, reader.location.within(f"quality {i}"), reader.findings)
         use, mode = inner.text("use"), inner.text("mode")
         if use not in get_args(Use) or mode not in get_args(Mode):
             inner.report("", f"unknown use {use!r} or mode {mode!r}")

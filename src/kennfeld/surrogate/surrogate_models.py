@@ -168,14 +168,21 @@ class DynamicSurrogate:
         first = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[: len(inputs)]
         if not np.isfinite(first).all():
             raise ArgumentError(f"y0 of surrogate {self.name} has values that are not finite")
-        return np.concatenate([first, self._run(inputs, first)])
+        back = max(self.output_lags)
+        known = np.concatenate([np.full(back, first[0] if first.size else self.start), first])
+        padded = np.concatenate([np.repeat(inputs[:1], back, axis=0), inputs])
+        if known.size == len(padded):
+            return first.copy()
+        recording = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
+        run = simulate(self.expansion, Runs.of([recording], self._lags, known.size), self.limits)
+        return np.concatenate([first, run.y[:, 0]])
 
     def predict(self, u: Float, y: Float) -> Float:
         """Return one step ahead from measured outputs: u Float[samples, inputs], y Float[samples] -> Float[samples].
 
         The samples that look back to before the recording are NaN.
         """
-        inputs, back = self._inputs(u), self._lags.longest
+        inputs, back = self._inputs(u), self.longest
         predicted = np.full(len(inputs), np.nan)
         if len(inputs) > back:
             predicted[back:] = np.clip(self.expansion(self.points(inputs, y)[back:]), *self.limits)
@@ -200,12 +207,3 @@ class DynamicSurrogate:
                 f"u of shape {inputs.shape} must be [samples, {len(self.inputs)}], one column per input"
             )
         return inputs
-
-    def _run(self, u: Float, y0: Float) -> Float:
-        back = max(self.output_lags)
-        known = np.concatenate([np.full(back, y0[0] if y0.size else self.start), y0])
-        padded = np.concatenate([np.repeat(u[:1], back, axis=0), u])
-        if known.size == len(padded):
-            return np.zeros(0)
-        run = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
-        return simulate(self.expansion, Runs.of([run], self._lags, known.size), self.limits).y[:, 0]

@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose_regularisation, folds, select_lags
@@ -16,8 +16,8 @@ from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansio
 from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality, quality_of
-from kennfeld.surrogate.training_data import extract_points, raster_of, report_missing_channels, split_recordings
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality, quality_of
+from kennfeld.surrogate.training_data import extract_points, missing_channels, raster_of, split_recordings
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
 
@@ -113,11 +113,10 @@ def train_surrogate(
         InputError: channels are missing (reports all of them), or there are too few samples.
         ArgumentError: the data cannot be used for training, such as a constant input.
     """
-    findings = report_missing_channels(datasets, (*settings.inputs, settings.output))
+    findings = Findings(missing_channels(datasets, (*settings.inputs, settings.output)))
     if not any(dataset.use == "training" for dataset in datasets):
-        findings.append(Finding("", "there is no training dataset", 'Set use = "training" for one.'))
-    if findings:
-        raise InputError(findings)
+        findings.error(Location(), "there is no training dataset", 'Set use = "training" for one.')
+    findings.finish()
     import scipy.linalg  # noqa: F401  # its BLAS has threads of its own, which can be limited once it is there
 
     with blas_threads(settings.centres):
@@ -130,9 +129,9 @@ def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[st
 
 
 def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticSurrogate:
-    taken = [extract_points(dataset, settings.inputs, settings.output) for dataset in datasets]
-    training = [points for points, dataset in zip(taken, datasets, strict=True) if dataset.use == "training"]
-    x, y = np.concatenate([one[0] for one in training]), np.concatenate([one[1] for one in training])
+    points = [extract_points(dataset, settings.inputs, settings.output) for dataset in datasets]
+    training = [pair for pair, dataset in zip(points, datasets, strict=True) if dataset.use == "training"]
+    x, y = (np.concatenate(parts) for parts in zip(*training, strict=True))
     left_out: list[SurrogateQuality] = []
     if settings.method == "expansion":
         expansion = expand_data(x, y, min(settings.centres, max(len(x), 1)), seed=settings.seed)
@@ -148,10 +147,10 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
             names=settings.inputs,
         )
         expansion, validity = process.expansion, process.validity
-        left_out = [quality_of("all", "training", "leave one out", process.leave_one_out(), y)]
+        left_out = [quality_of("all", "training", "leave one out", process.left_out, y)]
     quality = [
-        quality_of(dataset.name, dataset.use, "static", expansion(points) - values, values)
-        for dataset, (points, values) in zip(datasets, taken, strict=True)
+        quality_of(dataset.name, dataset.use, "static", expansion(own_x) - own_y, own_y)
+        for dataset, (own_x, own_y) in zip(datasets, points, strict=True)
     ]
     units = _units(datasets, settings)
     return StaticSurrogate(
@@ -161,14 +160,11 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
 
 def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report) -> DynamicSurrogate:
     step = raster_of(datasets, settings.step)
-    pieces = {id(one): split_recordings(one, settings.inputs, settings.output, step) for one in datasets}
-    training = [run for one in datasets if one.use == "training" for run in pieces[id(one)]]
+    pieces = [split_recordings(dataset, settings.inputs, settings.output, step) for dataset in datasets]
+    training = [run for data, runs in zip(datasets, pieces, strict=True) if data.use == "training" for run in runs]
     if not training:
-        raise InputError.of(
-            "",
-            "the training data have no piece without gaps that is long enough",
-            "Increase max_gap, or use other files.",
-        )
+        message = "the training data have no piece without gaps that is long enough"
+        raise InputError.of(Location(), message, "Increase max_gap, or use other files.")
     _check_changing(training, settings)
     lags = _lags(training, settings, report)
     runs = Runs.of(training, lags)
@@ -199,34 +195,33 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
         units=_units(datasets, settings),
         stability=str(check_stability(expansion, runs, settings.limits, settings.seed)),
     )
-    lines = [line for one in datasets for line in _scores(surrogate, one, pieces[id(one)])]
+    lines = [line for data, own in zip(datasets, pieces, strict=True) for line in _scores(surrogate, data, own)]
     return replace(surrogate, quality=tuple(lines))
 
 
 def _check_changing(training: Sequence[Recording], settings: SurrogateSettings) -> None:
     table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
-    findings = [
-        Finding(
-            f"channel {name}",
-            f"is {column[0]:g} in all training data",
-            "Remove it: a constant channel carries no information.",
-        )
-        for name, column in zip((*settings.inputs, settings.output), table.T, strict=True)
-        if np.ptp(column) == 0
-    ]
-    if findings:
-        raise InputError(findings)
+    findings = Findings()
+    for name, column in zip((*settings.inputs, settings.output), table.T, strict=True):
+        if np.ptp(column) == 0:
+            remedy = "Remove it: a constant channel carries no information."
+            findings.error(Location(f"channel {name}"), f"is {column[0]:g} in all training data", remedy)
+    findings.finish()
 
 
 def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Report) -> Lags:
     own = None if settings.output_lags == "auto" else settings.output_lags
-    given = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
-    if own is not None and given is not None:
-        return Lags(own, tuple(given))
-    search = TrainingSettings(limits=settings.limits)
-    count = len(settings.inputs)
+    of_inputs = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
+    if own is not None and of_inputs is not None:
+        return Lags(own, tuple(of_inputs))
     return select_lags(
-        training, count, search, longest=settings.longest_lag, output_lags=own, input_lags=given, report=report
+        training,
+        len(settings.inputs),
+        TrainingSettings(limits=settings.limits),
+        longest=settings.longest_lag,
+        output_lags=own,
+        input_lags=of_inputs,
+        report=report,
     )
 
 
@@ -234,36 +229,32 @@ def _choice(
     training: Sequence[Recording], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report
 ) -> ModelChoice:
     """Choose length scales and regularisation: as given, or by a search."""
-    asked = TrainingSettings(
+    stated = TrainingSettings(
         limits=settings.limits, moves_centres=settings.moves_centres, iterations=settings.iterations
     )
     if settings.hold is not None:
-        return ModelChoice(np.minimum(lengths, MIDDLE), replace(asked, hold=settings.hold), np.nan)
+        return ModelChoice(np.minimum(lengths, MIDDLE), replace(stated, hold=settings.hold), np.nan)
     divisions = folds(training, lags) if settings.free_run else []
-    return (
-        choose_regularisation(divisions, lengths, settings.centres, asked, report)
-        if divisions
-        else ModelChoice(lengths, asked, np.nan)
-    )
+    if not divisions:
+        return ModelChoice(lengths, stated, np.nan)
+    return choose_regularisation(divisions, lengths, settings.centres, stated, report)
 
 
 def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Recording]) -> list[SurrogateQuality]:
     """Return one step ahead and in free run, from the first measured outputs of each piece on."""
     back = max(surrogate.output_lags)
-    ahead, free, target_ahead, target_free = [], [], [], []
+    ahead, free = [], []  # (residual, target) of each piece
     for run in pieces:
         if len(run) <= back:
             continue
         predicted = surrogate.predict(run.u, run.y)
         known = np.isfinite(predicted) & run.scored
-        ahead.append((predicted - run.y)[known])
-        target_ahead.append(run.y[known])
-        counted = run.scored[back:]
-        free.append((surrogate.simulate(run.u, run.y[:back]) - run.y)[back:][counted])
-        target_free.append(run.y[back:][counted])
-    lines = [("one step", ahead, target_ahead), ("free run", free, target_free)]
+        ahead.append(((predicted - run.y)[known], run.y[known]))
+        scored = run.scored & (np.arange(len(run)) >= back)
+        free.append(((surrogate.simulate(run.u, run.y[:back]) - run.y)[scored], run.y[scored]))
+    modes: tuple[tuple[Mode, list[tuple[Float, Float]]], ...] = (("one step", ahead), ("free run", free))
     return [
-        quality_of(dataset.name, dataset.use, mode, np.concatenate(residual), np.concatenate(target))  # type: ignore[arg-type]
-        for mode, residual, target in lines
-        if residual
+        quality_of(dataset.name, dataset.use, mode, *(np.concatenate(parts) for parts in zip(*pairs, strict=True)))
+        for mode, pairs in modes
+        if pairs
     ]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.measurement.resampling import even_grid, resample
 from kennfeld.rbf import Expansion
@@ -17,26 +17,28 @@ EVEN = 1e-3  # share of a step by which time stamps may be off
 SHORTEST = 8  # samples of a run
 
 
-def report_missing_channels(datasets: Sequence[Dataset], names: Sequence[str]) -> list[Finding]:
+def missing_channels(datasets: Sequence[Dataset], names: Sequence[str]) -> list[Finding]:
     """Return a finding for each channel that a dataset does not have."""
     return [
-        Finding(f"dataset {dataset.name}", f"channel {name} is missing", nearest(name, dataset) or "Name another file.")
-        for dataset in datasets
+        Finding(_location(data), f"channel {name} is missing", nearest(name, data) or "Name another file.")
+        for data in datasets
         for name in names
-        if name not in dataset
+        if name not in data
     ]
+
+
+def _location(dataset: Dataset) -> Location:
+    return Location(f"dataset {dataset.name}")
 
 
 def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float]:
     """Return points Float[points, inputs] and values Float[points]: the scored samples without missing values."""
     x = np.column_stack([dataset[name].values for name in inputs])
     y = dataset[output].values
-    good = np.isfinite(x).all(axis=1) & np.isfinite(y)
-    if dataset.scored is not None:
-        good &= dataset.scored
-    if not good.any():
-        raise InputError.of(f"dataset {dataset.name}", "no sample has all inputs and the output", "Check its channels.")
-    return x[good], y[good]
+    usable = np.isfinite(x).all(axis=1) & np.isfinite(y) & dataset.counting
+    if not usable.any():
+        raise InputError.of(_location(dataset), "no sample has all inputs and the output", "Check its channels.")
+    return x[usable], y[usable]
 
 
 def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
@@ -44,49 +46,45 @@ def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
 
     Raises `InputError` for each dataset without time stamps.
     """
-    remedy = "Name the time channel `time`, or set `raster`."
-    findings = [
-        Finding(f"dataset {dataset.name}", "a dynamic model requires time stamps", remedy)
-        for dataset in datasets
-        if dataset.time is None
-    ]
-    if findings:
-        raise InputError(findings)
+    findings = Findings()
+    for dataset in datasets:
+        if dataset.time is None:
+            remedy = "Name the time channel `time`, or set `raster`."
+            findings.error(_location(dataset), "a dynamic model requires time stamps", remedy)
+    findings.finish()
     if step is not None:
         return step
     time = datasets[0].time
     assert time is not None
     steps = np.concatenate([np.diff(time[piece]) for piece in datasets[0].pieces])
     if not steps.size:
-        raise InputError.of(f"dataset {datasets[0].name}", "its pieces have one sample each", "Give longer recordings.")
+        raise InputError.of(_location(datasets[0]), "its pieces have one sample each", "Give longer recordings.")
     return float(f"{np.median(steps):.9g}")
 
 
 def split_recordings(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Recording]:
     """Return the pieces on the model's raster, split where values are missing for longer than `max_gap`."""
-    result = []
+    recordings = []
     for piece in dataset.pieces:
         assert dataset.time is not None
         time = dataset.time[piece]
-        at = _raster(time, step)
-        columns = [_on(dataset[name].values[piece], time, at, dataset.max_gap) for name in (*inputs, output)]
+        even = time.size < 2 or bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
+        at = time if even else even_grid(time, step)
+        columns = [_resample(dataset[name].values[piece], time, at, dataset.max_gap) for name in (*inputs, output)]
         scored = np.ones(at.size, dtype=bool)
         if dataset.scored is not None:
             nearest_sample = np.clip(np.searchsorted(time, at - 0.5 * step), 0, time.size - 1)
             scored = dataset.scored[piece][nearest_sample]
         table = np.column_stack(columns)
-        complete: Bool = np.asarray(np.isfinite(table).all(axis=1))
-        result += [Recording(table[part, :-1], table[part, -1], scored[part]) for part in _complete(complete)]
-    return result
+        complete = np.isfinite(table).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], complete.astype(int), [0]])))
+        for first, end in zip(edges[::2], edges[1::2], strict=True):
+            if end - first >= SHORTEST:
+                recordings.append(Recording(table[first:end, :-1], table[first:end, -1], scored[first:end]))
+    return recordings
 
 
-def _raster(time: Float, step: float) -> Float:
-    """Return the time stamps themselves where they are even already."""
-    even = time.size > 1 and bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
-    return time if even or time.size < 2 else even_grid(time, step)
-
-
-def _on(values: Float, time: Float, at: Float, max_gap: float) -> Float:
+def _resample(values: Float, time: Float, at: Float, max_gap: float) -> Float:
     """Return a channel at the raster; NaN where it is missing for longer than `max_gap`."""
     known = np.isfinite(values)
     if known.all():
@@ -100,12 +98,6 @@ def _on(values: Float, time: Float, at: Float, max_gap: float) -> Float:
     exact = np.abs(later - at) <= 1e-9
     gap = later - before > max(max_gap, 1.5 * float(np.median(np.diff(time))))
     return np.where(gap & ~exact, np.nan, filled)
-
-
-def _complete(good: Bool) -> list[slice]:
-    """Return the stretches without a missing value that are long enough to learn from."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= SHORTEST]
 
 
 @dataclass(frozen=True, eq=False)

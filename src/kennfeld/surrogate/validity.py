@@ -1,18 +1,17 @@
 """Validity range of a data-driven model: the neighbourhood of its training data."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, readonly
 from kennfeld.errors import ArgumentError
-from kennfeld.surrogate.gp_kernel import bells, greedy
+from kennfeld.surrogate.gp_kernel import bells, greedy_centres
 
 THRESHOLD = 0.2  # share of the prior deviation
 MARGIN = 1.25
 NUGGET = 1e-3
 CENTRES = 200
-CANDIDATES = 5000
 COVERED = 0.02  # share of the variance that may stay open within the data
 BLOCK = 4096
 
@@ -45,7 +44,7 @@ class Validity:
             raise ArgumentError(f"lengths of a validity range must be > 0, the smallest is {self.lengths.min():g}")
         if not 0 < self.threshold <= 1:
             raise ArgumentError(f"threshold={self.threshold} of a validity range must be > 0 and <= 1")
-        kernel = bells(self._scaled(self.centres), self._scaled(self.centres), np.ones(self.lengths.size))
+        kernel = bells(self._scale(self.centres), self._scale(self.centres), np.ones(self.lengths.size))
         object.__setattr__(self, "_root", np.linalg.cholesky(kernel + NUGGET * np.eye(len(kernel))))
 
     @classmethod
@@ -58,32 +57,28 @@ class Validity:
         # Points lie apart by the root of the number of inputs: with short lengths in many inputs, each would be alone.
         reach = np.sqrt(x.shape[1] / 2) * x.std(0)
         lengths = np.clip(lengths, 0.5 * reach, reach)
-        few = x
-        if len(x) > CANDIDATES:
-            few = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
-        chosen = greedy(few, CENTRES, lengths, COVERED)
-        result = cls(few[chosen], lengths, 1.0, x.min(0), x.max(0))
+        result = cls(greedy_centres(x, CENTRES, lengths, seed, COVERED), lengths, 1.0, x.min(0), x.max(0))
         # A point that is a centre itself is near to it for sure: of few points, each is measured without itself.
-        measured = result.distance(x) if 2 * chosen.size < len(x) else result._left_out()
-        threshold = min(max(THRESHOLD, MARGIN * float(np.quantile(measured, 0.999))), 1 - 1e-6)
-        return cls(result.centres, lengths, threshold, result.least, result.most)
+        distance = result.distance(x) if 2 * len(result.centres) < len(x) else result._distance_without_itself()
+        threshold = min(max(THRESHOLD, MARGIN * float(np.quantile(distance, 0.999))), 1 - 1e-6)
+        return replace(result, threshold=threshold)
 
     def distance(self, x: Float) -> Float:
         """Return the measure at points Float[..., inputs], from 0 to 1."""
         from scipy.linalg import solve_triangular
 
-        given = np.asarray(x, dtype=np.float64)
-        points = self._scaled(given.reshape(-1, self.lengths.size))
-        centres, ones = self._scaled(self.centres), np.ones(self.lengths.size)
+        shape = np.shape(x)[:-1]
+        points = self._scale(np.asarray(x, dtype=np.float64).reshape(-1, self.lengths.size))
+        centres, ones = self._scale(self.centres), np.ones(self.lengths.size)
         measure = np.empty(len(points))
         for first in range(0, len(points), BLOCK):
             part = slice(first, first + BLOCK)
             near = bells(np.nan_to_num(np.clip(points[part], -1e6, 1e6), nan=1e6), centres, ones)
             explained = solve_triangular(self._root, near.T, lower=True)
             measure[part] = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0), 0.0))
-        return measure.reshape(given.shape[:-1])
+        return measure.reshape(shape)
 
-    def _left_out(self) -> Float:
+    def _distance_without_itself(self) -> Float:
         """Return the measure at each centre, by the others."""
         inverse = np.linalg.inv(self._root @ self._root.T)
         share: Float = np.sqrt(np.clip(1 / np.diag(inverse) - NUGGET, 0.0, 1.0))
@@ -94,6 +89,6 @@ class Validity:
         beyond: Bool = self.distance(x) > self.threshold
         return beyond
 
-    def _scaled(self, x: Float) -> Float:
+    def _scale(self, x: Float) -> Float:
         scaled: Float = (x - self.least) / self.lengths
         return scaled

@@ -116,8 +116,8 @@ def drive(samples: int, seed: int) -> tuple[Float, Float, Float]:
         *(1550.0 + 2500.0 * temper, 1500.0 + 1300.0 * temper),
     )
     step = _Car().step
-    found = [step(*now) for now in zip(*(column.tolist() for column in asked), strict=True)]
-    speed, fuel = np.array(found).T
+    states = [step(*now) for now in zip(*(column.tolist() for column in asked), strict=True)]
+    speed, fuel = np.array(states).T
     return time, speed, fuel
 
 
@@ -194,7 +194,7 @@ class _Car:
         # a driver who sets off lets the clutch slip; brakes do what the drag of the engine does not
         slipping = IDLE_SPEED + 450.0 * min(self.acceleration, 1.5)
         target = turning if turning > slipping else slipping
-        return self._moved(self.acceleration - missing / INERTIA, max(target, IDLE_SPEED), fuel, most)
+        return self._move(self.acceleration - missing / INERTIA, max(target, IDLE_SPEED), fuel, most)
 
     def _open(self, turning: float, losses: float, most: float, resistance: float) -> tuple[float, float]:
         """Return speed and fuel with the clutch open: the governor holds idle speed or matches the next gear."""
@@ -202,9 +202,9 @@ class _Car:
         self.shifting = max(self.shifting - 1, 0)
         fuel = losses / TORQUE_PER_FUEL * (1.0 + 0.004 * (target - self.speed))
         rolling = resistance / INERTIA if self.velocity > 0.0 else 0.0
-        return self._moved(min(self.acceleration, 0.0) - rolling, target, fuel, most)
+        return self._move(min(self.acceleration, 0.0) - rolling, target, fuel, most)
 
-    def _moved(self, acceleration: float, target: float, fuel: float, most: float) -> tuple[float, float]:
+    def _move(self, acceleration: float, target: float, fuel: float, most: float) -> tuple[float, float]:
         velocity = self.velocity + STEP * acceleration
         self.velocity = velocity if velocity > 0.0 else 0.0
         speed = self.speed + 0.5 * (target - self.speed)

@@ -31,21 +31,21 @@ BOUNDS = {"MapSettled": (0.0, 1200.0), "CurveTimeConstant": (0.1, 100.0)}
 
 def training(seed: int = 0) -> Dataset:
     """Return a drive of 44 minutes at 10 Hz: urban, rural and motorway."""
-    return _recorded("drive", SAMPLES, seed, "training")
+    return _record("drive", SAMPLES, seed, "training")
 
 
 def another(seed: int = 1) -> Dataset:
     """Return another drive of 20 minutes, for tests."""
-    return _recorded("another", FEWER, seed, "test")
+    return _record("another", FEWER, seed, "test")
 
 
-def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
+def _record(name: str, samples: int, seed: int, use: Use) -> Dataset:
     """Return a drive as recorded: channels with the resolution of the bus, temperature with noise."""
     time, speed, fuel = drive(samples, seed)
     settled = diesel_drive.stroke_air(speed, fuel)
-    air = _lagged(settled, diesel_drive.turbo_lag(speed))
+    air = _lag(settled, diesel_drive.turbo_lag(speed))
     flow = diesel_drive.air_flow(speed, air)
-    temperature = _lagged(diesel_drive.settled_temperature(speed, fuel), diesel_drive.lag(flow))
+    temperature = _lag(diesel_drive.settled_temperature(speed, fuel), diesel_drive.lag(flow))
     noise = np.random.default_rng(seed + 1_000_000).normal(0.0, NOISE, samples)
     channels = (
         Channel("Speed", speed.round(1), "rpm"),
@@ -56,7 +56,7 @@ def _recorded(name: str, samples: int, seed: int, use: Use) -> Dataset:
     return Dataset(name, channels, time=time.round(1), use=use)
 
 
-def _lagged(values: Float, constant: Float) -> Float:
+def _lag(values: Float, constant: Float) -> Float:
     """Return a first-order lag with a variable time constant in s, from rest; exact for inputs held over a step."""
     share = -np.expm1(-STEP / constant)
     y = float(values[0])

@@ -72,7 +72,7 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
     manifold and the crank are integrated by Euler steps of about `fine` s; the charge drawn in over 180 degrees of
     crank acts 180 degrees later. An engine that stalls stays at 1 rad/s.
     """
-    governor = throttle if callable(throttle) else _recorded(throttle)
+    governor = throttle if callable(throttle) else _play_back(throttle)
     inner = max(round(step / fine), 1)
     dt = step / inner
     speed, pressure = START_SPEED, START_PRESSURE
@@ -84,9 +84,9 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
         angle_of_plate = governor(k, speeds[k])
         opened = 2.821 - 0.05231 * angle_of_plate + 0.10299 * angle_of_plate**2 - 0.00063 * angle_of_plate**3
         for _ in range(inner):
-            out = _pumped(speed, pressure)
+            out = _pumped_flow(speed, pressure)
             accelerated = (torque_of_charge(speed, charge, SPARK) - brake) / INERTIA
-            pressure += dt * MANIFOLD * (opened * _sucked(pressure) - out)
+            pressure += dt * MANIFOLD * (opened * _intake_flow(pressure) - out)
             drawn += dt * out
             angle += dt * speed
             speed = max(speed + dt * accelerated, SLOWEST)
@@ -96,19 +96,19 @@ def simulate_engine(throttle: Float | Throttle, load: Float, step: float, fine: 
     return speeds
 
 
-def _recorded(throttle: Float) -> Throttle:
+def _play_back(throttle: Float) -> Throttle:
     angles = throttle.tolist()
     return lambda k, speed: float(angles[k])
 
 
-def _sucked(pressure: float) -> float:
+def _intake_flow(pressure: float) -> float:
     """Return the flow through the throttle relative to critical flow, at an inlet pressure of 1 bar."""
     if pressure <= 0.5:
         return 1.0
     return 2 * math.sqrt(max(pressure - pressure**2, 0.0))
 
 
-def _pumped(speed: float, pressure: float) -> float:
+def _pumped_flow(speed: float, pressure: float) -> float:
     """Return the air flow from the manifold into the cylinders in g/s."""
     return -0.366 + 0.08979 * speed * pressure - 0.0337 * speed * pressure**2 + 0.0001 * speed**2 * pressure
 

@@ -50,14 +50,14 @@ def bench(seed: int = 0) -> Dataset:
         (axis.ravel() + rng.normal(0.0, scatter, axis.size)).round(1)
         for axis, scatter in zip(grid, SCATTER, strict=True)
     ]
-    return _measured("bench", *points, seed=seed, use="training")
+    return _measure("bench", *points, seed=seed, use="training")
 
 
 def fresh(count: int = 1000, seed: int = 1) -> Dataset:
     """Return points with uniform distribution in the same range, for tests."""
     rng = np.random.default_rng(seed + 1_000_000)
     points = [rng.uniform(*span, count).round(1) for span in (SPEED, AIR, IGNITION)]
-    return _measured("fresh", *points, seed=seed, use="test")
+    return _measure("fresh", *points, seed=seed, use="test")
 
 
 def motored(seed: int = 0) -> Dataset:
@@ -77,7 +77,7 @@ def motored(seed: int = 0) -> Dataset:
     return Dataset("motored", channels)
 
 
-def _measured(name: str, speed: Float, air: Float, ignition: Float, *, seed: int, use: Use) -> Dataset:
+def _measure(name: str, speed: Float, air: Float, ignition: Float, *, seed: int, use: Use) -> Dataset:
     noise = np.random.default_rng(seed).normal(0.0, NOISE, speed.size)
     channels = (
         Channel("Speed", speed, "rpm"),

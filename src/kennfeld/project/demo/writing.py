@@ -8,7 +8,7 @@ from typing import Any
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 
@@ -24,7 +24,7 @@ def write(name: str, folder: str | Path) -> Path:
     """
     if name not in NAMES:
         remedy = nearest(name, NAMES) or f"The demos are: {', '.join(NAMES)}."
-        raise InputError.of("demo", f"unknown demo {name}", remedy)
+        raise InputError.of(Location("demo"), f"unknown demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
     try:
@@ -32,7 +32,7 @@ def write(name: str, folder: str | Path) -> Path:
         _complete(target, name, settings)
     except OSError as error:
         message = f"the demo cannot be written: {error.strerror or error}"
-        raise InputError.of(str(target), message, "Name another folder with --dir.") from None
+        raise InputError.of(Location(str(target)), message, "Name another folder with --dir.") from None
     return target / PROJECT
 
 
@@ -73,7 +73,7 @@ def _claim(folder: Path, first_line: str) -> None:
     project = folder / PROJECT
     if not (project.is_file() and project.read_bytes().startswith(first_line.encode())):
         message = "the folder is not empty and does not contain this demo"
-        raise InputError.of(str(folder), message, "Name another folder with --dir.")
+        raise InputError.of(Location(str(folder)), message, "Name another folder with --dir.")
 
 
 def _complete(folder: Path, name: str, settings: str) -> None:

@@ -1,0 +1,86 @@
+"""Write what the documentation shows of the keys of project files: the tables of keys, and the JSON schemas.
+
+python scripts/project_file_docs.py docs
+"""
+
+import json
+import re
+import sys
+from collections.abc import Iterable
+from dataclasses import Field
+from pathlib import Path
+from typing import Any
+
+from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.project.document import format_toml
+from kennfeld.project.forms import default_of, entry_schema, form_of, is_required, keys_of
+from kennfeld.project.schema import (
+    CalibrationEntry,
+    CriterionEntry,
+    EqualityEntry,
+    LimitEntry,
+    ModelEntry,
+    OptimizerEntry,
+    ProjectFile,
+    StepEntry,
+)
+from kennfeld.project.surrogate_training import SurrogateEntry, TrainingFile
+from kennfeld.project.table_schema import GroupAxisEntry, ParameterEntry
+
+__all__ = ["documents"]
+
+_TABLE = re.compile(r"(<!-- keys of ([^>]*) -->\n).*?(<!-- end of keys -->)", re.DOTALL)
+_SURROGATE = keys_of(SurrogateEntry).values()
+_TABLES: dict[str, Iterable[Field[Any]]] = {
+    "[model]": keys_of(ModelEntry).values(),
+    "[[dataset]]": keys_of(DatasetEntry).values(),
+    "[calibration]": keys_of(CalibrationEntry).values(),
+    "[axes.NAME]": keys_of(GroupAxisEntry).values(),
+    "[parameters.NAME]": keys_of(ParameterEntry).values(),
+    "[[criterion]]": keys_of(CriterionEntry).values(),
+    "[[limit]]": keys_of(LimitEntry).values(),
+    "[[equality]]": keys_of(EqualityEntry).values(),
+    "[[step]]": keys_of(StepEntry).values(),
+    "[optimizer]": keys_of(OptimizerEntry).values(),
+    "[surrogate]": [part for part in _SURROGATE if not part.metadata.get("dynamic")],
+    "[surrogate], dynamic": [part for part in _SURROGATE if part.metadata.get("dynamic")],
+}
+_SCHEMAS = {
+    "kennfeld.schema.json": (ProjectFile, "Project file of Kennfeld"),
+    "surrogate.schema.json": (TrainingFile, "Training file of Kennfeld, for surrogates"),
+}
+
+
+def documents(folder: Path) -> dict[Path, str]:
+    """Return the generated files in the folder of the documentation with their contents."""
+    pages = {name: (folder / name).read_text(encoding="utf-8") for name in ("project-file.md", "surrogates.md")}
+    written = {folder / name: _TABLE.sub(_fill, text) for name, text in pages.items()}
+    for name, (entry, title) in _SCHEMAS.items():
+        schema = {"$schema": "http://json-schema.org/draft-07/schema#", "title": title, **entry_schema(entry)}
+        written[folder / name] = json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+    return written
+
+
+def _fill(match: re.Match[str]) -> str:
+    head = ["| key | type | default | meaning |", "|---|---|---|---|"]
+    rows = [_row(part) for part in _TABLES[match[2]]]
+    return "\n".join([match[1], *head, *rows, "", match[3]])
+
+
+def _row(part: Field[Any]) -> str:
+    cells = (f"`{part.metadata['name'] or part.name}`", form_of(part).label, _default(part), part.metadata["meaning"])
+    return "|" + "|".join(f" {cell.replace('|', chr(92) + '|')} " if cell else " " for cell in cells) + "|"
+
+
+def _default(part: Field[Any]) -> str:
+    if "default_text" in part.metadata or is_required(part):
+        return str(part.metadata.get("default_text", "required"))
+    default = default_of(part)
+    if isinstance(default, int | float) and not isinstance(default, bool):
+        return f"{default:g}"
+    return f"`{format_toml(default)}`" if default or default is False else ""
+
+
+if __name__ == "__main__":
+    for path, text in documents(Path(sys.argv[1])).items():
+        path.write_text(text, encoding="utf-8", newline="\n")

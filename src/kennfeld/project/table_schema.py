@@ -1,0 +1,225 @@
+"""The sections of tables in a project file: `[parameters.NAME]` and `[axes.NAME]`."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Location
+from kennfeld.file_keys import KeyProblem, key
+from kennfeld.parameters import Extrapolation
+from kennfeld.project.forms import EitherForm, NumberForm, TableOfForm, TextForm
+from kennfeld.project.value_forms import (
+    DIRECTIONS,
+    FREE,
+    ArrayForm,
+    BoundsForm,
+    BreakpointsForm,
+    CoordinatesForm,
+    LimitPairForm,
+    Lock,
+    LockForm,
+    PairForm,
+    Range,
+)
+
+Factor = float | Literal["auto"]
+
+FACTOR = NumberForm(least=0, words=("auto",))
+FACTORS = EitherForm(FACTOR, TableOfForm(FACTOR, names=DIRECTIONS))
+_MAX_BREAKPOINTS = 100_000
+_LIMITS = TableOfForm(LimitPairForm(), names=DIRECTIONS)
+
+
+@dataclass(frozen=True)
+class GroupAxisEntry:
+    """One `[axes.NAME]`. Without breakpoints, begin, end and count, they come from the initial files."""
+
+    location: Location
+    input: str = key("the quantity along the axis: an input, node or channel", "")
+    breakpoints: tuple[float, ...] | Literal["free"] = key(
+        'strictly increasing numbers; or `"free"`: they are fitted, from `begin`, `end` and `count`, or from `count`, '
+        "or, without these keys, from the initial files",
+        (),
+        form=BreakpointsForm(),
+    )
+    begin: float | None = key("the first breakpoint of a uniform axis", None)
+    end: float | None = key("the last breakpoint of a uniform axis", None)
+    count: int = key(
+        "number of breakpoints: uniform from `begin` to `end`; alone, quantiles of the training data, including both "
+        "ends",
+        0,
+        least=2,
+        most=_MAX_BREAKPOINTS,
+        default_text="",
+    )
+    free: bool | None = key("`true`: the breakpoints are fitted", None, default_text="`false`")
+    min_distance: float | None = key(
+        "the minimum distance between two free breakpoints, in the unit of the axis",
+        None,
+        above=0,
+        default_text="1/20 of the mean distance, or the smallest distance at the start",
+    )
+    range: tuple[float, float] | None = key(
+        "`[lowest, highest]`: the first and the last free breakpoint are fitted as well, within this range. Without it "
+        "they are fixed",
+        None,
+        form=PairForm("must be the lowest and the highest breakpoint", "Write {key} = [lowest, highest]."),
+    )
+
+    @property
+    def is_free(self) -> bool:
+        """True if the breakpoints are fitted."""
+        return self.breakpoints == FREE or self.free is True
+
+    @property
+    def group(self) -> str:
+        """The group axis that is used instead."""
+        return ""
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """The breakpoints, as far as the file defines them."""
+        if isinstance(self.breakpoints, tuple) and self.breakpoints:
+            return self.breakpoints
+        if self.begin is None or self.end is None or not self.count:
+            return ()
+        return tuple(np.linspace(self.begin, self.end, self.count).tolist())
+
+    @property
+    def quantiles(self) -> int:
+        """The number of quantiles of the training data that are the breakpoints."""
+        return 0 if self.points else self.count
+
+    @property
+    def inherits(self) -> bool:
+        """True if the breakpoints are those of the initial files."""
+        return self.is_free and not (self.group or self.points or self.quantiles)
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield contradictions between the keys."""
+        if self.breakpoints == FREE and self.free is False:
+            yield "free", 'breakpoints = "free" contradicts free = false', "Remove one of them."
+        if not self.is_free:
+            for name in ("min_distance", "range"):
+                if name in present:
+                    yield name, "requires free breakpoints", "Write free = true, or remove it."
+        uniform = [name for name in ("begin", "end") if name in present]
+        if any(getattr(self, name) is None for name in (*uniform, *({"free"} & set(present)))) or (
+            not self.count and "count" in present
+        ):
+            return  # invalid, and reported as such
+        if "breakpoints" in present and self.breakpoints != FREE:
+            if uniform or self.count:
+                yield "", "breakpoints contradict begin, end and count", "Keep one of them."
+        elif self.begin is not None and self.end is not None and self.count:
+            if not self.begin < self.end:
+                yield "end", f"must be > begin = {self.begin:g}, got {self.end:g}", "Swap them."
+        elif uniform or not (self.count or self.is_free):
+            keys = f"only {', '.join(present)}" if present else "no breakpoints"
+            yield "", f"the axis has {keys}", f"Write {self._forms}."
+
+    @property
+    def _forms(self) -> str:
+        return "{ input, breakpoints }, { input, begin, end, count }, { input, count }"
+
+
+@dataclass(frozen=True)
+class AxisEntry(GroupAxisEntry):
+    """An axis of a table: its own, or a group axis."""
+
+    axis: str = key("the group axis, alone", "")
+
+    @property
+    def group(self) -> str:
+        """The group axis that is used instead."""
+        return self.axis
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield contradictions between the keys."""
+        if "axis" not in present:
+            yield from super().problems(present)
+        elif len(present) > 1:
+            remedy = 'Write { axis = "..." } alone; its breakpoints are set in its own section.'
+            yield "", "the keys of a group axis belong in its own section", remedy
+
+    @property
+    def _forms(self) -> str:
+        return super()._forms + ' or { axis = "..." }'
+
+
+@dataclass(frozen=True)
+class PinEntry:
+    """One entry of `pin`."""
+
+    value: float = key("the value of the table", missing="Write value = ...")
+    at: tuple[float, ...] = key("the coordinates, one per axis", (), form=CoordinatesForm(may_be_infinite=True))
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterEntry:
+    """One `[parameters.NAME]`; None where a key is missing."""
+
+    location: Location
+    name: str
+    x: AxisEntry | None = key(
+        'an axis, as above, including `{ breakpoints = "free" }`, or `{ axis = "AxisSpeed" }`. A scalar has none, a '
+        "curve has `x`, a map `x` and `y`",
+        None,
+    )
+    y: AxisEntry | None = key("the second axis", None)
+    z: AxisEntry | None = key("the third axis", None)
+    w: AxisEntry | None = key("the fourth axis", None)
+    unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True))
+    description: str | None = key("a text on the parameter", None, form=TextForm(may_be_empty=True))
+    initial: Float | None = key("a number, or all values, one row for each x", None, form=ArrayForm())
+    free: bool | None = key("`false` keeps the values", None, default_text="by `[calibration]`")
+    bounds: tuple[Float, Float] | None = key(
+        "`[lower, upper]`; each a number or a table of the parameter's shape. They hold exactly",
+        None,
+        form=BoundsForm(),
+        default_text="none",
+    )
+    smoothness: Factor | Mapping[str, Factor] | None = key(
+        'factor on the [roughness](method.md#roughness), for all axes or `{ x = 1, y = 0.3 }`. `"auto"` instead of a '
+        "number [chooses it from the data](method.md#automatic-smoothness)",
+        None,
+        form=FACTORS,
+        default_text="0",
+    )
+    lock: Lock = key(
+        '`true`; or `"no-data"`: grid points that no training sample uses; or ranges of axis values, including their '
+        "ends, `[{ x = [700, 1000], y = [0, 50] }]`",
+        False,
+        form=LockForm(),
+    )
+    pins: tuple[PinEntry, ...] = key(
+        "`[{ at = [1000, 50], value = 120 }]`: the table has exactly this value at this point",
+        (),
+        name="pin",
+        word="pin",
+        fault="must be a list of pins",
+        remedy="Write pin = [{ at = [...], value = ... }].",
+        shows=True,
+    )
+    gradient: Range = key(
+        "`{ x = [0, inf] }`: range of dz/dx between neighbours, in units of z per unit of x; with 0 on one side the "
+        "table is monotonic",
+        factory=dict,
+        form=_LIMITS,
+        default_text="none",
+    )
+    curvature: Range = key(
+        "`{ x = [0, inf] }`: range of d2z/dx2; >= 0 is convex, <= 0 concave",
+        factory=dict,
+        form=_LIMITS,
+        default_text="none",
+    )
+    extrapolation: Extrapolation | None = key('`"linear"` extrapolates beyond the ends', None, default_text='`"clip"`')
+
+    @property
+    def axes(self) -> Mapping[str, AxisEntry]:
+        """The axes by direction."""
+        return {name: axis for name in DIRECTIONS if (axis := getattr(self, name)) is not None}

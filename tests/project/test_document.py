@@ -1,0 +1,232 @@
+"""Changes of a project file: nothing else in it changes, and what was set back leaves no trace."""
+
+import tomllib
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kennfeld.errors import InputError
+from kennfeld.project import demo
+from kennfeld.project.document import ProjectDocument
+from kennfeld.project.schema import read_project
+from kennfeld.project.surrogate_training import TrainingFile
+
+FOLDERS = (Path(__file__).parents[2] / "examples", Path(demo.__file__).parent)
+EXAMPLES = sorted(path for folder in FOLDERS for path in folder.rglob("*.toml"))
+
+TEXT = """\
+# a project
+[model]   # the function
+file = "a.kf"  # text
+bind = { "A/B" = "x", C = 'y' }   # of blocks
+
+[[dataset]]
+files = ["a.csv",   # the first
+    "b.csv"]  # the last
+shift.Torque = -1.0
+shift."n m" = "auto"
+steady = [{ channel = "n", window = 5 }, { channel = "m", window = 3, tolerance = 1 }]
+
+# fresh data
+[[dataset]]
+  files = "fresh.csv"
+  where = \'\'\'a < "3" ]\'\'\'
+[dataset.shift]
+n = 1
+
+[parameters.Gain]
+bounds = [ -1e2, +1_000 ] # wide
+x.input = "n"
+x.count = 0x5
+
+[optimizer]
+starts = 4
+
+[parameters."Map 1"]
+initial = [[1, 2],
+           # the second row
+           [3, 4]]
+lock = [ { x = [1, 2] }, ]
+
+[[criterion]]
+node = "y"
+target = 1
+[[criterion.regions]]
+where = "a"
+
+[[criterion]]
+node = "z"
+target = 2
+
+[channels]
+"""
+
+
+def paths_in(value, path=()):
+    """The paths of all values of a file, those of tables too."""
+    if path:
+        yield path
+    if isinstance(value, dict):
+        items = value.items()
+    else:
+        is_tables = isinstance(value, list) and all(isinstance(item, dict) for item in value)
+        items = enumerate(value, 1) if is_tables else ()
+    for key, inner in items:
+        yield from paths_in(inner, (*path, key))
+
+
+def changed(values, path, value):
+    """The tables with another value at a path; with None, without it."""
+    values = deepcopy(values)
+    inner = values
+    for key in path[:-1]:
+        inner = inner[key - 1] if isinstance(key, int) else inner[key]
+    last = path[-1] - 1 if isinstance(path[-1], int) else path[-1]
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    return values
+
+
+def pruned(value):
+    """Without empty tables and lists of them, which a heading may or may not name."""
+    if isinstance(value, dict):
+        return {key: pruned(inner) for key, inner in value.items() if pruned(inner) not in ({}, [])}
+    return [pruned(inner) for inner in value] if isinstance(value, list) else value
+
+
+def values_of(document):
+    return tomllib.loads(document.text.removeprefix("\ufeff"))
+
+
+def check_every_path(text):
+    plain = text.removeprefix("\ufeff")
+    values = tomllib.loads(plain)
+    for path in paths_in(values):
+        document = ProjectDocument(text)
+        before = document.get(*path)
+        other = "another" if before != "another" else 7
+        table = {"p": 1, "q r": [1.5, "b"]}
+        for value in (table,) if isinstance(path[-1], int) else (other, table):
+            document.set(path, value)
+            assert pruned(values_of(document)) == pruned(changed(values, path, value)), (path, value)
+            document.set(path, before)
+            assert document.text == text, (path, value)
+        document.remove(path)
+        assert pruned(values_of(document)) == pruned(changed(values, path, None)), path
+        if document.get(*path[:-1]) is not None and not isinstance(path[-1], int):
+            document.set(path, before)
+            assert document.text == text, path
+
+
+FORMS = {
+    "plain": TEXT,
+    "windows": TEXT.replace("\n", "\r\n"),
+    "marked": "\ufeff" + TEXT,
+    "unfinished": TEXT.removesuffix("\n"),
+    "without empty lines": TEXT.replace("\n\n", "\n"),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_is_set_back_leaves_the_text_as_it_was(form):
+    check_every_path(FORMS[form])
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_what_is_set_back_leaves_an_example_as_it_was(path):
+    check_every_path(path.read_text(encoding="utf-8"))
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), form=st.sampled_from(sorted(FORMS)))
+def test_several_changes_in_any_order_change_nothing_else(data, form):
+    document = ProjectDocument(FORMS[form])
+    values = values_of(document)
+    tables = {path[:length] for path in paths_in(values) for length in range(len(path))}
+    leaves = [path for path in paths_in(values) if path not in tables]
+    before = {path: document.get(*path) for path in leaves if not isinstance(path[-1], int)}
+    chosen = data.draw(st.lists(st.sampled_from(sorted(before, key=str)), min_size=1, max_size=4, unique=True))
+    for number, path in enumerate(chosen):
+        document.set(path, f"new {number}")
+        values = changed(values, path, f"new {number}")
+        assert values_of(document) == values
+    for path in data.draw(st.permutations(chosen)):
+        document.set(path, before[path])
+    assert values_of(document) == tomllib.loads(FORMS[form].removeprefix("\ufeff"))
+    assert document.text.count("#") == FORMS[form].count("#") or any(
+        path[-1] in ("files", "initial") for path in chosen
+    )
+
+
+def test_comments_and_notation_around_a_value_stay():
+    document = ProjectDocument(TEXT)
+    document.set(("model", "file"), "b.kf")
+    document.set(("dataset", 1, "shift", "Torque"), 2.5)
+    document.set(("parameters", "Gain", "x", "count"), 8)
+    document.set(("model", "bind", "A/B"), "z")
+    expected = TEXT.replace('"a.kf"', '"b.kf"').replace("-1.0", "2.5").replace("0x5", "8").replace('"x", C', '"z", C')
+    assert document.text == expected
+
+
+def test_a_new_key_stands_at_the_end_of_its_section():
+    document = ProjectDocument(TEXT)
+    document.set(("optimizer", "seed"), 3)
+    document.set(("dataset", 2, "name"), "fresh")
+    document.set(("model", "bind", "D"), "w")
+    document.set(("parameters", "Gain", "x", "begin"), 1.0)
+    expected = TEXT.replace("starts = 4\n", "starts = 4\nseed = 3\n").replace("C = 'y' }", "C = 'y', D = \"w\" }")
+    expected = expected.replace("]'''\n", "]'''\n  name = \"fresh\"\n").replace("0x5\n", "0x5\nx.begin = 1.0\n")
+    assert document.text == expected
+
+
+def test_a_new_part_of_an_entry_stands_within_it():
+    document = ProjectDocument(TEXT)
+    document.set(("criterion", 1, "regions", 2), {"where": "b"})
+    assert document.text == TEXT.replace('where = "a"\n', 'where = "a"\n\n[[criterion.regions]]\nwhere = "b"\n')
+    document.remove(("criterion", 1, "regions", 2))
+    assert document.text == TEXT
+
+
+def test_new_sections_stand_in_the_documented_order():
+    document = ProjectDocument('[model]\nfile = "a.kf"\n\n[[criterion]]\nnode = "y"\ntarget = 1\n')
+    document.set(("optimizer", "seed"), 1)
+    document.set(("parameters", "Gain", "bounds"), [0, float("inf")])
+    document.set(("dataset", 1), {"files": ["a.csv"], "steady": {"channel": "n"}})
+    document.set(("units", "time"), "ms")
+    document.set(("dataset", 2, "files"), "b.csv")
+    document.set(("parameters", "my map"), {"free": False})
+    assert document.text == (
+        '[model]\nfile = "a.kf"\n\n[units]\ntime = "ms"\n\n'
+        '[[dataset]]\nfiles = ["a.csv"]\nsteady = { channel = "n" }\n\n[[dataset]]\nfiles = "b.csv"\n\n'
+        '[parameters.Gain]\nbounds = [0, inf]\n\n[parameters."my map"]\nfree = false\n\n'
+        '[[criterion]]\nnode = "y"\ntarget = 1\n\n[optimizer]\nseed = 1\n'
+    )
+
+
+def test_a_training_file_has_an_order_of_its_own():
+    document = ProjectDocument('[[dataset]]\nfiles = "a.csv"\n', entry=TrainingFile)
+    document.set(("surrogate", "output"), "y")
+    assert document.text == '[surrogate]\noutput = "y"\n\n[[dataset]]\nfiles = "a.csv"\n'
+
+
+def test_a_saved_entry_keeps_keys_that_stand_at_their_default(shop):
+    shop.change('files = ["bench.csv"]', 'files = "bench.csv"  # all\nweight = 1')
+    document, file = ProjectDocument.read(shop.path), read_project(shop.path)
+    document.set_entry(("dataset", 1), file.datasets[0])
+    document.set_entry(("optimizer",), file.optimizer)
+    assert document.text == shop.toml
+    document.set(("optimizer", "starts"), 3)
+    document.save()
+    assert shop.folder.joinpath("kennfeld.toml").read_text() == shop.toml + "\n[optimizer]\nstarts = 3\n"
+    assert read_project(shop.folder / "kennfeld.toml").optimizer.starts == 3
+
+
+def test_a_document_that_is_no_toml_is_refused(shop):
+    shop.toml = "[model"
+    with pytest.raises(InputError, match="line 1"):
+        ProjectDocument.read(shop.path)
