@@ -12,9 +12,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import join_names, nearest
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter
-
-DIRECTIONS = ("x", "y", "z", "w")
+from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
 
 
 class AxisKey(NamedTuple):
@@ -43,7 +41,7 @@ class FreeAxis:
 def key_of(parameter: Parameter, direction: int) -> AxisKey:
     """Return the key of one axis of a table."""
     axis = parameter.axes[direction]
-    return AxisKey(axis.name) if axis.name else AxisKey(parameter.name, DIRECTIONS[direction])
+    return AxisKey(axis.name) if axis.name else AxisKey(parameter.name, AXIS_LETTERS[direction])
 
 
 def _places(parameters: ParameterSet) -> dict[AxisKey, list[tuple[str, int]]]:
@@ -76,10 +74,10 @@ def with_breakpoints(parameters: ParameterSet, breakpoints: Mapping[AxisKey, Flo
     if not breakpoints:
         return parameters
 
-    def moved(axis: Axis, key: AxisKey) -> Axis:
+    def move(axis: Axis, key: AxisKey) -> Axis:
         return axis.changed(breakpoints=breakpoints[key]) if key in breakpoints else axis
 
-    return _with_axes(parameters, moved)
+    return _with_axes(parameters, move)
 
 
 def breakpoints_by_name(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:

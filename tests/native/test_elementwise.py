@@ -19,8 +19,7 @@ def native(build, *columns):
     graph = b.finish({"y": build(b, *(b.input(name) for name in names))})
     low = lower_lookups(graph, ParameterSet())
     simulator = Simulator(low, [low.graph.names["y"]], ParameterSet())
-    held = dict(zip(names, columns, strict=True))
-    return simulator.run(ParameterSet(), np.array([held[name] for name in simulator.inputs]))[0]
+    return simulator.over(dict(zip(names, columns, strict=True)), len(columns[0]), ParameterSet())[0]
 
 
 def combinations(arity):

@@ -54,8 +54,7 @@ def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
 
     def run():
         simulator = Simulator(low, roots, case.parameters)
-        data = np.array([case.columns[name] for name in simulator.inputs]).reshape(-1, case.samples)
-        return simulator.run(case.parameters, data, case.starts)
+        return simulator.over(case.columns, case.samples, case.parameters, case.starts)
 
     plain = compiled(case).interpreter()
 
@@ -111,7 +110,7 @@ def test_a_layout_counts_where_things_lie():
 
 def test_a_graph_of_a_constant_alone():
     low = lower_lookups(constant(), ParameterSet())
-    assert Simulator(low, [0], ParameterSet()).run(ParameterSet(), np.zeros((0, 3))).tolist() == [[2.5] * 3]
+    assert Simulator(low, [0], ParameterSet()).over({}, 3, ParameterSet()).tolist() == [[2.5] * 3]
 
 
 def constant():
@@ -126,5 +125,5 @@ def test_a_model_without_inputs():
     graph = b.finish({"y": state})
     held = ParameterSet([Scalar("K", 2.0)])
     low = lower_lookups(graph, held)
-    run = Simulator(low, [low.graph.names["y"]], held).run(held, np.zeros((0, 4)), (0, 3))
+    run = Simulator(low, [low.graph.names["y"]], held).over({}, 4, held, (0, 3))
     assert run.tolist() == [[0.0, 2.0, 4.0, 0.0]]

@@ -75,8 +75,7 @@ def test_every_node_is_what_the_interpreter_computes(case):
     low = lower_lookups(case.graph, case.parameters)
     roots = list(range(len(low.graph.nodes)))
     simulator = Simulator(low, roots, case.parameters)
-    data = np.array([case.columns[name] for name in simulator.inputs]).reshape(-1, case.samples)
-    got = simulator.run(case.parameters, data, case.starts)
+    got = simulator.over(case.columns, case.samples, case.parameters, case.starts)
 
     def run(interpreter):
         return np.array(interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts))

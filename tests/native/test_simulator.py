@@ -13,8 +13,7 @@ from models import MODELS, case
 def simulated(model, starts=(0,)):
     low = lower_lookups(model.graph, model.parameters)
     simulator = Simulator(low, list(low.graph.names.values()), model.parameters)
-    data = np.array([model.columns[name] for name in simulator.inputs])
-    return simulator.run(model.parameters, data, starts)
+    return simulator.over(model.columns, model.samples, model.parameters, starts)
 
 
 def test_named_nodes_are_those_of_the_interpreter():
@@ -40,15 +39,15 @@ def test_other_values_need_no_other_simulator():
     low = lower_lookups(graph, one)
     simulator = Simulator(low, [low.graph.names["y"]], one)
     assert simulator.inputs == ("x",)
-    assert simulator.run(two, np.array([[1.0, 2.0]])).tolist() == [[3.0, 6.0]]
-    assert simulator.run(one, np.array([[1.0, 2.0]])).tolist() == [[2.0, 4.0]]
+    assert simulator.over({"x": np.array([1.0, 2.0])}, 2, two).tolist() == [[3.0, 6.0]]
+    assert simulator.over({"x": np.array([1.0, 2.0])}, 2, one).tolist() == [[2.0, 4.0]]
 
 
 def test_a_root_may_be_asked_for_twice():
     b = GraphBuilder()
     low = lower_lookups(b.finish({"y": b.call("sin", b.input("x"))}), ParameterSet())
     y = low.graph.names["y"]
-    run = Simulator(low, [y, y], ParameterSet()).run(ParameterSet(), np.array([[0.0]]))
+    run = Simulator(low, [y, y], ParameterSet()).over({"x": np.array([0.0])}, 1, ParameterSet())
     assert run.tolist() == [[0.0], [0.0]]
 
 
@@ -56,7 +55,7 @@ def test_data_need_not_be_contiguous():
     b = GraphBuilder()
     low = lower_lookups(b.finish({"y": b.call("add", b.input("x"), b.input("z"))}), ParameterSet())
     data = np.arange(12.0).reshape(3, 4).T[:2]
-    run = Simulator(low, [low.graph.names["y"]], ParameterSet()).run(ParameterSet(), data)
+    run = Simulator(low, [low.graph.names["y"]], ParameterSet()).over({"x": data[0], "z": data[1]}, 3, ParameterSet())
     assert run[0].tolist() == (data[0] + data[1]).tolist()
 
 
@@ -70,4 +69,4 @@ def test_other_breakpoints_of_a_free_axis_need_no_other_simulator():
     for axis in (Axis([0, 3, 4], name="A", free=True), Axis([0, 2, 3])):  # as a fit leaves it, and as a file holds it
         moved = ParameterSet([Curve("C", axis, [0.0, 1.0, 5.0])])
         expected = evaluate(graph, {"x": x}, moved)["y"]
-        np.testing.assert_allclose(simulator.run(moved, x[None, :])[0], expected, rtol=1e-14)
+        np.testing.assert_allclose(simulator.over({"x": x}, x.size, moved)[0], expected, rtol=1e-14)

@@ -21,7 +21,7 @@ def both(held, columns, coordinates=None):
     graph = b.finish({"y": b.lookup(name, *(b.input(n) for n in coordinates or names))})
     low = lower_lookups(graph, held)
     simulator = Simulator(low, [low.graph.names["y"]], held)
-    got = simulator.run(held, np.array([columns[n] for n in simulator.inputs]))[0]
+    got = simulator.over(columns, len(columns[names[0]]), held)[0]
     with np.errstate(invalid="ignore"):
         return got, evaluate(graph, columns, held)["y"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.native import Accumulator, Samples
+from kennfeld.native import Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
@@ -40,14 +40,14 @@ def own_targets(compiled):
     samples = compiled.samples
     targets = np.zeros((len(compiled.problem.criteria), samples.wanted.count))
     compiled.samples = Samples(samples.inputs.parts, targets, samples.pieces, samples.order)
-    compiled.accumulator = Accumulator(compiled.kernel, compiled.samples)
+    compiled.sums = compiled.sums_over(compiled.samples)
     return targets
 
 
 def outputs(compiled, full):
     """What the model gives at each visit: its residual against targets of 0, which no weight changes."""
     assert all(c.weight == c.scale == 1.0 and c.loss == "square" for c in compiled.problem.criteria)
-    residual, _ = compiled.accumulator.rows(full)
+    residual, _ = compiled.sums.rows(full)
     return residual.reshape(-1, len(compiled.problem.criteria)).T.copy()
 
 

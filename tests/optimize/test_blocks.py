@@ -35,11 +35,11 @@ def test_the_parts_add_up_to_the_whole(text):
     data = recording(300, gaps=range(40, 90)), recording(170, 1, name="other")
     made = compiled(*data, text=text)
     blocks = HoldoutBlocks.of(made)
-    found = list(blocks.linearised(made.start))
-    whole = made.accumulator.normal(made.start)
-    assert blocks.count == len(found) == BLOCKS
+    found = list(blocks.linearise(made.start))
+    whole = made.sums.normal(made.start)
+    assert blocks.sizes.size == len(found) == BLOCKS
     assert sum(block.share for block in found) == pytest.approx(1)
-    assert sum(block.misfit for block in found) == pytest.approx(made.accumulator.cost(made.start))
+    assert sum(block.misfit for block in found) == pytest.approx(made.sums.cost(made.start))
     np.testing.assert_allclose(sum(block.gradient for block in found), whole.gradient, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(sum(block.matrix for block in found), whole.matrix, rtol=1e-9, atol=1e-9)
 
@@ -50,10 +50,10 @@ def test_a_block_adds_what_its_samples_alone_would(text):
     data = recording(200)
     made = compiled(data, text=text)
     blocks = HoldoutBlocks.of(made)
-    for number, block in list(enumerate(blocks.linearised(made.start)))[:: BLOCKS // 3]:
+    for number, block in list(enumerate(blocks.linearise(made.start)))[:: BLOCKS // 3]:
         alone = compiled(replace(data, scored=blocks.numbers == number), text=text)
-        expected = alone.accumulator.normal(alone.start)
-        assert block.misfit == pytest.approx(alone.accumulator.cost(alone.start))
+        expected = alone.sums.normal(alone.start)
+        assert block.misfit == pytest.approx(alone.sums.cost(alone.start))
         np.testing.assert_allclose(block.gradient, expected.gradient, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(block.matrix, expected.matrix, rtol=1e-9, atol=1e-9)
 
@@ -72,11 +72,11 @@ def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recor
         filled = sum(scored[a : a + n].any() for a, n in zip(starts, lengths, strict=True))
         assert filled < FEWEST or scored.sum() < BLOCKS
         return
-    assert FEWEST <= blocks.count <= BLOCKS
+    assert FEWEST <= blocks.sizes.size <= BLOCKS
     assert (blocks.numbers[scored] != NEVER).all()
-    assert blocks.sizes.tolist() == np.bincount(blocks.numbers[scored], minlength=blocks.count).tolist()
+    assert blocks.sizes.tolist() == np.bincount(blocks.numbers[scored], minlength=blocks.sizes.size).tolist()
     owner = np.repeat(np.arange(len(lengths)), lengths)
-    for number in range(blocks.count):
+    for number in range(blocks.sizes.size):
         mine = np.flatnonzero((blocks.numbers == number) & scored)
         others = scored & (blocks.numbers != number) & (blocks.numbers != NEVER)
         assert not others[mine[0] : mine[-1]].any()

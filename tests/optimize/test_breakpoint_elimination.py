@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.interpolation import cell_weights, position
-from kennfeld.optimize.strategies.breakpoint_elimination import DenseAxis, eliminate_breakpoints
+from kennfeld.optimize.strategies.breakpoint_placement import DenseAxis, eliminate_breakpoints
 
 
 def least(matrix, values, points, kept, lines):

@@ -9,7 +9,7 @@ from kennfeld.models.formula import formula
 from kennfeld.optimize import run
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
-from kennfeld.optimize.problem import Problem, fitted_axes
+from kennfeld.optimize.problem import Problem
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]
 
@@ -248,7 +248,7 @@ def test_a_limit_of_the_curvature_needs_breakpoints_that_stay():
 
 def test_breakpoints_around_an_equality_stay():
     made = problem(Equality([Term("C", (2.5,)), Term("C", (6.0,), -1.0)]))
-    axis = fitted_axes(made.parameters, ["C"])[AxisKey("C", "x")]
+    axis = made.free_axes[AxisKey("C", "x")]
     lower, upper = breakpoint_bounds(axis, made.parameters, made.held)
     assert (lower == upper).tolist() == [True, True, True, True, True]
     lower, upper = breakpoint_bounds(axis, made.parameters, [("C", (2.5,))])

@@ -6,9 +6,8 @@ import pytest
 import kennfeld as kf
 from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
-from kennfeld.optimize import Problem
+from kennfeld.optimize import Problem, run
 from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.fit import run
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 
@@ -44,7 +43,7 @@ def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
     model = kf.formula(text, parameters=["C"])
     made = Aimed(model, several(missing), START, (Criterion("m", "y"),))
     compiled = CompiledProblem(made)
-    doubled = compiled.reweighted(np.array([2.0]))
+    doubled = compiled.reweight(np.array([2.0]))
     for values in made.arrays.values():
         values += np.sin(np.arange(values.size))
     compiled.reread_targets()

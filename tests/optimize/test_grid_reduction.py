@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 import kennfeld as kf
 from kennfeld.constraints import Equality, Term
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.search.grid_reduction import (
+from kennfeld.optimize.search.step_problem import (
     kept_breakpoints,
     penalty_ratio,
     reduce_problem,
     reduce_table,
     refine_table,
 )
+from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Map
 

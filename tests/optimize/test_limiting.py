@@ -16,7 +16,7 @@ from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.optimize import Options, Problem, Seconds, run
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.table_penalties import Roughness
 
 FREE = (-np.inf, np.inf)
 

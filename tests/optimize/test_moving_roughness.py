@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from kennfeld.free_axes import AxisKey, with_breakpoints
 from kennfeld.graph.value_layout import ValueLayout
-from kennfeld.optimize.roughness import MovingRoughness, Roughness, roughness_of
+from kennfeld.optimize.table_penalties import MovingRoughness, Roughness, roughness_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map
 

@@ -10,7 +10,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.breakpoint_placement import (
     axis_groups,
     cell_divisions,
-    coarse,
+    coarsen,
     subdivide,
     with_dense_axes,
 )
@@ -97,5 +97,5 @@ def test_what_lies_between_two_locked_values_is_locked_and_bounds_are_the_wider_
 
 
 def test_moving_breakpoints_end_where_they_only_creep():
-    assert coarse(SolverSettings(tolerance=1e-8)).tolerance == 1e-5
-    assert coarse(SolverSettings(tolerance=1e-3)).tolerance == 1e-3
+    assert coarsen(SolverSettings(tolerance=1e-8)).tolerance == 1e-5
+    assert coarsen(SolverSettings(tolerance=1e-3)).tolerance == 1e-3

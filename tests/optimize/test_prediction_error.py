@@ -9,7 +9,7 @@ import kennfeld as kf
 from kennfeld.models.formula import formula
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 from kennfeld.optimize.tuning.prediction_error import GAMMA, HOLDOUT_SHARE, Linearised, Prediction, minimise_prediction
 
@@ -38,20 +38,20 @@ def unit(compiled, name, axis):
 
 def parts(compiled, count=4):
     """The contributions of every fourth row each."""
-    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    residual, jacobian = compiled.sums.rows(compiled.start)
     picked = [(residual[i::count], jacobian[i::count]) for i in range(count)]
     return [HoldoutBlock(float(r @ r), j.T @ r, j.T @ j, r.size / residual.size) for r, j in picked]
 
 
 def linearised(compiled, held=(), rows=(), blocks=()):
     values = compiled.start[: compiled.values.free]
-    normal = compiled.accumulator.normal(compiled.start)
+    normal = compiled.sums.normal(compiled.start)
     movable = np.ones(values.size, dtype=bool)
     movable[list(held)] = False
     equalities = np.zeros((len(rows), values.size))
     for row, columns in enumerate(rows):
         equalities[row, list(columns)] = (0.3, 0.7)
-    cost = compiled.accumulator.cost(compiled.start)
+    cost = compiled.sums.cost(compiled.start)
     return Linearised(
         values, cost, normal.gradient.copy(), normal.matrix.copy(), movable, equalities, 200.0, tuple(blocks)
     )
@@ -85,7 +85,7 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
     """By brute force, from the influence matrix of a fit of rows."""
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
     factors = np.array([0.5, 20.0, 3.0])
-    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    residual, jacobian = compiled.sums.rows(compiled.start)
     values = compiled.start[: compiled.values.free]
     penalty = sum(f * block.rows(values)[1].T @ block.rows(values)[1] for f, block in zip(factors, blocks, strict=True))
     influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian + penalty) @ jacobian.T
@@ -100,7 +100,7 @@ def test_the_value_is_misfit_over_the_square_of_what_the_fit_leaves(compiled):
 def test_a_pull_counts_as_further_rows_of_the_penalty(compiled):
     """By brute force, from one fit of the rows of data, roughness and pull."""
     block, factor = unit(compiled, "M", 0), 5.0
-    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    residual, jacobian = compiled.sums.rows(compiled.start)
     values = compiled.start[: compiled.values.free]
     pull, toward = np.linspace(0.1, 2, values.size), np.linspace(-1, 1, values.size)
     rough, rows = block.rows(values)
@@ -118,7 +118,7 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
     """By brute force, from a fit of the rows that are left."""
     blocks = [unit(compiled, "M", 0), unit(compiled, "M", 1), unit(compiled, "C", 0)]
     factors = np.array([0.5, 20.0, 3.0])
-    residual, jacobian = compiled.accumulator.rows(compiled.start)
+    residual, jacobian = compiled.sums.rows(compiled.start)
     values = compiled.start[: compiled.values.free]
     rough = np.vstack([f**0.5 * block.rows(values)[1] for f, block in zip(factors, blocks, strict=True)])
     logarithms = []

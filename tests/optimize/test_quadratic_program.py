@@ -8,9 +8,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
-from kennfeld.optimize.solver.dual_active_set import nonnegative_dual
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
-from kennfeld.optimize.solver.quadratic_program import solve
+from kennfeld.optimize.solver.quadratic_program import nonnegative_dual, solve
 
 
 def limited(lower, upper, matrix=None, target=None):

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from kennfeld.optimize.roughness import Roughness, second_differences
+from kennfeld.optimize.table_penalties import Roughness, second_differences
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Cube, Curve, Map, Scalar
 

@@ -58,18 +58,19 @@ class Accumulator:
     def __init__(
         self, kernel: Kernel, samples: Samples, widths: Float | None = None, *, sparse: bool | None = None
     ) -> None:
-        _check(kernel, samples)
-        self.kernel = kernel
-        self.samples = samples
-        self.widths = (
-            np.zeros(max(len(kernel.layout.axes), 1)) if widths is None else np.array(widths, dtype=np.float64)
-        )
+        needs = (("inputs", samples.inputs, kernel.layout.inputs), ("targets", samples.wanted, kernel.outputs))
+        for name, table, needed in needs:  # the kernel would read beyond the rows of the samples
+            if len(table.parts) != len(needed):
+                raise ArgumentError(f"the kernel reads {len(needed)} rows of {name}, got {len(table.parts)}")
+        self.kernel, self.samples = kernel, samples
+        unsmoothed = np.zeros(max(len(kernel.layout.axes), 1))
+        self.widths = unsmoothed if widths is None else np.array(widths, dtype=np.float64)
         self.stateful = bool(kernel.line.states)
         self.sparse = (kernel.accumulates or not kernel.pattern.carried) if sparse is None else sparse
         self.length = _chunk_length(kernel, self.sparse)
         self.chunks = samples.chunks(self.length)
         self._shares = self._deal()
-        self._workspaces = [Workspace(self) for _ in self._shares]
+        self._workspaces = [Workspace(kernel, samples, self.widths, self.length) for _ in self._shares]
         self._memory = np.zeros((len(self.chunks), kernel.layout.memory))
         self._rings = np.zeros((len(self.chunks), len(kernel.layout.latencies)), dtype=np.int64)
         self._last: tuple[Float, Float] | None = None  # values and widths of the states kept at the chunks' starts
@@ -78,8 +79,8 @@ class Accumulator:
 
     def prepare(self) -> None:
         """Compile what `normal` calls, so that the first iteration does not wait for it."""
-        sums = ("backward", "forward") if self.sparse else ("rows",)
-        for name in (*(sums if self.kernel.pattern.carried else ("normal",)), "fold"):
+        with_states = ("backward", "forward") if self.sparse else ("rows",)
+        for name in (*(with_states if self.kernel.pattern.carried else ("normal",)), "fold"):
             getattr(self.kernel.sweeps, name)
 
     def _deal(self) -> list[list[Run]]:
@@ -92,13 +93,8 @@ class Accumulator:
         return [[runs[i] for i in share] for share in dealt]
 
     def _each_share(self, work: Callable[[Workspace, list[Run]], None]) -> None:
-        jobs = list(zip(self._workspaces, self._shares, strict=True))
-        if self._pool is None:
-            for job in jobs:
-                work(*job)
-        else:
-            for done in [self._pool.submit(work, *job) for job in jobs]:
-                done.result()
+        run = map if self._pool is None else self._pool.map
+        list(run(work, self._workspaces, self._shares))
 
     def cost(self, values: Float) -> float:
         """Compute the sum of weighted losses at the values p [values]; not finite if the model output is not."""
@@ -124,22 +120,20 @@ class Accumulator:
         total: Float = np.where(weights == 0, 0.0, weights * np.where(weights == 0, 0.0, sums)).sum(axis=0)
         return total
 
-    def _visit_states(self, values: Float) -> Float:
-        """Ensure that the states at the start of each chunk are those of these values."""
+    def _visit_states(self, values: Float) -> tuple[Float, Workspace]:
+        """Ensure that the states at the start of each chunk are those of these values; let a workspace use them."""
         values = np.ascontiguousarray(values, dtype=np.float64)
-        if self.stateful:
-            last = self._last
-            if last is None or not (np.array_equal(values, last[0]) and np.array_equal(self.widths, last[1])):
-                self.costs(values)
-        return values
-
-    def _resume(self, space: Workspace, chunk: Chunk) -> None:
-        space.memory[:] = self._memory[chunk.number]
-        space.hints[: self._rings.shape[1]] = self._rings[chunk.number]
+        last = self._last
+        known = last is not None and np.array_equal(values, last[0]) and np.array_equal(self.widths, last[1])
+        if self.stateful and not known:
+            self.costs(values)
+        space = self._workspaces[0]
+        space.use(values)
+        return values, space
 
     def normal(self, values: Float) -> Normal:
         """Compute gradient and Gauss-Newton matrix at the values p [values]."""
-        values = self._visit_states(values)
+        values, first = self._visit_states(values)
 
         def work(space: Workspace, runs: list[Run]) -> None:
             space.use(values)
@@ -149,7 +143,6 @@ class Accumulator:
                 self._sum_run(space, run)
 
         self._each_share(work)
-        first = self._workspaces[0]
         for space in self._workspaces[1:]:
             first.matrix += space.matrix
             first.gradient += space.gradient
@@ -185,6 +178,10 @@ class Accumulator:
                 space.backward(chunk)
             space.forward(chunk)
 
+    def _resume(self, space: Workspace, chunk: Chunk) -> None:
+        space.memory[:] = self._memory[chunk.number]
+        space.hints[: self._rings.shape[1]] = self._rings[chunk.number]
+
     def _linearise(self, space: Workspace, chunk: Chunk) -> None:
         self._resume(space, chunk)
         space.tape(chunk)
@@ -204,9 +201,7 @@ class Accumulator:
             Shapes (samples * outputs,) and (samples * outputs, free), in the order of the samples, with zeros for
             samples that are not scored.
         """
-        values = self._visit_states(values)
-        space = self._workspaces[0]
-        space.use(values)
+        _, space = self._visit_states(values)
         m = len(self.kernel.outputs)
         residual = np.zeros(self.samples.count * m)
         jacobian = np.zeros((self.samples.count * m, self.kernel.values.free))
@@ -218,9 +213,8 @@ class Accumulator:
 
     def rows_at(self, values: Float, visits: Int) -> Float:
         """Compute the rows of the Jacobian at increasing `visits` as in `rows`, shape (visits, outputs, free)."""
-        values = self._visit_states(values)
-        space, m = self._workspaces[0], len(self.kernel.outputs)
-        space.use(values)
+        _, space = self._visit_states(values)
+        m = len(self.kernel.outputs)
         counts = np.zeros((visits.size, m, self.kernel.values.free))
         for run in (run for share in self._shares for run in share):
             first, last = np.searchsorted(visits, [run[0].first, run[-1].last])
@@ -236,9 +230,8 @@ class Accumulator:
         Without states only values on which a scored output depends count. `owners` assigns samples to scored samples,
         by non-decreasing numbers, -1 for none: a scored sample then counts once for all samples assigned to it.
         """
-        values = self._visit_states(values)
-        space, columns = self._workspaces[0], self.kernel.values.free
-        space.use(values)
+        _, space = self._visit_states(values)
+        columns = self.kernel.values.free
         counts = np.zeros(columns, dtype=np.int64)
         before = np.zeros(0, dtype=np.int64)
         for chunk in self.chunks:
@@ -251,16 +244,6 @@ class Accumulator:
             both = np.union1d(before, met)
             before = both[both // columns == both[-1] // columns] if met.size else before
         return counts
-
-
-def _check(kernel: Kernel, samples: Samples) -> None:
-    """Raise `ArgumentError` if the kernel would read beyond the rows of the samples."""
-    for message, rows, needed in (
-        ("inputs", samples.inputs, len(kernel.layout.inputs)),
-        ("targets", samples.wanted, len(kernel.outputs)),
-    ):
-        if len(rows.parts) != needed:
-            raise ArgumentError(f"the kernel reads {needed} rows of {message}, got {len(rows.parts)}")
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

@@ -36,7 +36,8 @@ def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
     """
     flags = array.flags
     if array.dtype != kind or not flags.c_contiguous or not flags.aligned or array.size < size:
-        raise ArgumentError(f"compiled code needs {_needed(size, kind)}, got {_described(array)}")
+        needed = f"{f'at least {size}' if size else 'an array of'} contiguous {kind}"
+        raise ArgumentError(f"compiled code needs {needed}, got {_described(array)}")
     return array.ctypes.data
 
 
@@ -62,10 +63,6 @@ def is_strided(matrix: Float) -> bool:
         return False
     between, within = matrix.strides
     return (within == matrix.itemsize or matrix.shape[1] <= 1) and between % matrix.itemsize == 0
-
-
-def _needed(size: int, kind: "np.dtype[Any]") -> str:
-    return f"{f'at least {size}' if size else 'an array of'} contiguous {kind}"
 
 
 def _described(array: Array) -> str:

@@ -20,18 +20,15 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT64, address, is_strided, strided
-from kennfeld.native.engine import Engine
+from kennfeld.native.engine import NativeFunction, compile_functions
 from kennfeld.native.envelope import BLOCK, Envelope
-from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
+from kennfeld.native.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
-ZERO = literal(0.0)
-
-POOR = 1.5  # times the work of the order when it was found
-
 MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
 ROWS = (("ptr", "rows"), ("i64", "count"))
-ONE = literal(1.0)
+
+POOR = 1.5  # times the work of the order when it was found
 
 
 @dataclass(frozen=True)
@@ -43,6 +40,11 @@ class Factor:
     inverse: Float  # Float[blocks * BLOCK], one over the diagonal
 
     @classmethod
+    def empty(cls, envelope: Envelope) -> "Factor":
+        """Return memory for a factor."""
+        return cls(envelope, aligned_zeros(int(envelope.start[-1])), np.zeros(envelope.blocks * BLOCK))
+
+    @classmethod
     def of(cls, lower: Float) -> "Factor":
         """Return a lower triangular matrix as a factor.
 
@@ -51,8 +53,9 @@ class Factor:
         """
         size = len(lower)
         envelope = Envelope.full(size)
-        result = cls(envelope, _empty(envelope), np.ones(envelope.blocks * BLOCK))
+        result = cls.empty(envelope)
         result.load(lower, np.zeros(size))
+        result.inverse[:] = 1.0
         result.inverse[:size] = 1 / np.diag(lower)
         return result
 
@@ -66,7 +69,7 @@ class Factor:
         array([1., 1.])
         """
         envelope = Envelope.full(which.size)
-        result = cls(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
+        result = cls.empty(envelope)
         replace(result, envelope=Envelope(which, envelope.first)).load(matrix, diagonal)
         return result if result.factor() else None
 
@@ -126,24 +129,12 @@ class Cholesky:
         _functions()  # compiled now, not in the first factorisation
         self._pattern: Bool = np.eye(size, dtype=bool)
         self._least = 0.0  # work of the envelope when its order was found
-        self._take(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
+        self._factor = Factor.empty(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
 
     @property
     def size(self) -> int:
         """Number of rows of the matrices."""
         return self._factor.envelope.size
-
-    def _take(self, envelope: Envelope) -> None:
-        self._factor = Factor(envelope, _empty(envelope), np.zeros(envelope.blocks * BLOCK))
-
-    def _widened(self) -> Envelope:
-        """Return the envelope of all non-zeros so far; the order is recomputed only if the old one has become poor."""
-        kept = Envelope.ordered(self._pattern, self._factor.envelope.order)
-        if kept.work <= POOR * self._least:
-            return kept
-        result = Envelope.of(self._pattern)
-        self._least = result.work
-        return result
 
     def factor(self, matrix: Float, diagonal: Float) -> Factor | None:
         """Factor matrix + diag(diagonal); return None if it is not positive definite. The factor is valid until the
@@ -160,7 +151,11 @@ class Cholesky:
         if not self._factor.load(matrix, diagonal):
             filled = matrix != 0
             self._pattern |= filled | filled.T  # rounding may leave a zero in one half alone
-            self._take(self._widened())
+            envelope = Envelope.ordered(self._pattern, self._factor.envelope.order)
+            if envelope.work > POOR * self._least:  # the old order has become poor
+                envelope = Envelope.of(self._pattern)
+                self._least = envelope.work
+            self._factor = Factor.empty(envelope)
             self._factor.load(matrix, diagonal)
         return self._factor if self._factor.factor() else None
 
@@ -180,62 +175,45 @@ def column_of(f: FunctionWriter, panel: str, column: str) -> str:
     return f.at(panel, column, EIGHT)
 
 
-def reduced_block(f: FunctionWriter, panel: str, other: str, first: str, end: str) -> list[str]:
-    """Return the eight columns of a block minus the product of the columns from `first` on; `other` is the block
-    column's.
+def reduce_block(f: FunctionWriter, panel: str, other: str, first: str, end: str) -> list[str]:
+    """Return the columns of a block of X, minus the sum over k of X[k] Y[k]': H[i,j] - sum of L[i,k] L[j,k]'.
+
+    The sum is over the columns k from `first` to before `end`, where the block begins. `panel` and `other` are the
+    block rows X and Y. Each k updates all eight columns of the block.
     """
-    rest = [f.slot(EIGHT) for _ in range(BLOCK)]
-    for c, column in enumerate(rest):
-        f.store(f.load(column_of(f, panel, f.add(end, c)), kind=EIGHT), column, kind=EIGHT)
+    v = Vector(f)
+    rest = [f.variable(EIGHT, v.load(column_of(f, panel, f.add(end, c)))) for c in range(BLOCK)]
     with f.loop(first, end) as k:
-        own = f.load(column_of(f, panel, k), kind=EIGHT)
+        own = v.load(column_of(f, panel, k))
         scalars = column_of(f, other, k)
         for c, column in enumerate(rest):
-            f.store(subtract_outer(f, f.load(column, kind=EIGHT), own, f.load(scalars, c)), column, kind=EIGHT)
-    return [f.load(column, kind=EIGHT) for column in rest]
-
-
-def subtract_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
-    """Return the column minus vector times scalar."""
-    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
-    return f.new(f"fsub contract {EIGHT} {column}, {product}")
-
-
-def add_outer(f: FunctionWriter, column: str, vector: str, scalar: str) -> str:
-    """Return the column plus vector times scalar."""
-    product = f.new(f"fmul contract {EIGHT} {vector}, {f.splat(scalar)}")
-    return f.new(f"fadd contract {EIGHT} {column}, {product}")
+            column.set(v("fsub", column.get(), v.multiply(own, f.load(scalars, c))))
+    return [column.get() for column in rest]
 
 
 def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -> None:
-    """Solve X L' = rest for the columns X of the block, with the diagonal block L of block row j."""
-    at = f.mul(j, BLOCK)
-    done: list[str] = []
-    for c in range(BLOCK):
-        column = rest[c]
-        for d, solved in enumerate(done):
-            column = subtract_outer(f, column, solved, f.load(column_of(f, other, f.add(at, d)), c))
-        scale = f.splat(f.load("%inverse", f.add(at, c)))
-        done.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
-    for c, column in enumerate(done):
-        f.store(column, column_of(f, panel, f.add(at, c)), kind=EIGHT)
+    """Solve X L' = rest for the columns X of the block, with the diagonal block L of block row j.
 
-
-def _empty(envelope: Envelope) -> Float:
-    return aligned_zeros(int(envelope.start[-1]))
+    Column by column, X[c] = (rest[c] - sum over d < c of X[d] L[c,d]) / L[c,c].
+    """
+    v, at = Vector(f), f.mul(j, BLOCK)
+    solved: list[str] = []
+    for c, column in enumerate(rest):
+        for d, earlier in enumerate(solved):
+            column = v("fsub", column, v.multiply(earlier, f.load(column_of(f, other, f.add(at, d)), c)))
+        scale = v.splat(f.load("%inverse", f.add(at, c)))
+        solved.append(f.new(f"fmul {EIGHT} {column}, {scale}"))
+    for c, column in enumerate(solved):
+        v.store(column, column_of(f, panel, f.add(at, c)))
 
 
 @cache
-def _functions() -> dict[str, Callable[..., None]]:
-    written = [_load(), _factor(), _forward(), _backward()]
-    engine = Engine("".join(f.text() for f in written))
-    return {f.name: engine.function(f.name, f.parameters) for f in written}
+def _functions() -> dict[str, NativeFunction]:
+    return compile_functions(_load(), _factor(), _forward(), _backward())
 
 
 def _load() -> FunctionWriter:
-    """Write `load(factor, matrix, counts)`: fill the panels; count non-zeros below the diagonal, and those in
-    the panels.
-    """
+    """Write `load(factor, matrix, counts)`: fill the panels; count non-zeros below the diagonal, and in the panels."""
     f = FunctionWriter("load", [*FACTOR, *MATRIX, ("ptr", "counts")])
     with f.loop(0, "%size") as i:
         row = f.at("%matrix", f.mul(i, "%stride"))
@@ -263,26 +241,22 @@ def _load() -> FunctionWriter:
 
 
 def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:
-    """Write code that adds to a count the non-zeros of a row."""
-    total = f.slot("i64")
-    f.store("0", total, kind="i64")
+    """Add the non-zeros of a row to the count `result`."""
+    total = f.variable("i64", "0")
     with f.loop(first, end) as k:
         there = f.new(f"fcmp une double {f.load(row, index(k))}, {ZERO}")
-        f.store(f.add(f.load(total, kind="i64"), f.new(f"zext i1 {there} to i64")), total, kind="i64")
-    f.store(f.add(f.load("%counts", result, "i64"), f.load(total, kind="i64")), "%counts", result, "i64")
+        total.set(f.add(total.get(), f.new(f"zext i1 {there} to i64")))
+    f.store(f.add(f.load("%counts", result, "i64"), total.get()), "%counts", result, "i64")
 
 
 def _count_eights(f: FunctionWriter, row: str, end: str) -> None:
-    """Write code that adds to the first count the non-zeros of the first `end` entries of a row, a multiple
-    of eight.
-    """
+    """Add the non-zeros of the first `end` entries of a row, a multiple of eight, to the first count."""
     with f.walk(end) as (k, position):
-        entries = f.load(f.at(row, k), kind=EIGHT)
-        there = f.new(f"fcmp une {EIGHT} {entries}, zeroinitializer")
+        there = f.new(f"fcmp une {EIGHT} {Vector(f).load(row, k)}, zeroinitializer")
         bits = f.new(f"bitcast <{LANES} x i1> {there} to i{LANES}")
         count = f.new(f"zext i{LANES} {f.new(f'call i{LANES} @llvm.ctpop.i{LANES}(i{LANES} {bits})')} to i64")
         f.store(f.add(f.load("%counts", 0, "i64"), count), "%counts", 0, "i64")
-        f.store(f.add(k, LANES), position, kind="i64")
+        position.set(f.add(k, LANES))
 
 
 def _factor() -> FunctionWriter:
@@ -292,19 +266,17 @@ def _factor() -> FunctionWriter:
         panel, first = panel_of(f, i), f.load("%first", i, "i64")
         with f.loop(first, i) as j:
             other = panel_of(f, j)
-            later = f.new(f"call i64 @llvm.smax.i64(i64 {first_of(f, i)}, i64 {first_of(f, j)})")
-            rest = reduced_block(f, panel, other, later, f.mul(j, BLOCK))
-            divide(f, panel, other, j, rest)
-        rest = reduced_block(f, panel, panel, first_of(f, i), f.mul(i, BLOCK))
-        _factor_block(f, panel, i, rest)
+            later = f.extreme("smax", first_of(f, i), first_of(f, j))
+            divide(f, panel, other, j, reduce_block(f, panel, other, later, f.mul(j, BLOCK)))
+        _factor_block(f, panel, i, reduce_block(f, panel, panel, first_of(f, i), f.mul(i, BLOCK)))
     return f
 
 
 def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> None:
     """Write the factorisation of the diagonal block: column by column, each subtracted from those that follow."""
-    at = f.mul(i, BLOCK)
+    v, at = Vector(f), f.mul(i, BLOCK)
     for c in range(BLOCK):
-        pivot = f.new(f"extractelement {EIGHT} {rest[c]}, i64 {c}")
+        pivot = v.lane(rest[c], c)
         positive = f.new(f"fcmp ogt double {pivot}, {ZERO}")
         finite = f.new(f"fcmp olt double {pivot}, {literal(float('inf'))}")
         with f.when(f.new(f"xor i1 {f.new(f'and i1 {positive}, {finite}')}, true")):
@@ -314,40 +286,36 @@ def _factor_block(f: FunctionWriter, panel: str, i: str, rest: list[str]) -> Non
         root = f.new(f"call double @llvm.sqrt.f64(double {pivot})")
         inverse = f.new(f"fdiv double {ONE}, {root}")
         f.store(inverse, "%inverse", f.add(at, c))
-        rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {f.splat(inverse)}")
+        rest[c] = f.new(f"fmul {EIGHT} {rest[c]}, {v.splat(inverse)}")
         for d in range(c + 1, BLOCK):
-            rest[d] = subtract_outer(f, rest[d], rest[c], f.new(f"extractelement {EIGHT} {rest[c]}, i64 {d}"))
-        f.store(rest[c], column_of(f, panel, f.add(at, c)), kind=EIGHT)
+            rest[d] = v("fsub", rest[d], v.multiply(rest[c], v.lane(rest[c], d)))
+        v.store(rest[c], column_of(f, panel, f.add(at, c)))
 
 
 def _forward() -> FunctionWriter:
-    """Write `forward(factor, rows)`: solve L x = b in place, from the first non-zero block of b."""
+    """Write `forward(factor, rows)`: solve L x = b in place, block row by block row; zeros of b at its start stay."""
     f = FunctionWriter("forward", [*FACTOR, *ROWS])
+    v = Vector(f)
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as i:
             panel, at = panel_of(f, i), f.mul(i, BLOCK)
-            rest = f.slot(EIGHT)
-            f.store(f.load(f.at(x, at), kind=EIGHT), rest, kind=EIGHT)
+            rest = f.variable(EIGHT, v.load(x, at))
             with f.loop(first_of(f, i), at) as k:
-                column = f.load(column_of(f, panel, k), kind=EIGHT)
-                f.store(subtract_outer(f, f.load(rest, kind=EIGHT), column, f.load(x, k)), rest, kind=EIGHT)
+                column = v.load(column_of(f, panel, k))
+                rest.set(v("fsub", rest.get(), v.multiply(column, f.load(x, k))))
             for c in range(BLOCK):
-                now = f.load(rest, kind=EIGHT)
-                own = f.new(f"extractelement {EIGHT} {now}, i64 {c}")
-                value = f.fmul(own, f.load("%inverse", f.add(at, c)))
-                f.store(value, x, f.add(at, c))
-                f.store(
-                    subtract_outer(f, now, f.load(column_of(f, panel, f.add(at, c)), kind=EIGHT), value),
-                    rest,
-                    kind=EIGHT,
-                )
+                now, place = rest.get(), f.add(at, c)
+                value = f.fmul(v.lane(now, c), f.load("%inverse", place))
+                f.store(value, x, place)
+                rest.set(v("fsub", now, v.multiply(v.load(column_of(f, panel, place)), value)))
     return f
 
 
 def _backward() -> FunctionWriter:
     """Write `backward(factor, rows)`: solve L' x = b in place."""
     f = FunctionWriter("backward", [*FACTOR, *ROWS])
+    v = Vector(f)
     with f.loop(0, "%count") as number:
         x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
         with f.loop(0, "%blocks") as back:
@@ -358,9 +326,8 @@ def _backward() -> FunctionWriter:
                 later = [(f.load(column, d), f.load(x, f.add(at, d))) for d in range(c + 1, BLOCK)]
                 rest = f.new(f"fsub double {f.load(x, f.add(at, c))}, {f.dot(later)}")
                 f.store(f.fmul(rest, f.load("%inverse", f.add(at, c))), x, f.add(at, c))
-            solved = f.load(f.at(x, at), kind=EIGHT)
+            solved = v.load(x, at)
             with f.loop(first_of(f, i), at) as k:
-                product = f.new(f"fmul contract {EIGHT} {f.load(column_of(f, panel, k), kind=EIGHT)}, {solved}")
-                total = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {ZERO}, {EIGHT} {product})")
+                total = v.reduce(ZERO, v("fmul", v.load(column_of(f, panel, k)), solved))
                 f.store(f.new(f"fsub double {f.load(x, k)}, {total}"), x, k)
     return f

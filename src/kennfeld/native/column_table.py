@@ -37,41 +37,42 @@ class ColumnTable:
     """
 
     def __init__(self, rows: Iterable[Row], count: int | None = None) -> None:
-        self.parts = [_parts(row) for row in rows]
+        arrays = ([row] if isinstance(row, np.ndarray) else row for row in rows)
+        self.parts = [[np.require(part, np.float64, ["C", "A"]) for part in row] for row in arrays]
         self.count = sum(part.size for part in (self.parts or [[]])[0]) if count is None else count
         self._seams: list[tuple[Float, Sequence[Float], Int]] = []
         blocks = max(-(-self.count // BLOCK), 1)
         self.addresses: Addresses = np.zeros((len(self.parts), blocks), dtype=np.uintp)
         for result, parts in zip(self.addresses, self.parts, strict=True):
-            if sum(part.size for part in parts) != self.count:
-                raise ArgumentError(
-                    f"rows differ in length: {self.count} and {sum(part.size for part in parts)} samples"
-                )
+            size = sum(part.size for part in parts)
+            if size != self.count:
+                raise ArgumentError(f"rows differ in length: {self.count} and {size} samples")
             self._locate(result, parts)
         self.reread()
 
-    def _locate(self, found: Addresses, parts: Sequence[Float]) -> None:
+    def _locate(self, addresses: Addresses, parts: Sequence[Float]) -> None:
+        """Fill in the addresses of a row; copy the blocks in which two of its parts meet."""
         end, seams = 0, set()
         for part in parts:
             first, end = end, end + part.size
-            whole = np.arange(-(-first // BLOCK), found.size if end == self.count else end // BLOCK)
-            found[whole] = address(part) + part.itemsize * (whole * BLOCK - first)
+            whole = np.arange(-(-first // BLOCK), addresses.size if end == self.count else end // BLOCK)
+            addresses[whole] = address(part) + part.itemsize * (whole * BLOCK - first)
             if end % BLOCK and end < self.count:
                 seams.add(end // BLOCK)
         for block in seams:
             samples = np.arange(block * BLOCK, min((block + 1) * BLOCK, self.count))
             copied = np.empty(samples.size)
-            found[block] = address(copied)
+            addresses[block] = address(copied)
             self._seams.append((copied, parts, samples))
 
     def reread(self) -> None:
         """Update the copied blocks after the arrays were changed in place."""
         for copied, parts, samples in self._seams:
-            copied[:] = _taken(parts, samples)
+            copied[:] = _take(parts, samples)
 
     def take(self, samples: Int | Order) -> Float:
         """Return the values at some samples, shape (rows, samples)."""
-        return np.array([_taken(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
+        return np.array([_take(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
 
     def headed(self, order: Order | None) -> Addresses:
         """Return the addresses with the row of the visiting order at the head, as compiled code expects the inputs."""
@@ -80,21 +81,16 @@ class ColumnTable:
         return np.concatenate([head, self.addresses])
 
 
-def _parts(row: Row) -> list[Float]:
-    arrays = [row] if isinstance(row, np.ndarray) else row
-    return [np.require(part, np.float64, ["C", "A"]) for part in arrays]
-
-
-def _taken(parts: Sequence[Float], samples: Int | Order) -> Float:
+def _take(parts: Sequence[Float], samples: Int | Order) -> Float:
     if len(parts) == 1:
         return parts[0][samples]
     ends = np.cumsum([part.size for part in parts])
     owners = np.searchsorted(ends, samples, side="right")
-    taken = np.empty(samples.size)
+    values = np.empty(samples.size)
     for number in np.unique(owners):
         mine = owners == number
-        taken[mine] = parts[number][samples[mine] - (ends[number] - parts[number].size)]
-    return taken
+        values[mine] = parts[number][samples[mine] - (ends[number] - parts[number].size)]
+    return values
 
 
 def find(f: FunctionWriter, sample: str) -> tuple[str, str]:
@@ -108,16 +104,15 @@ def visit(f: FunctionWriter, order: str, k: str, rows: Sequence[tuple[str, int]]
     A visiting order jumps about in the measurement, which hardware prefetching does not follow. `rows`, (table, row)
     pairs, are therefore prefetched some visits ahead, which makes it as fast as the stored order.
     """
-    sample = f.slot("i64")
-    f.store(k, sample, kind="i64")
+    sample = f.variable("i64", k)
     with f.when(f.new(f"icmp ne ptr {order}, null")):
-        f.store(_ordered(f, order, k), sample, kind="i64")
-        later = f.new(f"call i64 @llvm.smin.i64(i64 {f.add(k, AHEAD)}, i64 {f.add('%last', -1)})")
+        sample.set(_ordered(f, order, k))
+        later = f.extreme("smin", f.add(k, AHEAD), f.add("%last", -1))
         block, place = find(f, _ordered(f, order, later))
         for table, row in rows:
             address = f.at(_start(f, f.at(table, block, "ptr"), row), place)
             f.do(f"call void @llvm.prefetch.p0(ptr {address}, i32 0, i32 3, i32 1)")
-    return find(f, f.load(sample, kind="i64"))
+    return find(f, sample.get())
 
 
 def _ordered(f: FunctionWriter, order: str, k: str) -> str:

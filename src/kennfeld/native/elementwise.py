@@ -6,10 +6,10 @@ fast as one of a name, which may be located anywhere.
 
 import ctypes
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 
-from kennfeld.native.ir import FunctionWriter, literal
+from kennfeld.native.ir import HALF, ONE, ZERO, FunctionWriter, literal
 
 ELEMENTARY = frozenset(
     {
@@ -18,30 +18,17 @@ ELEMENTARY = frozenset(
     }
 )
 
-ONE, HALF, ZERO = literal(1.0), literal(0.5), literal(0.0)
-
 # Comparisons give an i1; all are false for NaN except `ne`.
 CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
 
 
 @cache
-def c_library() -> ctypes.CDLL:
-    """Load the C library, under the name it has on this system."""
-    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
-
-
-@cache
 def c_function(name: str) -> int:
     """Return the address of a function of the C library."""
-    address = ctypes.cast(getattr(c_library(), name), ctypes.c_void_p).value
+    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
     assert address is not None
     return address
-
-
-def call_elementary(f: FunctionWriter, name: str, arguments: Sequence[str]) -> str:
-    """Return the result of one of the functions in `ELEMENTARY`."""
-    operands = ", ".join(f"double {argument}" for argument in arguments)
-    return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({operands}) nounwind memory(none)")
 
 
 def _binary(instruction: str) -> Callable[..., str]:
@@ -53,7 +40,11 @@ def _intrinsic(name: str) -> Callable[..., str]:
 
 
 def _elementary(name: str) -> Callable[..., str]:
-    return lambda f, *args: call_elementary(f, name, args)
+    def emit(f: FunctionWriter, *arguments: str) -> str:
+        operands = ", ".join(f"double {argument}" for argument in arguments)
+        return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({operands}) nounwind memory(none)")
+
+    return emit
 
 
 def _extreme(comparison: str) -> Callable[..., str]:
@@ -73,7 +64,8 @@ def _mod(f: FunctionWriter, a: str, b: str) -> str:
     return f.select(f.new(f"fcmp oeq double {b}, {ZERO}"), a, rest)
 
 
-def _guard(f: FunctionWriter, a: str, b: str) -> str:
+def guarded_product(f: FunctionWriter, a: str, b: str) -> str:
+    """Return a product that is 0 if its first factor is 0: a branch not taken, or a grid point of weight 0."""
     return f.select(f.new(f"fcmp oeq double {a}, {ZERO}"), ZERO, f.fmul(a, b))
 
 
@@ -114,7 +106,7 @@ VALUES: dict[str, Callable[..., str]] = {
     "sub": _binary("fsub"),
     "mul": _binary("fmul"),
     "div": _binary("fdiv"),
-    "guard": _guard,
+    "guard": guarded_product,
     "mod": _mod,
     "min": _extreme("ule"),
     "max": _extreme("uge"),

@@ -13,12 +13,13 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
-from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
+from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
+from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native.column_table import HEAD, load_sample
-from kennfeld.native.elementwise import CONDITIONS, VALUES, power
-from kennfeld.native.engine import SharedFunction
-from kennfeld.native.ir import LANES, FunctionWriter, literal
-from kennfeld.native.rbf_code import evaluation, value_slopes
+from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power
+from kennfeld.native.engine import SharedFunction, shared_function
+from kennfeld.native.ir import LANES, ONE, ZERO, FunctionWriter, literal
+from kennfeld.native.rbf_code import write_evaluation, write_value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
 SEGMENT = 600  # items a function
@@ -49,6 +50,20 @@ class MemoryLayout:
     searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
     memory_offsets: tuple[int, ...] = field(init=False)
 
+    @classmethod
+    def of(cls, lowered: LoweredGraph, nodes: Sequence[Node], values: ValueLayout) -> "MemoryLayout":
+        """Return the layout for a lowered graph; the inputs are those of `nodes`, in their order."""
+        inputs = dict.fromkeys(node.payload for node in nodes if node.op == "input")
+        return cls(
+            {name: row for row, name in enumerate(inputs)},
+            values.offsets,
+            lowered.shapes,
+            lowered.axes,
+            tuple(state.latency for state in lowered.graph.states),
+            values.moving,
+            values.free,
+        )
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis_offsets", _before([a.size for a in self.axes]))
         object.__setattr__(self, "memory_offsets", _before(self.latencies))
@@ -66,7 +81,7 @@ class MemoryLayout:
     @property
     def hints(self) -> int:
         """Number of integers for ring buffers and searches, known once everything is emitted."""
-        return len(self.latencies) + len(self.searches)
+        return max(len(self.latencies) + len(self.searches), 1)
 
     def hint(self, x: int, axis: AxisRef) -> int:
         """Return the index at which the search of node `x` in an axis stores its last cell."""
@@ -118,17 +133,17 @@ class StepEmitter:
         """Return the double of a node computed before."""
         if node not in self._values:
             if node in self._truths:
-                self._values[node] = self.choose(node, literal(1.0), literal(0.0))
+                self._values[node] = self.choose(node, ONE, ZERO)
             else:
                 self._values[node] = self.f.load("%frame", self.frame[node])
         return self._values[node]
 
     def _truth(self, node: int) -> Condition:
         if node not in self._truths:
-            self._truths[node] = Condition(self.f.new(f"fcmp une double {self.value(node)}, {literal(0.0)}"))
+            self._truths[node] = Condition(self.f.new(f"fcmp une double {self.value(node)}, {ZERO}"))
         return self._truths[node]
 
-    def condition(self, node: int) -> str:
+    def _condition(self, node: int) -> str:
         """Return the truth of a node as an i1; NaN is true."""
         register, negated = self._truth(node)
         return self.f.new(f"xor i1 {register}, true") if negated else register
@@ -146,16 +161,12 @@ class StepEmitter:
             a, b = (self.value(x) for x in args)
             self._truths[node] = Condition(f.new(f"fcmp {CONDITIONS[op]} double {a}, {b}"))
         elif op in ("and", "or"):
-            self._truths[node] = Condition(f.new(f"{op} i1 {self.condition(args[0])}, {self.condition(args[1])}"))
+            self._truths[node] = Condition(f.new(f"{op} i1 {self._condition(args[0])}, {self._condition(args[1])}"))
         elif op == "not":
             register, negated = self._truth(args[0])
             self._truths[node] = Condition(register, not negated)
         else:
             self._values[node] = self._double(node, op, args, payload)
-
-    def product(self, slope: str, weight: str) -> str:
-        """Return a product that is 0 if its first factor is 0: a branch not taken, or a grid point of weight 0."""
-        return VALUES["guard"](self.f, slope, weight)
 
     def _double(self, node: int, op: str, args: tuple[int, ...], payload: object) -> str:
         f = self.f
@@ -181,14 +192,14 @@ class StepEmitter:
                 return f.load(self._expansion(ref, args), 1 + axis)
             case "select", _:
                 return self.choose(args[0], self.value(args[1]), self.value(args[2]))
-            case "pow", _ if (whole := self._whole(args[1])) is not None:
-                return power(f, self.value(args[0]), whole)
+            case "pow", _ if self._is_short_power(args[1]):
+                return power(f, self.value(args[0]), int(self.nodes[args[1]].payload))
             case _:
                 return VALUES[op](f, *(self.value(a) for a in args))
 
-    def _whole(self, node: int) -> int | None:
+    def _is_short_power(self, node: int) -> bool:
         op, _, payload = self.nodes[node]
-        return int(payload) if op == "const" and float(payload).is_integer() and abs(payload) <= 16 else None
+        return op == "const" and float(payload).is_integer() and abs(payload) <= 16
 
     def ring(self, state: int) -> str:
         """Return the index of the memory cell that holds the current value of a state."""
@@ -200,17 +211,20 @@ class StepEmitter:
     def _search(self, node: int, x: int, axis: AxisRef) -> Cell:
         f, points = self.f, self.layout.axes[axis.number]
         if points.size == 1:
-            cell = Cell("0", f.fmul(self.value(x), literal(0.0)), single=True)
+            cell = Cell("0", f.fmul(self.value(x), ZERO), single=True)
         else:
-            hint = f.at("%hints", self.layout.hint(x, axis), "i64")
-            index, past, width = find_cell(f, self.value(x), self._points(axis), points.size, hint)
+            index, past, width = self._find_cell(x, axis)
             fraction = f.new(f"fdiv double {past}, {width}")
             if axis.extrapolation == "clip":
-                fraction = f.select(f.new(f"fcmp olt double {fraction}, {literal(0.0)}"), literal(0.0), fraction)
-                fraction = f.select(f.new(f"fcmp ogt double {fraction}, {literal(1.0)}"), literal(1.0), fraction)
+                fraction = f.select(f.new(f"fcmp olt double {fraction}, {ZERO}"), ZERO, fraction)
+                fraction = f.select(f.new(f"fcmp ogt double {fraction}, {ONE}"), ONE, fraction)
             cell = Cell(index, fraction)
         self._cells[node, points.size] = cell
         return cell
+
+    def _find_cell(self, x: int, axis: AxisRef) -> tuple[str, str, str]:
+        hint = self.f.at("%hints", self.layout.hint(x, axis), "i64")
+        return find_cell(self.f, self.value(x), self._points(axis), self.layout.axes[axis.number].size, hint)
 
     def _points(self, axis: AxisRef) -> str:
         """Return the address of the breakpoints of an axis."""
@@ -221,36 +235,34 @@ class StepEmitter:
     def _density(self, x: int, axis: AxisRef) -> str:
         f, points = self.f, self.layout.axes[axis.number]
         if points.size == 1:
-            return literal(0.0)
-        at = self._points(axis)
-        hint = f.at("%hints", self.layout.hint(x, axis), "i64")
-        _, _, width = find_cell(f, self.value(x), at, points.size, hint)
-        slope = f.new(f"fdiv double {literal(1.0)}, {width}")
+            return ZERO
+        _, _, width = self._find_cell(x, axis)
+        slope = f.new(f"fdiv double {ONE}, {width}")
         if axis.extrapolation == "linear":
             return slope
-        low, high = (literal(float(points[i])) if axis.key is None else f.load(at, i % points.size) for i in (0, -1))
+        low, high = (
+            literal(float(points[i])) if axis.key is None else f.load(self._points(axis), i % points.size)
+            for i in (0, -1)
+        )
         above = f.new(f"fcmp oge double {self.value(x)}, {low}")
         below = f.new(f"fcmp ole double {self.value(x)}, {high}")
-        return f.select(above, f.select(below, slope, literal(0.0)), literal(0.0))
+        return f.select(above, f.select(below, slope, ZERO), ZERO)
 
     def sides(self, table: TableRef, args: Sequence[int]) -> list[Cell | Window]:
         """Return the grid points around the coordinate, one entry per axis."""
         shape = self.layout.shapes[table.name]
         return [
-            self._window(a, axis) if smoothed else self._cell(a, count)
+            self._window(a, axis) if smoothed else self.cell(a, count)
             for a, axis, smoothed, count in zip(args, table.axes, table.smoothed, shape, strict=True)
         ]
 
-    def cell(self, position: int) -> Cell:
-        """Return the breakpoints around a position."""
-        return self._cell(position, self.layout.axes[self.nodes[position].payload.number].size)
-
-    def _cell(self, node: int, count: int) -> Cell:
+    def cell(self, node: int, count: int) -> Cell:
+        """Return the two of `count` grid points around a position."""
         if (node, count) not in self._cells:
             f, place = self.f, self.value(node)
             if count == 1:
-                return Cell("0", f.fmul(place, literal(0.0)), single=True)
-            low = f.select(f.new(f"fcmp ogt double {place}, {literal(0.0)}"), place, literal(0.0))
+                return Cell("0", f.fmul(place, ZERO), single=True)
+            low = f.select(f.new(f"fcmp ogt double {place}, {ZERO}"), place, ZERO)
             last = literal(float(count - 2))
             index = f.new(f"fptosi double {f.select(f.new(f'fcmp olt double {low}, {last}'), low, last)} to i64")
             past = f.new(f"fsub double {place}, {f.new(f'sitofp i64 {index} to double')}")
@@ -271,7 +283,7 @@ class StepEmitter:
         if (ref.name, args) not in self._expansions:
             reciprocal = self.layout.offsets[ref.name] >= self.layout.free
             out = self.f.slot("double", 1 + ref.inputs)
-            self._call_expansion(evaluation(ref.inputs, reciprocal=reciprocal), ref, args, out)
+            self._call_expansion(shared_function(write_evaluation, ref.inputs, reciprocal), ref, args, out)
             self._expansions[ref.name, args] = out
         return self._expansions[ref.name, args]
 
@@ -279,7 +291,7 @@ class StepEmitter:
         """Return the number of values of an expansion, and the address of its slopes with respect to them."""
         count = int(np.prod(self.layout.shapes[ref.name]))
         out = self.f.slot("double", count)
-        self._call_expansion(value_slopes(ref.inputs), ref, args, out)
+        self._call_expansion(shared_function(write_value_slopes, ref.inputs), ref, args, out)
         return count, out
 
     def _call_expansion(self, function: SharedFunction, ref: ExpansionRef, args: tuple[int, ...], out: str) -> None:
@@ -293,14 +305,13 @@ class StepEmitter:
         f = self.f
         base = f.at("%values", self.layout.offsets[table.name])
         sides, strides = self.sides(table, args), self.layout.strides(table.name)
+        terms = (guarded_product(f, c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope))
         if not any(isinstance(side, Window) for side in sides):
-            terms = [self.product(c.weight, f.load(base, c.index)) for c in corners(f, sides, strides, slope)]
-            return f.sum(terms)
-        total = f.slot("double")
-        f.store(literal(0.0), total)
-        for corner in corners(f, sides, strides, slope):
-            f.increase(self.product(corner.weight, f.load(base, corner.index)), total)
-        return f.load(total)
+            return f.sum([*terms])
+        total = f.variable("double", ZERO)
+        for term in terms:  # within the loops of the windows
+            f.increase(term, total.pointer)
+        return total.get()
 
 
 def emit_items(

@@ -3,13 +3,15 @@
 import ctypes
 import threading
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import llvmlite.binding as llvm
 
 from kennfeld.native.elementwise import c_function
+from kennfeld.native.ir import FunctionWriter
 
+NativeFunction = Callable[..., None]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
 
 _compiling = threading.Lock()
@@ -48,7 +50,12 @@ class Engine:
     def __init__(self, text: str, *, loops: bool = False) -> None:
         with _compiling:
             long = len(text) > LONG
-            self._machine = _target_machine(effort=0 if long else 2)
+            self._machine = _target().create_target_machine(
+                cpu=llvm.get_host_cpu_name(),
+                features=llvm.get_host_cpu_features().flatten(),
+                opt=0 if long else 2,
+                codemodel="jitdefault",  # reaches the C library at any address
+            )
             module = llvm.parse_assembly(_DECLARATIONS + text)
             module.triple = self._machine.triple
             module.data_layout = str(self._machine.target_data)
@@ -60,51 +67,50 @@ class Engine:
         """Return the address of a compiled function."""
         return int(self._engine.get_function_address(name))
 
-    def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> Callable[..., None]:
+    def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> NativeFunction:
         """Return the compiled function with these (type, name) parameters; arrays are passed by address."""
         result: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(self.address(name))
         result.engine = self
-        called: Callable[..., None] = result
-        return called
+        native: NativeFunction = result
+        return native
+
+
+def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[str, NativeFunction]:
+    """Compile functions as one module, and return them by name; see `Engine`."""
+    engine = Engine("".join(f.text() for f in functions), loops=loops)
+    return {f.name: engine.function(f.name, f.parameters) for f in functions}
 
 
 class SharedFunction:
-    """A model-independent function called by generated code, compiled once, when first needed.
+    """A model-independent function called by generated code, compiled once, when first needed."""
 
-    `write` returns its text, after that of the functions it calls.
-    """
-
-    def __init__(self, name: str, write: Callable[[], str]) -> None:
-        self._name, self._write = name, write
+    def __init__(self, write: Callable[[], FunctionWriter]) -> None:
+        self._write = write
         self._compiled: tuple[Engine, str] | None = None
         self._lock = threading.Lock()  # two threads might compile, and the engine of one be gone when it is called
 
     def __str__(self) -> str:
         with self._lock:
             if self._compiled is None:
-                engine = Engine(self._write())
-                self._compiled = engine, f"inttoptr (i64 {engine.address(self._name)} to ptr)"
+                f = self._write()
+                engine = Engine(f.text())
+                self._compiled = engine, f"inttoptr (i64 {engine.address(f.name)} to ptr)"
             return self._compiled[1]
 
 
 @cache
-def _initialise() -> None:
+def shared_function(write: Callable[..., FunctionWriter], *arguments: object) -> SharedFunction:
+    """Return the function that `write(*arguments)` writes, the same for equal arguments."""
+    return SharedFunction(partial(write, *arguments))
+
+
+@cache
+def _target() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     for name in ("memset", "memcpy", "memmove"):  # LLVM itself writes calls of these
         llvm.add_symbol(name, c_function(name))
-
-
-def _target_machine(effort: int) -> Any:
-    _initialise()
-    target = llvm.Target.from_default_triple()
-    # Code model "jitdefault" reaches the C library at any address.
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=effort,
-        codemodel="jitdefault",
-    )
+    return llvm.Target.from_default_triple()
 
 
 def _tidy(module: Any, machine: Any) -> None:

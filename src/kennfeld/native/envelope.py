@@ -36,7 +36,11 @@ class Envelope:
     @classmethod
     def of(cls, pattern: Bool) -> "Envelope":
         """Return a small envelope of a symmetric pattern, bool (size, size)."""
-        envelopes = [cls.ordered(pattern, order) for order in _orders(pattern)]
+        candidates = [
+            np.concatenate([rest[_by_levels(pattern[np.ix_(rest, rest)])], last])
+            for rest, last in split_busy(np.count_nonzero(pattern, axis=1))
+        ]
+        envelopes = [cls.ordered(pattern, order) for order in candidates or [np.arange(len(pattern))]]
         return min(envelopes, key=lambda envelope: envelope.work)
 
     @classmethod
@@ -70,15 +74,6 @@ class Envelope:
         return np.append(ends - lengths - BLOCK * BLOCK * self.first, lengths.sum())
 
 
-def _orders(pattern: Bool) -> list[Int]:
-    """Return candidate orders, with fewer or more values at the end."""
-    orders = [
-        np.concatenate([rest[_by_levels(pattern[np.ix_(rest, rest)])], last])
-        for rest, last in split_busy(np.count_nonzero(pattern, axis=1))
-    ]
-    return orders or [np.arange(len(pattern))]
-
-
 def split_busy(degree: Int) -> Iterator[tuple[Int, Int]]:
     """Yield divisions of values by their number of neighbours: most of them, and fewer or more that come last."""
     seen = set()
@@ -93,12 +88,12 @@ def split_busy(degree: Int) -> Iterator[tuple[Int, Int]]:
 def _by_levels(pattern: Bool) -> Int:
     """Return the reverse Cuthill-McKee order: each connected component from a peripheral row, level by level."""
     degree = np.count_nonzero(pattern, axis=1)
-    left = np.ones(degree.size, dtype=bool)
+    unordered = np.ones(degree.size, dtype=bool)
     parts = []
     for seed in np.argsort(degree, kind="stable"):
-        if left[seed]:
+        if unordered[seed]:
             part = _levels(pattern, degree, _levels(pattern, degree, seed)[-1])
-            left[part] = False
+            unordered[part] = False
             parts.append(part)
     return np.concatenate([np.zeros(0, dtype=np.int64), *parts])[::-1]
 

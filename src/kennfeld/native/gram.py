@@ -4,17 +4,16 @@ V consists of the rows that would follow H in a factorisation of [[H, A'], [A, 0
 of eight rows, each from its first non-zero on. Rows with a late first non-zero are cheap and are grouped together.
 """
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native.addresses import INT64, address
-from kennfeld.native.cholesky import FACTOR, Factor, add_outer, column_of, divide, first_of, panel_of, reduced_block
-from kennfeld.native.engine import Engine
+from kennfeld.native.cholesky import FACTOR, Factor, column_of, divide, first_of, panel_of, reduce_block
+from kennfeld.native.engine import NativeFunction, compile_functions
 from kennfeld.native.envelope import BLOCK
-from kennfeld.native.ir import EIGHT, FunctionWriter
+from kennfeld.native.ir import EIGHT, FunctionWriter, Vector
 
 
 class Gram:
@@ -50,17 +49,11 @@ class Gram:
         self._begins = np.concatenate([self._begins, begin[order][::BLOCK]])
         self._numbers = np.concatenate([self._numbers, numbers])
         self._products = products
-        self._compute(known)
-
-    def _compute(self, known: int) -> None:
-        """Compute the new block rows of V, and their products with all."""
         blocks = self._begins.size
-        halves = address(self._halves, blocks * BLOCK * self._factor.inverse.size)
-        rows = (halves, address(self._begins, kind=INT64), known, blocks)
-        _functions()["halve"](*self._factor.pointers, *rows)
-        numbers = address(self._numbers, blocks * BLOCK, INT64)
-        products = (numbers, address(self._products), len(self._products))
-        _functions()["multiply"](*rows, self._factor.envelope.blocks, *products)
+        rows = (address(self._halves, blocks * BLOCK * self._factor.inverse.size), address(self._begins, kind=INT64))
+        table = (address(self._numbers, blocks * BLOCK, INT64), address(products), len(products))
+        _functions()["halve"](*self._factor.pointers, *rows, known, blocks)
+        _functions()["multiply"](*rows, known, blocks, self._factor.envelope.blocks, *table)
 
     @property
     def products(self) -> Float:
@@ -81,10 +74,8 @@ ROWS = (("ptr", "halves"), ("ptr", "begins"), ("i64", "known"), ("i64", "count")
 
 
 @cache
-def _functions() -> dict[str, Callable[..., None]]:
-    written = [_halve(), _multiply()]
-    engine = Engine("".join(f.text() for f in written))
-    return {f.name: engine.function(f.name, f.parameters) for f in written}
+def _functions() -> dict[str, NativeFunction]:
+    return compile_functions(_halve(), _multiply())
 
 
 def _row(f: FunctionWriter, block: str, blocks: str) -> str:
@@ -104,8 +95,8 @@ def _halve() -> FunctionWriter:
         panel = _row(f, b, "%blocks")
         with f.loop(f.load("%begins", b, "i64"), "%blocks") as j:
             other = panel_of(f, j)
-            later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {first_of(f, j)})")
-            divide(f, panel, other, j, reduced_block(f, panel, other, later, f.mul(j, BLOCK)))
+            later = f.extreme("smax", _begin(f, b), first_of(f, j))
+            divide(f, panel, other, j, reduce_block(f, panel, other, later, f.mul(j, BLOCK)))
     return f
 
 
@@ -113,22 +104,20 @@ def _multiply() -> FunctionWriter:
     """Write `multiply(rows, blocks, numbers, products, stride)`: V V' of the new block rows with all."""
     result = (("ptr", "numbers"), ("ptr", "products"), ("i64", "stride"))
     f = FunctionWriter("multiply", [*ROWS, ("i64", "blocks"), *result])
+    v = Vector(f)
     with f.loop("%known", "%count") as b, f.loop(0, f.add(b, 1)) as c:
         own, other = _row(f, b, "%blocks"), _row(f, c, "%blocks")
-        later = f.new(f"call i64 @llvm.smax.i64(i64 {_begin(f, b)}, i64 {_begin(f, c)})")
-        sums = [f.slot(EIGHT) for _ in range(BLOCK)]
-        for total in sums:
-            f.store("zeroinitializer", total, kind=EIGHT)
+        later = f.extreme("smax", _begin(f, b), _begin(f, c))
+        sums = [f.variable(EIGHT, "zeroinitializer") for _ in range(BLOCK)]
         with f.loop(later, f.mul("%blocks", BLOCK)) as k:
-            vector = f.load(column_of(f, own, k), kind=EIGHT)
-            scalars = column_of(f, other, k)
+            vector, scalars = v.load(column_of(f, own, k)), column_of(f, other, k)
             for lane, total in enumerate(sums):
-                f.store(add_outer(f, f.load(total, kind=EIGHT), vector, f.load(scalars, lane)), total, kind=EIGHT)
-        _spread(f, [f.load(total, kind=EIGHT) for total in sums], b, c)
+                total.set(v("fadd", total.get(), v.multiply(vector, f.load(scalars, lane))))
+        _write_products(f, [total.get() for total in sums], b, c)
     return f
 
 
-def _spread(f: FunctionWriter, block: list[str], b: str, c: str) -> None:
+def _write_products(f: FunctionWriter, block: list[str], b: str, c: str) -> None:
     """Write the columns of a block into the symmetric matrix of products, on both sides of its diagonal."""
     stored = f.slot(EIGHT, BLOCK)
     for lane, vector in enumerate(block):

@@ -7,20 +7,20 @@ adjoint program (`PulledRows`).
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from math import prod
 
 from kennfeld.graph.derivative import Linearization, Written
-from kennfeld.graph.lookup_lowering import ExpansionRef
 from kennfeld.native.adjoint_loop import PullProgram
+from kennfeld.native.elementwise import guarded_product
 from kennfeld.native.emitter import CodeItem, MemoryLayout, StepEmitter
-from kennfeld.native.ir import literal
+from kennfeld.native.ir import ZERO, literal
 from kennfeld.native.sample_loop import Output, is_counted
 from kennfeld.native.table_lookup import Corner, corners
 from kennfeld.native.tape_layout import TapeLayout
 
 # Called for each grid point of an atom: the number of the entry in its sample, that in the tape, and its weight.
 EntryWriter = Callable[[str, str, str], None]
-
-ZERO = literal(0.0)
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,15 @@ def entries_of(line: Linearization, layout: MemoryLayout, atoms: Sequence[int]) 
     """Return the number of entries for the grid points that the atoms of one sample touch."""
     room, fixed = 0, True
     for atom in atoms:
-        points = 1
-        if line.nodes[atom].op == "position":
-            room += min(layout.axes[line.nodes[atom].payload.number].size, 2)
-            continue
-        table = line.nodes[atom].payload
-        if line.nodes[atom].op == "expansion":
-            room, fixed = room + layout.shapes[table.name][0], False
-            continue
-        for count, smoothed in zip(layout.shapes[table.name], table.smoothed, strict=True):
-            points *= count if smoothed else min(count, 2)
-            fixed = fixed and not smoothed
-        room += points
+        op, _, payload = line.nodes[atom]
+        if op == "position":
+            room += min(layout.axes[payload.number].size, 2)
+        elif op == "expansion":
+            room, fixed = room + layout.shapes[payload.name][0], False
+        else:
+            sizes = [*zip(layout.shapes[payload.name], payload.smoothed, strict=True)]
+            room += prod(count if smoothed else min(count, 2) for count, smoothed in sizes)
+            fixed = fixed and not any(payload.smoothed)
     return Entries(room, fixed)
 
 
@@ -68,74 +65,48 @@ def entry_items(
 
     items, first = [CodeItem((), begin)], 0
     for atom in atoms:
-        points = _Points(line, layout, entries, writer, atom, first)
-        items.append(CodeItem((*points.needs, *needs(atom)), points.emit))
+        op, args, _ = line.nodes[atom]
+        emit = partial(_write_entries, line=line, entries=entries, writer=writer, atom=atom, first=first)
+        items.append(CodeItem((*((atom,) if op == "position" else args), *needs(atom)), emit))
         first += entries_of(line, layout, [atom]).room
     return items
 
 
-@dataclass(frozen=True)
-class _Points:
-    """The grid points of one atom; the first is entry `first` if all samples have the same number."""
-
-    line: Linearization
-    layout: MemoryLayout
-    entries: Entries
-    writer: Callable[[StepEmitter, int], EntryWriter]
-    atom: int
-    first: int
-
-    @property
-    def needs(self) -> tuple[int, ...]:
-        """The nodes whose values the columns use."""
-        op, args, _ = self.line.nodes[self.atom]
-        return (self.atom,) if op == "position" else args
-
-    def emit(self, step: StepEmitter) -> None:
-        """Write all entries of the atom."""
-        write = self.writer(step, self.atom)
-        start = step.f.mul("%row", self.entries.room)
-        for number, corner in enumerate(self._corners(step)):
-            entry = self._number(step, number)
-            place = step.f.add(start, entry)
-            self._write_column(step, place, corner)
-            write(entry, place, corner.weight)
-            self._count(step)
-
-    def _corners(self, step: StepEmitter) -> Iterator[Corner]:
-        op, args, payload = self.line.nodes[self.atom]
-        if op == "position":
-            return corners(step.f, [step.cell(self.atom)], [1])
-        if op == "expansion":
-            return _all_values(step, payload, args)
-        return corners(step.f, step.sides(payload, args), self.layout.strides(payload.name))
-
-    @property
-    def _column(self) -> int:
-        """The first column of the table or axis."""
-        op, _, payload = self.line.nodes[self.atom]
-        return self.layout.moving[payload.key] if op == "position" else self.layout.offsets[payload.name]
-
-    def _number(self, step: StepEmitter, number: int) -> str:
-        if self.entries.fixed:
-            return str(self.first + number)
-        return step.f.new(f"sext i32 {step.f.load('%count', '%row', 'i32')} to i64")
-
-    def _write_column(self, step: StepEmitter, place: str, corner: Corner) -> None:
-        f = step.f
-        column = f.add(corner.index, self._column)
-        f.store(f.new(f"trunc i64 {column} to i32"), "%index", place, "i32")
-
-    def _count(self, step: StepEmitter) -> None:
-        if not self.entries.fixed:
-            count = step.f.load("%count", "%row", "i32")
-            step.f.store(step.f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
+def _write_entries(
+    step: StepEmitter,
+    line: Linearization,
+    entries: Entries,
+    writer: Callable[[StepEmitter, int], EntryWriter],
+    atom: int,
+    first: int,
+) -> None:
+    """Write all entries of an atom; the first is entry `first` if all samples have the same number."""
+    f, (op, _, payload) = step.f, line.nodes[atom]
+    base = step.layout.moving[payload.key] if op == "position" else step.layout.offsets[payload.name]
+    write = writer(step, atom)
+    start = f.mul("%row", entries.room)
+    for number, corner in enumerate(_corners(step, atom)):
+        entry = str(first + number) if entries.fixed else f.load_index("%count", "%row")
+        place = f.add(start, entry)
+        column = f.new(f"trunc i64 {f.add(corner.index, base)} to i32")
+        f.store(column, "%index", place, "i32")
+        write(entry, place, corner.weight)
+        if not entries.fixed:
+            count = f.load("%count", "%row", "i32")
+            f.store(f.new(f"add i32 {count}, 1"), "%count", "%row", "i32")
 
 
-def _all_values(step: StepEmitter, ref: ExpansionRef, args: tuple[int, ...]) -> Iterator[Corner]:
-    count, weights = step.expansion_weights(ref, args)
-    with step.f.loop(0, count) as value:
-        yield Corner(value, step.f.load(weights, value))
+def _corners(step: StepEmitter, atom: int) -> Iterator[Corner]:
+    """Emit the body for each grid point that an atom touches."""
+    op, args, payload = step.nodes[atom]
+    if op == "position":
+        yield from corners(step.f, [step.cell(atom, step.layout.axes[payload.number].size)], [1])
+    elif op == "expansion":
+        count, weights = step.expansion_weights(payload, args)
+        with step.f.loop(0, count) as value:
+            yield Corner(value, step.f.load(weights, value))
+    else:
+        yield from corners(step.f, step.sides(payload, args), step.layout.strides(payload.name))
 
 
 @dataclass(frozen=True)
@@ -195,26 +166,27 @@ class WrittenRows:
         def write(entry: str, place: str, weight: str) -> None:
             into = step.f.at("%slope", step.f.mul(place, len(slopes)))
             for row, slope in enumerate(slopes):
-                step.f.store(ZERO if slope == ZERO else step.product(slope, weight), into, row)
+                step.f.store(ZERO if slope == ZERO else guarded_product(step.f, slope, weight), into, row)
 
         return write
 
     def matrix_items(self, seeds: Sequence[int], pattern: TapeLayout) -> list[CodeItem]:
         """Return items that write the slopes with respect to states: first rows to `%c`, others to `%a`."""
-        return [self._matrix_row(row, seeds, pattern) for row in range(len(self._rows))]
 
-    def _matrix_row(self, row: int, seeds: Sequence[int], pattern: TapeLayout) -> CodeItem:
-        counted, slopes = self._rows[row]
-        of_output = row < pattern.outputs
-        matrix, size = ("%c", pattern.outputs * pattern.carried) if of_output else ("%a", pattern.cells)
-        cells = [(seeds[i], place) for i, place in pattern.places[row]]
+        def item(row: int) -> CodeItem:
+            counted, slopes = self._rows[row]
+            of_output = row < pattern.outputs
+            matrix, size = ("%c", pattern.outputs * pattern.carried) if of_output else ("%a", pattern.cells)
+            cells = [(seeds[i], place) for i, place in pattern.places[row]]
 
-        def emit(step: StepEmitter) -> None:
-            into = step.f.at(matrix, step.f.mul("%row", size))
-            for seed, place in cells:
-                step.f.store(self._slope(step, row, seed), into, place)
+            def emit(step: StepEmitter) -> None:
+                into = step.f.at(matrix, step.f.mul("%row", size))
+                for seed, place in cells:
+                    step.f.store(self._slope(step, row, seed), into, place)
 
-        return CodeItem((*counted.needs, *(slopes[seed] for seed, _ in cells)), emit)
+            return CodeItem((*counted.needs, *(slopes[seed] for seed, _ in cells)), emit)
+
+        return [item(row) for row in range(len(self._rows))]
 
 
 class PulledRows:
@@ -254,6 +226,6 @@ class PulledRows:
 
         def write(entry: str, place: str, weight: str) -> None:
             step.f.store(source, "%sources", entry, "i32")
-            step.f.store(step.product(scale, weight) if scale else weight, "%weights", entry)
+            step.f.store(guarded_product(step.f, scale, weight) if scale else weight, "%weights", entry)
 
         return write

@@ -1,22 +1,109 @@
-"""Sensitivities of many states: S[k+1] = A[k] S[k] + B[k] by loops over the states that skip structural zeros of A.
+"""Rows of the Jacobian from a tape, with the sensitivities S carried over the samples.
 
-S [states, width] are the derivatives of the states with respect to the columns that can reach a state. Of the slopes
-between a hundred states most are structural zeros in most models: only the others are read. If a state takes over the
-previous value of another one, as in a shift register, it takes over its row of S.
+    J[k] = C[k] S[k] + D[k],    S[k+1] = A[k] S[k] + B[k]
+
+S [states, width] are the derivatives of the states with respect to the columns that can reach a state. A state of
+latency d has d rows of S in a ring buffer. For few states, the code is unrolled. For many, it loops over the states: of
+the slopes between a hundred states most are structural zeros in most models, and only the others are read. If a state
+takes over the previous value of another one, as in a shift register, it takes over its row of S.
 """
 
-from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from itertools import accumulate, chain
 
-from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, literal
-from kennfeld.native.tape_layout import TapeLayout
+from kennfeld.native.ir import EIGHT, LANES, ZERO, FunctionWriter, Vector, integer_table
+from kennfeld.native.tape_layout import MANY, TapeLayout
+from kennfeld.native.tape_reader import ENTRIES, Rows, TapeEntries, dot, load_row, times, whole_width
 
-ZERO = literal(0.0)
 STRIP = 4  # vectors of columns at a time: as many sums as hide the time that one takes
 
 
+def rows_functions(pattern: TapeLayout) -> list[FunctionWriter]:
+    """Write `rows(length, weight, c, a, sensitivities, width, rings, next, entries, jacobian, columns)`.
+
+        jacobian[k] = sqrt(W) (C S[k] + D)
+
+    `rings[i]` is the index of the oldest row of S of state i; `next` has room for the rows of the next sample.
+    """
+    m, n = pattern.outputs, pattern.carried
+    names = ("weight", "c", "a", "sensitivities")
+    head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "rings"), ("ptr", "next")]
+    f = FunctionWriter("rows", [*head, *ENTRIES, ("ptr", "jacobian"), ("i64", "columns")])
+    states = _ManyStates(f, pattern) if n > MANY else _FewStates(f, pattern)
+    with f.loop(0, "%length") as k:
+        roots = [f.new(f"call double @llvm.sqrt.f64(double {w})") for w in load_row(f, "%weight", k, m)]
+        out = [f.at("%jacobian", f.mul(f.add(f.mul(k, m), o), "%columns")) for o in range(m)]
+        states.begin(k)
+        for o in range(m):
+            with f.loop(0, "%columns") as j:
+                f.store(ZERO, out[o], j)
+            states.add_output(out[o], o, roots[o])
+        states.step()
+        entries = TapeEntries(f, k, pattern.rows)
+        with f.loop(0, entries.count) as e:
+            column, slopes = entries.column(e), entries.slopes(e)
+            for o in range(m):
+                f.increase(f.fmul(roots[o], f.load(slopes, o)), out[o], column)
+            states.add_entry(column, f.at(slopes, m))
+        states.turn()
+    return [add_combination(n, many_tables(pattern)), f] if n > MANY else [f]
+
+
+class _FewStates:
+    """The sensitivities S of all states within one sample, unrolled."""
+
+    def __init__(self, f: FunctionWriter, pattern: TapeLayout) -> None:
+        self.f, self.pattern = f, pattern
+
+    def begin(self, k: str) -> None:
+        """Locate the rows of S and load C and A of sample k."""
+        f, n, latencies = self.f, self.pattern.carried, self.pattern.latencies
+        places = [f.add(f.load("%rings", i, "i64"), sum(latencies[:i])) for i in range(n)]
+        self._rows = [f.at("%sensitivities", f.mul("%width", place)) for place in places]
+        self._next = [f.at("%next", f.mul("%width", i)) for i in range(n)]
+        self._c = load_row(f, "%c", k, self.pattern.outputs * n, self.pattern.c)
+        self._a = load_row(f, "%a", k, n * n, self.pattern.a)
+
+    def add_output(self, target: str, output: int, factor: str) -> None:
+        """Add factor times the row of C S of an output to the target."""
+        n = self.pattern.carried
+        factors = [times(self.f, factor, c) for c in self._c[output * n : output * n + n]]
+        if any(c != ZERO for c in factors):
+            with self._each_column() as j:
+                self.f.increase(dot(self.f, factors, self._load(j)), target, j)
+
+    def step(self) -> None:
+        """Compute A S, the next S without the entries' part."""
+        f, n = self.f, self.pattern.carried
+        with self._each_column() as j:
+            old = self._load(j)
+            for i, row in enumerate(self._next):
+                f.store(dot(f, self._a[i * n : i * n + n], old), row, j)
+
+    def add_entry(self, column: str, slopes: str) -> None:
+        """Add B, the slopes of the states with respect to one value."""
+        for i, row in enumerate(self._next):
+            self.f.increase(self.f.load(slopes, i), row, column)
+
+    def turn(self) -> None:
+        """Replace the oldest rows by the next ones, and advance the rings."""
+        f = self.f
+        for row, following in zip(self._rows, self._next, strict=True):
+            with self._each_column() as j:
+                f.store(f.load(following, j), row, j)
+        for i, latency in enumerate(self.pattern.latencies):
+            if latency > 1:
+                f.advance("%rings", i, latency)
+
+    def _each_column(self) -> AbstractContextManager[str]:
+        return self.f.loop(0, whole_width(self.f))
+
+    def _load(self, j: str) -> Rows:
+        return [self.f.load(row, j) for row in self._rows]
+
+
 def many_tables(pattern: TapeLayout) -> str:
-    """Return the constants that `ManyStates` reads."""
+    """Return the constants that `_ManyStates` reads."""
     latencies = pattern.latencies
     tables = {
         "bases": [0, *accumulate(latencies[:-1])],
@@ -27,43 +114,34 @@ def many_tables(pattern: TapeLayout) -> str:
         "sources": [*chain.from_iterable(pattern.sources)],
         "seen": [*chain.from_iterable(pattern.seen)],
     }
-    return "".join(_table(name, numbers) for name, numbers in tables.items())
+    return "".join(integer_table(f"many_{name}", numbers) for name, numbers in tables.items())
 
 
-def _table(name: str, numbers: Sequence[int]) -> str:
-    held = ", ".join(f"i32 {number}" for number in numbers)
-    return f"@many_{name} = internal constant [{len(numbers)} x i32] [{held}]\n"
-
-
-class ManyStates:
-    """The sensitivities S of all states within one sample, in `%sensitivities`: rows of `%width` columns.
-
-    A state of latency d has d rows, of which `%rings` gives the oldest. `%next` has room for the rows of the next
-    sample.
-    """
+class _ManyStates:
+    """The same by loops over the states; A and C are read where they are not structurally zero."""
 
     def __init__(self, f: FunctionWriter, pattern: TapeLayout) -> None:
         self.f, self.pattern, self.count = f, pattern, pattern.carried
         self._rows, self._factors = f.slot("ptr", self.count), f.slot("double", self.count)
 
-    def begin(self) -> None:
-        """Locate the rows of a sample."""
+    def begin(self, k: str) -> None:
+        """Locate the rows of S, C and A of sample k."""
         f = self.f
         with f.loop(0, self.count) as i:
             place = f.add(f.load("%rings", i, "i64"), self._number("bases", i))
             f.store(f.at("%sensitivities", f.mul("%width", place)), self._rows, i, "ptr")
+        self._c = f.at("%c", f.mul(k, self.pattern.outputs * self.count))
+        self._a = f.at("%a", f.mul(k, self.pattern.cells))
 
-    def add_output(self, target: str, output: int, factor: str, slopes: str) -> None:
-        """Add factor times the row of S of an output to the target, C S; `slopes` points to its row of c."""
+    def add_output(self, target: str, output: int, factor: str) -> None:
         f, seen = self.f, self.pattern.seen
         states = f.at("@many_seen", sum(map(len, seen[:output])), "i32")
+        slopes = f.at(self._c, output * self.count)
         with f.loop(0, len(seen[output])) as i:
-            state = f.new(f"sext i32 {f.load(states, i, 'i32')} to i64")
-            f.store(f.fmul(factor, f.load(slopes, state)), self._factors, i)
+            f.store(f.fmul(factor, f.load(slopes, f.load_index(states, i))), self._factors, i)
         self._combine(target, states, self._factors, str(len(seen[output])))
 
-    def step(self, slopes: str) -> None:
-        """Compute A S, the next S without the entries' part; `slopes` points to the sample's cells of a."""
+    def step(self) -> None:
         f = self.f
         bytes_ = f.mul("%width", 8 * self.count)
         f.do(f"call void @llvm.memset.p0.i64(ptr %next, i8 0, i64 {bytes_}, i1 false)")
@@ -73,7 +151,7 @@ class ManyStates:
             self._copy(self._next(row), f.load(self._rows, source, "ptr"))
         with f.loop(0, len(self.pattern.kept)) as row:
             begin, end = self._number("ends", row), self._number("ends", f.add(row, 1))
-            states, factors = f.at("@many_sources", begin, "i32"), f.at(slopes, begin)
+            states, factors = f.at("@many_sources", begin, "i32"), f.at(self._a, begin)
             self._combine(self._next(self._number("kept", row)), states, factors, f.new(f"sub i64 {end}, {begin}"))
 
     def add_entry(self, column: str, slopes: str) -> None:
@@ -83,16 +161,13 @@ class ManyStates:
             f.increase(f.load(slopes, row), self._next(self._number("kept", row)), column)
 
     def turn(self) -> None:
-        """Replace the oldest rows by the next ones, and advance the rings."""
         f = self.f
         with f.loop(0, self.count) as i:
             self._copy(f.load(self._rows, i, "ptr"), self._next(i))
-            following = f.add(f.load("%rings", i, "i64"), 1)
-            wrapped = f.new(f"icmp eq i64 {following}, {self._number('latencies', i)}")
-            f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%rings", i, "i64")
+            f.advance("%rings", i, self._number("latencies", i))
 
     def _number(self, table: str, at: str) -> str:
-        return self.f.new(f"sext i32 {self.f.load(f'@many_{table}', at, 'i32')} to i64")
+        return self.f.load_index(f"@many_{table}", at)
 
     def _next(self, state: str) -> str:
         return self.f.at("%next", self.f.new(f"mul i64 {state}, %width"))
@@ -106,42 +181,38 @@ class ManyStates:
         self.f.call("add_combination", [*arguments, ("i64", "%width")])
 
 
-def add_combination(most: int) -> FunctionWriter:
-    """Write `add_combination(target, rows, states, factors, count, width)`: target += factors[i] times the row of
-    states[i].
+def add_combination(most: int, tables: str) -> FunctionWriter:
+    """Write `add_combination(target, rows, states, factors, count, width)`: target += factors[i] rows[states[i]].
 
     Rows multiplied by zero are skipped, even if not finite. `count` is at most `most`.
     """
     head = [("ptr noalias", "target"), ("ptr", "rows"), ("ptr", "states"), ("ptr", "factors")]
-    f = FunctionWriter("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline")
-    picked, weights, number = f.slot("ptr", most), f.slot("double", most), f.slot("i64")
-    f.store("0", number, kind="i64")
+    f = FunctionWriter("add_combination", [*head, ("i64", "count"), ("i64", "width")], "noinline", tables)
+    picked, weights, number = f.slot("ptr", most), f.slot("double", most), f.variable("i64", "0")
     with f.loop(0, "%count") as i:
-        at, factor = f.load(number, kind="i64"), f.load("%factors", i)
-        state = f.new(f"sext i32 {f.load('%states', i, 'i32')} to i64")
-        f.store(f.load("%rows", state, "ptr"), picked, at, "ptr")
+        at, factor = number.get(), f.load("%factors", i)
+        f.store(f.load("%rows", f.load_index("%states", i), "ptr"), picked, at, "ptr")
         f.store(factor, weights, at)
         counts = f.new(f"fcmp une double {factor}, {ZERO}")
-        f.store(f.add(at, f.new(f"zext i1 {counts} to i64")), number, kind="i64")
+        number.set(f.add(at, f.new(f"zext i1 {counts} to i64")))
     vectors = f.new(f"sdiv i64 %width, {LANES}")
     strips = f.new(f"sdiv i64 {vectors}, {STRIP}")
     with f.loop(0, strips) as strip:
-        _add(f, f.mul(strip, STRIP * LANES), STRIP, picked, weights, number)
+        _add(f, f.mul(strip, STRIP * LANES), STRIP, picked, weights, number.get())
     with f.loop(f.mul(strips, STRIP), vectors) as vector:
-        _add(f, f.mul(vector, LANES), 1, picked, weights, number)
+        _add(f, f.mul(vector, LANES), 1, picked, weights, number.get())
     return f
 
 
-def _add(f: FunctionWriter, column: str, vectors: int, rows: str, weights: str, number: str) -> None:
+def _add(f: FunctionWriter, column: str, vectors: int, rows: str, weights: str, count: str) -> None:
     """Write the sums of some vectors of columns from `column` on."""
+    v = Vector(f)
     columns = [f.add(column, i * LANES) for i in range(vectors)]
-    sums = [f.slot(EIGHT) for _ in columns]
-    for total, at in zip(sums, columns, strict=True):
-        f.store(f.load(f.at("%target", at), kind=EIGHT), total, kind=EIGHT)
-    with f.loop(0, f.load(number, kind="i64")) as i:
-        row, weight = f.load(rows, i, "ptr"), f.splat(f.load(weights, i))
+    sums = [f.variable(EIGHT, v.load("%target", at)) for at in columns]
+    with f.loop(0, count) as i:
+        row, weight = f.load(rows, i, "ptr"), v.splat(f.load(weights, i))
         for total, at in zip(sums, columns, strict=True):
-            product = f.new(f"fmul contract {EIGHT} {weight}, {f.load(f.at(row, at), kind=EIGHT)}")
-            f.store(f.new(f"fadd contract {EIGHT} {f.load(total, kind=EIGHT)}, {product}"), total, kind=EIGHT)
+            product = v("fmul", weight, v.load(row, at))
+            total.set(v("fadd", total.get(), product))
     for total, at in zip(sums, columns, strict=True):
-        f.store(f.load(total, kind=EIGHT), f.at("%target", at), kind=EIGHT)
+        v.store(total.get(), "%target", at)

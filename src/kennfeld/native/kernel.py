@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from kennfeld.graph import Node
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
 from kennfeld.native.emitter import MemoryLayout
+from kennfeld.native.engine import compile_functions
 from kennfeld.native.jacobian_rows import entries_of
-from kennfeld.native.sample_loop import Output, compile_functions, cost_code
+from kennfeld.native.sample_loop import Output, cost_code
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape import start_code, tape_code
 from kennfeld.native.tape_layout import TapeLayout
@@ -26,15 +26,7 @@ class Kernel:
         self.outputs = tuple(outputs)
         self.line = differentiate(graph, [output.node for output in outputs], free)
         self.values = order_values(self.line, parameters, tuple(lowered.shapes), free)
-        self.layout = MemoryLayout(
-            input_rows(graph.nodes),
-            self.values.offsets,
-            lowered.shapes,
-            lowered.axes,
-            tuple(state.latency for state in graph.states),
-            self.values.moving,
-            self.values.free,
-        )
+        self.layout = MemoryLayout.of(lowered, graph.nodes, self.values)
         self.axes = self.layout.breakpoints
         self.pattern = TapeLayout.of(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
@@ -43,21 +35,11 @@ class Kernel:
         codes = [cost_code(self.line, self.layout, self.outputs), tape_code(self.line, self.layout, self.outputs)]
         if self.line.states:
             codes.append(start_code(self.line, self.layout))
-        self.cost, self.tape, *rest = compile_functions(*codes)
-        self.start = rest[0] if rest else None
-
-    @property
-    def hints(self) -> int:
-        """Number of integers that a run needs for ring buffers and searches."""
-        return max(self.layout.hints, 1)
+        functions = compile_functions(*codes)
+        self.cost, self.tape, self.start = functions["cost"], functions["tape"], functions.get("start")
 
     @property
     def accumulates(self) -> bool:
         """True if backward and forward sweeps are cheaper than rows, with states."""
         pattern = self.pattern
         return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
-
-
-def input_rows(nodes: Sequence[Node]) -> dict[str, int]:
-    """Return the row of each input in the data."""
-    return {name: i for i, name in enumerate(dict.fromkeys(n.payload for n in nodes if n.op == "input"))}

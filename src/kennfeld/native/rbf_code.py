@@ -5,12 +5,10 @@ processed at once. The functions depend on the number of inputs, not on the mode
 """
 
 from collections.abc import Iterator
-from functools import cache
 
-from kennfeld.native.engine import SharedFunction
-from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
+from kennfeld.native.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
+from kennfeld.rbf import MAX_DISTANCE
 
-FARTHEST = 1e3  # widths from a centre, as in `kennfeld.rbf`
 LEAST = -700.0  # exponent below which a basis function is treated as 0
 ALL = f"<{', '.join(['i1 true'] * LANES)}>"
 PARAMETERS = (
@@ -21,45 +19,31 @@ PARAMETERS = (
 )
 
 
-@cache
-def evaluation(inputs: int, *, reciprocal: bool) -> SharedFunction:
-    """Return `expand(values, centres, x, out)`: writes the value to out[0], followed by its slopes along the inputs.
+def write_evaluation(inputs: int, reciprocal: bool) -> FunctionWriter:
+    """Write `expand(values, centres, x, out)`: the value goes to out[0], followed by its slopes along the inputs.
 
     If `reciprocal`, the widths are stored as their reciprocals.
     """
-    return SharedFunction("expand", lambda: _evaluation(inputs, reciprocal).text())
-
-
-@cache
-def value_slopes(inputs: int) -> SharedFunction:
-    """Return `bells(values, centres, x, out)`: writes the derivatives with respect to the values, in their order."""
-    return SharedFunction("bells", lambda: _value_slopes(inputs).text())
-
-
-def _evaluation(inputs: int, reciprocal: bool) -> FunctionWriter:
     f = FunctionWriter("expand", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     slopes = [f.load("%values", 1 + d) for d in range(inputs)]
     starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
-    sums = [f.slot(EIGHT) for _ in starts]
-    for total in sums:
-        f.store(v.all(0.0), total, kind=EIGHT)
+    sums = [f.variable(EIGHT, v.all(0.0)) for _ in starts]
     for eight in _each_eight(f, x, reciprocal):
         weighted = eight.weighted_bells
         terms = [weighted, *(f.new(f"fneg {EIGHT} {along}") for along in eight.along(weighted))]
         for total, term in zip(sums, terms, strict=True):
-            f.store(v("fadd", f.load(total, kind=EIGHT), term), total, kind=EIGHT)
+            total.set(v("fadd", total.get(), term))
     for at, (total, start) in enumerate(zip(sums, starts, strict=True)):
-        held = f.load(total, kind=EIGHT)
-        summed = f.new(f"call reassoc double @llvm.vector.reduce.fadd.v8f64(double {start}, {EIGHT} {held})")
-        f.store(summed, "%out", at)
+        f.store(v.reduce(start, total.get()), "%out", at)
     return f
 
 
-def _value_slopes(inputs: int) -> FunctionWriter:
+def write_value_slopes(inputs: int) -> FunctionWriter:
+    """Write `bells(values, centres, x, out)`: the derivatives with respect to the values, in their order."""
     f = FunctionWriter("bells", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
-    f.store(literal(1.0), "%out")
+    f.store(ONE, "%out")
     for d, at in enumerate(x):
         f.store(at, "%out", 1 + d)
     for eight in _each_eight(f, x, reciprocal=False):
@@ -75,7 +59,7 @@ def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["
     whole = f.new(f"and i64 %centres, -{LANES}")
     with f.walk(whole) as (first, position):
         yield _EightCentres(f, x, first, ALL, reciprocal)
-        f.store(f.add(first, LANES), position, kind="i64")
+        position.set(f.add(first, LANES))
     rest = f.new(f"sub i64 %centres, {whole}")
     with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
         kind = f"<{LANES} x i64>"
@@ -96,8 +80,15 @@ class _EightCentres:
         self.centres = [f.add(f.mul("%centres", 1 + d), self.weights) for d in range(inputs)]
         self.widths = [f.add(f.mul("%centres", 1 + inputs + d), self.weights) for d in range(inputs)]
         self._width = [self._load(at, 1.0) for at in self.widths]
-        self.distances = [self._distance(f.splat(at), d) for d, at in enumerate(x)]
-        self.bells = self._bells()
+        self.distances = []  # in widths, limited to +-`MAX_DISTANCE`
+        for at, centre, width in zip(x, self.centres, self._width, strict=True):
+            t = self._v(self._divide, self._v("fsub", self._v.splat(at), self._load(centre, 0.0)), width)
+            self.distances.append(self._extreme("minnum", self._extreme("maxnum", t, -MAX_DISTANCE), MAX_DISTANCE))
+        square = self._v("fmul", self.distances[0], self.distances[0])
+        for t in self.distances[1:]:
+            square = self._v("fadd", square, self._v("fmul", t, t))
+        exponent = self._v("fmul", square, self._v.all(-0.5))
+        self.bells = self._v.exp(self._extreme("maxnum", exponent, LEAST))
         self.weighted_bells = self._v("fmul", self._load(self.weights, 0.0), self.bells)
 
     def along(self, weighted: str) -> list[str]:
@@ -122,17 +113,5 @@ class _EightCentres:
         other = f"{EIGHT} {self._v.all(missing)}"
         return self._f.new(f"call {EIGHT} @llvm.masked.load.v8f64.p0(ptr {at}, i32 8, {mask}, {other})")
 
-    def _distance(self, x: str, d: int) -> str:
-        """Return the distance in widths, limited to +-`FARTHEST`."""
-        v = self._v
-        t = v(self._divide, v("fsub", x, self._load(self.centres[d], 0.0)), self._width[d])
-        return self._extreme("minnum", self._extreme("maxnum", t, -FARTHEST), FARTHEST)
-
     def _extreme(self, which: str, a: str, limit: float) -> str:
         return self._f.new(f"call {EIGHT} @llvm.{which}.v8f64({EIGHT} {a}, {EIGHT} {self._v.all(limit)})")
-
-    def _bells(self) -> str:
-        v, square = self._v, self._v("fmul", self.distances[0], self.distances[0])
-        for t in self.distances[1:]:
-            square = v("fadd", square, v("fmul", t, t))
-        return v.exp(self._extreme("maxnum", v("fmul", square, v.all(-0.5)), LEAST))

@@ -11,10 +11,7 @@ from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.traversal import ancestors
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
-from kennfeld.native.engine import Engine
-from kennfeld.native.ir import FunctionWriter, literal
-
-ZERO = literal(0.0)
+from kennfeld.native.ir import ONE, ZERO, FunctionWriter, literal
 
 RANGE = (("i64", "first"), ("i64", "last"))
 ROW = ("i64", "row")
@@ -42,10 +39,9 @@ class Output:
 
 def scaled_residual(step: StepEmitter, at: int, output: Output) -> tuple[str, str]:
     """Return (value - target) / scale, and the condition that the sample is scored, i.e. its target is not NaN."""
-    f = step.f
-    target, scored = _target(f, at)
-    difference = f.new(f"fsub double {step.value(output.node)}, {target}")
-    return f.fmul(difference, literal(1.0 / output.scale)), scored
+    target, scored = _target(step.f, at)
+    difference = step.f.new(f"fsub double {step.value(output.node)}, {target}")
+    return step.f.fmul(difference, literal(1.0 / output.scale)), scored
 
 
 def _target(f: FunctionWriter, at: int) -> tuple[str, str]:
@@ -71,22 +67,22 @@ def loss_of(f: FunctionWriter, r: str, output: Output) -> tuple[str, str]:
     delta = literal(output.delta)
     match output.loss:
         case "square":
-            return square, literal(1.0)
+            return square, ONE
         case "huber":
             size = f.new(f"call double @llvm.fabs.f64(double {r})")
             beyond = f.new(f"fcmp ogt double {size}, {delta}")
             line = f.fmul(delta, f.new(f"fsub double {f.fmul(literal(2.0), size)}, {delta}"))
-            return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), literal(1.0))
+            return f.select(beyond, line, square), f.select(beyond, f.new(f"fdiv double {delta}, {size}"), ONE)
         case "soft_l1":
             ratio = f.new(f"fdiv double {r}, {delta}")
             share = f.fmul(ratio, ratio)
-            root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {literal(1.0)}, {share}')})")
+            root = f.new(f"call double @llvm.sqrt.f64(double {f.new(f'fadd double {ONE}, {share}')})")
             # 2 r^2 / (root + 1) is 2 delta^2 (root - 1) without the cancellation
-            loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, literal(1.0))}")
-            return loss, f.new(f"fdiv double {literal(1.0)}, {root}")
+            loss = f.new(f"fdiv double {f.fmul(literal(2.0), square)}, {f.fadd(root, ONE)}")
+            return loss, f.new(f"fdiv double {ONE}, {root}")
         case "excess":
             beyond = f.new(f"fcmp ogt double {r}, {ZERO}")
-            return f.select(beyond, square, ZERO), f.select(beyond, literal(1.0), ZERO)
+            return f.select(beyond, square, ZERO), f.select(beyond, ONE, ZERO)
 
 
 def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int, CodeItem] = NOTHING) -> list[CodeItem]:
@@ -103,39 +99,24 @@ def node_items(nodes: Sequence[Node], roots: Sequence[int], behind: Mapping[int,
     return items
 
 
-@dataclass(frozen=True)
-class FunctionSource:
-    """LLVM IR of a function and the helpers it calls."""
-
-    name: str
-    parameters: tuple[tuple[str, str], ...]
-    text: str
-
-
-def compile_functions(*codes: FunctionSource) -> list[Callable[..., None]]:
-    """Compile the functions as one module."""
-    engine = Engine("".join(code.text for code in codes))
-    return [engine.function(code.name, code.parameters) for code in codes]
-
-
 def step_items(
     line: Linearization, layout: MemoryLayout, tail: Items, behind: Mapping[int, CodeItem] = NOTHING
 ) -> list[CodeItem]:
     """Return items for the nodes that `tail` and the states need, for `tail`, and for the states' step."""
     roots = [needed for item in tail for needed in item.needs] + [state.next for state in line.states]
-    return [*node_items(line.nodes, roots, behind), *tail, *_advance(line, layout)]
+    return [*node_items(line.nodes, roots, behind), *tail, *_advance(line)]
 
 
 def loop_code(
     name: str, extra: Arguments, tail: Items, line: Linearization, layout: MemoryLayout, outputs: int = 0
-) -> FunctionSource:
+) -> FunctionWriter:
     """Write a function that runs the step and `tail` for each sample of a range; see `each_sample`."""
     own = [*PARAMETERS, *extra]
     step = emit_items(f"{name}_step", [*own, ROW], step_items(line, layout, tail), line.nodes, layout)
-    f = FunctionWriter(name, [*own, *RANGE])
+    f = FunctionWriter(name, [*own, *RANGE], before=step)
     with each_sample(f, line, layout, outputs) as sample:
         f.call(f"{name}_step", [*sample.arguments(own), *sample.place])
-    return FunctionSource(f.name, f.parameters, step + f.text())
+    return f
 
 
 @dataclass(frozen=True)
@@ -173,7 +154,7 @@ def each_sample(
         yield SampleCursor(f, row, *(find(f, k) if line.states or not outputs else visit(f, order, k, read)))
 
 
-def _advance(line: Linearization, layout: MemoryLayout) -> list[CodeItem]:
+def _advance(line: Linearization) -> list[CodeItem]:
     """Return the item that writes the next value of every state, after all reads."""
 
     def emit(step: StepEmitter) -> None:
@@ -181,20 +162,17 @@ def _advance(line: Linearization, layout: MemoryLayout) -> list[CodeItem]:
         for i, state in enumerate(line.states):
             f.store(step.value(state.next), "%memory", step.ring(i))
             if state.latency > 1:
-                following = f.add(f.load("%hints", i, "i64"), 1)
-                wrapped = f.new(f"icmp eq i64 {following}, {state.latency}")
-                f.store(f.new(f"select i1 {wrapped}, i64 0, i64 {following}"), "%hints", i, "i64")
+                f.advance("%hints", i, state.latency)
 
     return [CodeItem(tuple(state.next for state in line.states), emit)] if line.states else []
 
 
-def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> FunctionSource:
+def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> FunctionWriter:
     """Write `values(..., out, out_stride, first, last)`: out[root][sample - first] = value of the root."""
 
     def write(at: int, root: int) -> CodeItem:
         def emit(step: StepEmitter) -> None:
-            f = step.f
-            f.store(step.value(root), f.at("%out", f.mul("%out_stride", at)), "%row")
+            step.f.store(step.value(root), step.f.at("%out", step.f.mul("%out_stride", at)), "%row")
 
         return CodeItem((root,), emit)
 
@@ -202,7 +180,7 @@ def values_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int])
     return loop_code("values", [("ptr", "out"), ("i64", "out_stride")], tail, line, layout)
 
 
-def cost_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
+def cost_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionWriter:
     """Write `cost(..., targets, sums, first, last)`: sums[output] += losses of the range."""
 
     def add(at: int, output: Output) -> CodeItem:

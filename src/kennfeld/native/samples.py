@@ -80,11 +80,14 @@ class Samples:
 
     def targets_of(self, visits: Int) -> Float:
         """Return the targets at some visits, shape (outputs, visits)."""
-        return self.wanted.take(visits if self.order is None else self.order[visits])
+        return self.wanted.take(self._samples(visits))
 
     def inputs_of(self, visits: Int) -> Float:
         """Return the inputs at some visits, shape (inputs, visits)."""
-        return self.inputs.take(visits if self.order is None else self.order[visits])
+        return self.inputs.take(self._samples(visits))
+
+    def _samples(self, visits: Int) -> Int | Order:
+        return visits if self.order is None else self.order[visits]
 
     def scored(self, piece: Piece) -> Int:
         """Count the scored samples of a piece, shape (outputs,)."""
@@ -108,8 +111,7 @@ class Samples:
             picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
             pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
-        chosen = np.concatenate(picked)
-        samples = chosen if self.order is None else self.order[chosen]
+        samples = self._samples(np.concatenate(picked))
         return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
 
     def reweighted(self, factors: Float) -> "Samples":

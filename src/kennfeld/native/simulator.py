@@ -12,8 +12,8 @@ from kennfeld.graph.value_layout import order_values
 from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.emitter import MemoryLayout
-from kennfeld.native.kernel import input_rows
-from kennfeld.native.sample_loop import compile_functions, values_code
+from kennfeld.native.engine import compile_functions
+from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet
 
@@ -26,68 +26,48 @@ class Simulator:
     def __init__(self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet) -> None:
         self._line = differentiate(lowered.graph, roots, ())
         self._values = order_values(self._line, parameters, tuple(lowered.shapes), ())
-        self._layout = MemoryLayout(
-            input_rows(self._line.nodes),
-            self._values.offsets,
-            lowered.shapes,
-            lowered.axes,
-            tuple(state.latency for state in lowered.graph.states),
-            self._values.moving,
-        )
+        self._layout = MemoryLayout.of(lowered, self._line.nodes, self._values)
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
         codes = [values_code(self._line, self._layout, roots)]
         if self._line.states:
             codes.append(start_code(self._line, self._layout))
-        self._run, *rest = compile_functions(*codes)
-        self._start = rest[0] if rest else None
+        functions = compile_functions(*codes)
+        self._run, self._start = functions["values"], functions.get("start")
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The rows of data that `run` expects."""
+        """Names of the columns that `over` reads."""
         return tuple(self._layout.inputs)
-
-    def run(self, parameters: ParameterSet, data: Float, starts: Sequence[int] = (0,)) -> Float:
-        """Compute the values of the nodes, shape (roots, samples).
-
-        Args:
-            parameters: the parameters that the graph looks up.
-            data: inputs, shape (inputs, samples), in the order of `inputs`.
-            starts: samples at which the states start anew.
-
-        Raises:
-            ArgumentError: the data do not match the inputs.
-        """
-        return self._run_rows(parameters, ColumnTable(data, data.shape[1]), starts)
 
     def over(
         self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int] = (0,)
     ) -> Float:
-        """Compute the values of the nodes from columns of `count` samples by name, which are not copied."""
-        return self._run_rows(parameters, ColumnTable([columns[name] for name in self.inputs], count), starts)
+        """Compute the values of the nodes, shape (roots, samples).
 
-    def _run_rows(self, parameters: ParameterSet, rows: ColumnTable, starts: Sequence[int]) -> Float:
-        count = rows.count
-        self._check(rows, starts)
+        Args:
+            columns: `inputs` by name, `count` samples each, which are not copied.
+            count: number of samples.
+            parameters: the parameters that the graph looks up.
+            starts: samples at which the states start anew.
+
+        Raises:
+            ArgumentError: a column has another length, or a start lies outside.
+        """
+        rows = ColumnTable([columns[name] for name in self.inputs], count)
+        if any(not 0 <= start <= count for start in starts):
+            raise ArgumentError(f"starts={list(starts)} must lie within the {count} samples")
         out = np.empty((len(self._roots), count))
-        values, widths = self._values.pack(parameters), np.zeros(max(len(self._layout.axes), 1))
-        memory, hints = np.zeros(self._layout.memory), np.zeros(max(self._layout.hints, 1), dtype=np.int64)
         if count == 0:
             return out
-        room, table = np.zeros(8), rows.headed(None)
+        widths, memory = np.zeros(max(len(self._layout.axes), 1)), np.zeros(self._layout.memory)
+        hints, room, table = np.zeros(self._layout.hints, dtype=np.int64), np.zeros(8), rows.headed(None)
+        values = self._values.pack(parameters)
         arrays = [address(array) for array in (values, self._axes, widths, memory)]
         model = (address(table, kind=POINTER), table.shape[1], *arrays, address(hints, kind=INT64))
-        into = address(out)
         for first, last in zip(starts, [*starts[1:], count], strict=True):
             if self._start is not None:
                 self._start(*model, *([address(room)] * 3), first)
             for at in range(first, last, CHUNK):
-                self._run(*model, into + at * out.itemsize, count, at, min(at + CHUNK, last))
+                self._run(*model, address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
         return out
-
-    def _check(self, rows: ColumnTable, starts: Sequence[int]) -> None:
-        """Raise `ArgumentError` if the compiled code would read beyond the end of the data."""
-        if len(rows.parts) != len(self.inputs):
-            raise ArgumentError(f"the model has {len(self.inputs)} inputs, got {len(rows.parts)} rows of data")
-        if any(not 0 <= start <= rows.count for start in starts):
-            raise ArgumentError(f"starts={list(starts)} must lie within the {rows.count} samples")

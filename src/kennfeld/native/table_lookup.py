@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
 from kennfeld.native.engine import SharedFunction
-from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector, literal
+from kennfeld.native.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.
@@ -23,8 +23,6 @@ MILLS = (
     -3.2145155088911404e-07, -4.9235535075000134e-08, 6.10772273712855e-09, 1.7883197305282796e-09,
     -4.176163905641845e-11, -5.180767946561654e-11,
 )  # fmt: skip
-
-ONE, ZERO = literal(1.0), literal(0.0)
 
 
 @dataclass(frozen=True)
@@ -81,37 +79,55 @@ def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> 
 
 
 def corners(
-    f: FunctionWriter, sides: Sequence[Cell | Window], strides: Sequence[int], slope: int | None = None
+    f: FunctionWriter,
+    sides: Sequence[Cell | Window],
+    strides: Sequence[int],
+    slope: int | None = None,
+    before: Corner | None = None,
 ) -> Iterator[Corner]:
     """Emit the body for each grid point around the coordinate; `slope` is the axis to differentiate along.
 
-    Cells are unrolled; windows become loops around the rest, so a body is emitted 2^cells times.
+    Cells are unrolled; windows become loops around the rest, so a body is emitted 2^cells times. `before` is the part
+    of the index and the weight from earlier axes.
     """
-    yield from _walk(f, list(zip(sides, strides, strict=True)), slope, "0", "")
+    if not sides:
+        yield before or Corner("0", ONE)
+        return
+    side, along = sides[0], slope == 0
+
+    def step(point: str, factor: str) -> Iterator[Corner]:
+        offset = f.mul(point, strides[0])
+        corner = Corner(offset, factor)
+        if before is not None:
+            index = offset if before.index == "0" else f.add(before.index, offset)
+            corner = Corner(index, f.fmul(before.weight, factor))
+        yield from corners(f, sides[1:], strides[1:], None if slope is None else slope - 1, corner)
+
+    if isinstance(side, Cell):
+        for point, factor in side.slopes(f) if along else side.weights(f):
+            yield from step(point, factor)
+    else:
+        with f.loop(side.start, side.end) as point:
+            yield from step(point, f.load(side.slope if along else side.weight, point))
 
 
 def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str, linear: bool) -> Window:
     """Return the window of weights of a smoothed axis around x."""
     weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)
-    f.do(
-        f"call void {SMOOTH}(ptr {points}, i64 {count}, double {x}, double {width}, "
-        f"i1 {'true' if linear else 'false'}, ptr {weight}, ptr {slope}, ptr {bounds})"
-    )
+    numbers = f"ptr {points}, i64 {count}, double {x}, double {width}, i1 {'true' if linear else 'false'}"
+    f.do(f"call void {SMOOTH}({numbers}, ptr {weight}, ptr {slope}, ptr {bounds})")
     return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
 
 
-def smooth() -> FunctionWriter:
+def _smooth() -> FunctionWriter:
     """Write `smooth(points, count, x, width, linear, weights, slopes, bounds)`: the window around x.
 
     `points`, `weights` and `slopes` have room for `LANES` more.
     """
+    numbers = (("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear"))
     f = FunctionWriter(
-        "smooth",
-        [
-            *(("ptr", "points"), ("i64", "count"), ("double", "x"), ("double", "width"), ("i1", "linear")),
-            *(("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")),
-        ],
+        "smooth", [*numbers, ("ptr", "weights"), ("ptr", "slopes"), ("ptr", "bounds")], before=_search().text()
     )
     reach = f.fmul("%width", literal(WINDOW))
     cells = f.slot("i64", 2)
@@ -132,16 +148,16 @@ def smooth() -> FunctionWriter:
 def _ramps(f: FunctionWriter, first: str, end: str) -> None:
     """Write the smoothed ramp that starts at each breakpoint to the weights, its slope to the slopes."""
     positive = f.new(f"call double @llvm.maxnum.f64(double %width, double {literal(1e-300)})")
-    inverse = f.new(f"fdiv double {literal(1.0)}, {positive}")
-    f_x, f_inverse, f_width = f.splat("%x"), f.splat(inverse), f.splat("%width")
+    inverse = f.new(f"fdiv double {ONE}, {positive}")
+    v = Vector(f)
+    all_x, all_inverse, all_width = v.splat("%x"), v.splat(inverse), v.splat("%width")
     groups = f.new(f"sdiv i64 {f.add(f.new(f'sub i64 {end}, {first}'), LANES - 1)}, {LANES}")
     with f.loop(0, groups) as group:
         place = f.add(first, f.mul(group, LANES))
-        v = Vector(f)
-        t = v("fsub", f_x, f.load(f.at("%points", place), kind=EIGHT))
-        ramp, rise = _ramp(v, t, v("fmul", t, f_inverse), f_width)
-        f.store(ramp, f.at("%weights", place), kind=EIGHT)
-        f.store(rise, f.at("%slopes", place), kind=EIGHT)
+        t = v("fsub", all_x, v.load("%points", place))
+        ramp, rise = _ramp(v, t, v("fmul", t, all_inverse), all_width)
+        v.store(ramp, "%weights", place)
+        v.store(rise, "%slopes", place)
 
 
 def _ramp(v: Vector, t: str, u: str, width: str) -> tuple[str, str]:
@@ -162,9 +178,9 @@ def _straight_ends(f: FunctionWriter) -> None:
     """Extend the first and last cell linearly: with linear extrapolation the ends have no kink."""
     last = f.add("%count", -1)
     f.store(f.new(f"fsub double %x, {f.load('%points')}"), "%weights")
-    f.store(literal(1.0), "%slopes")
-    f.store(literal(0.0), "%weights", last)
-    f.store(literal(0.0), "%slopes", last)
+    f.store(ONE, "%slopes")
+    f.store(ZERO, "%weights", last)
+    f.store(ZERO, "%slopes", last)
 
 
 def _differences(f: FunctionWriter, first: str, end: str) -> None:
@@ -192,41 +208,16 @@ def _search() -> FunctionWriter:
     Bisection by selects: the branch would be unpredictable, and a misprediction costs more than the rest.
     """
     f = FunctionWriter("search", [("ptr", "points"), ("i64", "count"), ("double", "x"), ("ptr", "result")])
-    cells, low = f.add("%count", -1), f.slot("i64")
-    f.store("0", low, kind="i64")
+    cells, low = f.add("%count", -1), f.variable("i64", "0")
     with f.walk(f.add("%count", -2)) as (excluded, position):
         half = f.new(f"lshr i64 {f.new(f'sub i64 {cells}, {excluded}')}, 1")
-        left = f.load(low, kind="i64")
+        left = low.get()
         middle = f.add(left, half)
         right = f.new(f"fcmp oge double %x, {f.load('%points', middle)}")
-        f.store(f.new(f"select i1 {right}, i64 {middle}, i64 {left}"), low, kind="i64")
-        f.store(f.add(excluded, half), position, kind="i64")
-    f.store(f.load(low, kind="i64"), "%result", kind="i64")
+        low.set(f.new(f"select i1 {right}, i64 {middle}, i64 {left}"))
+        position.set(f.add(excluded, half))
+    f.store(low.get(), "%result", kind="i64")
     return f
 
 
-SEARCH = SharedFunction("search", lambda: _search().text())
-SMOOTH = SharedFunction("smooth", lambda: _search().text() + smooth().text())
-
-
-def _walk(
-    f: FunctionWriter, sides: list[tuple[Cell | Window, int]], slope: int | None, index: str, weight: str
-) -> Iterator[Corner]:
-    if not sides:
-        yield Corner(index, weight or ONE)
-        return
-    (side, stride), rest = sides[0], sides[1:]
-    along = slope == 0
-    deeper = None if slope is None else slope - 1
-
-    def step(point: str, factor: str) -> Iterator[Corner]:
-        offset = f.mul(point, stride)
-        at = offset if index == "0" else f.add(index, offset)
-        yield from _walk(f, rest, deeper, at, f.fmul(weight, factor) if weight else factor)
-
-    if isinstance(side, Cell):
-        for point, factor in side.slopes(f) if along else side.weights(f):
-            yield from step(point, factor)
-    else:
-        with f.loop(side.start, side.end) as point:
-            yield from step(point, f.load(side.slope if along else side.weight, point))
+SEARCH, SMOOTH = SharedFunction(_search), SharedFunction(_smooth)

@@ -21,12 +21,11 @@ from kennfeld.graph.derivative import Linearization
 from kennfeld.native.adjoint_loop import FILLED, PullProgram
 from kennfeld.native.column_table import find
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
-from kennfeld.native.ir import FunctionWriter, literal
+from kennfeld.native.ir import ZERO, FunctionWriter
 from kennfeld.native.jacobian_rows import PulledRows, WrittenRows, entries_of, entry_items, output_row, state_row
 from kennfeld.native.sample_loop import (
     RANGE,
     ROW,
-    FunctionSource,
     Output,
     SampleCursor,
     apply_weight,
@@ -42,10 +41,9 @@ from kennfeld.native.tape_layout import TapeLayout
 
 TAPE = tuple(("ptr", name) for name in ("targets", "scores", "residual", "weight", "c", "a", "index", "slope", "count"))
 START = tuple(("ptr", name) for name in ("index", "slope", "count"))
-ZERO = literal(0.0)
 
 
-def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionSource:
+def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> FunctionWriter:
     """Write `tape(..., targets, scores, residual, ..., count, first, last)`: the tape of a range of samples.
 
     `scores[output]` is the weight of the dataset and criterion.
@@ -58,8 +56,8 @@ def tape_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Outpu
     if isinstance(slopes, AdjointProgram):
         room = entries_of(line, layout, line.atoms).room
         cells = [[(line.seeds[i], place) for i, place in row] for row in pattern.places]
-        program = PullProgram("tape", slopes, cells, room)
-        return _pulled_tape(line, layout, PulledRows(rows, program), tail, room, pattern)
+        pulled = PulledRows(rows, PullProgram("tape", slopes, cells, room))
+        return _pulled_tape(line, layout, pulled, tail, room, pattern)
     written = WrittenRows(rows, slopes)
     tail += written.matrix_items(line.seeds, pattern)
     tail += entry_items(line, layout, line.atoms, written.writer, written.needs)
@@ -84,14 +82,14 @@ def _residual(at: int, output: Output, outputs: int) -> CodeItem:
 
 def _pulled_tape(
     line: Linearization, layout: MemoryLayout, rows: PulledRows, tail: list[CodeItem], room: int, pattern: TapeLayout
-) -> FunctionSource:
+) -> FunctionWriter:
     """Write the tape by an adjoint program: the code of a sample stores its factors, a loop computes the slopes."""
     program, outputs = rows.program, pattern.outputs
     tail = [*tail, *rows.seed_items(), *entry_items(line, layout, line.atoms, rows.writer, rows.needs)]
     items = step_items(line, layout, tail, rows.factor_items())
     own = [*PARAMETERS, *TAPE]
     step = emit_items("tape_step", [*own, *FILLED, ROW], items, line.nodes, layout)
-    f = FunctionWriter("tape", [*own, *RANGE])
+    f = FunctionWriter("tape", [*own, *RANGE], before=program.tables() + step)
     memory = program.memory(f)
     filled = [(kind, memory[name]) for kind, name in FILLED]
     with each_sample(f, line, layout, outputs) as sample:
@@ -99,48 +97,42 @@ def _pulled_tape(
         sizes = (("%c", outputs * pattern.carried), ("%a", pattern.cells))
         c, a = (f.at(matrix, f.mul(sample.row, size)) for matrix, size in sizes)
         slope = f.at("%slope", f.mul(sample.row, room * program.rows))
-        program.run(f, memory, entries=_entry_count(f, sample.row), slope=slope, outputs=outputs, c=c, a=a)
+        entries = f.load_index("%count", sample.row)
+        program.run(f, memory, entries=entries, slope=slope, outputs=outputs, c=c, a=a)
     program.free(f, memory)
-    return FunctionSource(f.name, f.parameters, program.tables() + step + f.text())
+    return f
 
 
-def start_code(line: Linearization, layout: MemoryLayout) -> FunctionSource:
-    """Write `start(..., index, slope, count, k)`: first values of all states at sample k, and the entries of
-    their slopes.
-    """
+def start_code(line: Linearization, layout: MemoryLayout) -> FunctionWriter:
+    """Write `start(..., index, slope, count, k)`: first values of all states at sample k, entries of their slopes."""
     rows = [state_row(line.starts[i]) for i in line.carried]
     if isinstance(line.start_slopes, AdjointProgram):
         room = entries_of(line, layout, line.start_atoms).room
-        return _pulled_start(
-            line, layout, PulledRows(rows, PullProgram("start", line.start_slopes, [() for _ in rows], room))
-        )
+        pulled = PulledRows(rows, PullProgram("start", line.start_slopes, [() for _ in rows], room))
+        items = node_items(line.nodes, line.starts, pulled.factor_items())
+        items += pulled.seed_items()
+        return _start_function(line, layout, items, pulled)
     written = WrittenRows(rows, line.start_slopes)
-    items = node_items(line.nodes, [*line.starts, *written.slope_nodes])
-    items += entry_items(line, layout, line.start_atoms, written.writer, written.needs)
-    items.append(_fill_memory(line, layout))
+    return _start_function(line, layout, node_items(line.nodes, [*line.starts, *written.slope_nodes]), written)
+
+
+def _start_function(
+    line: Linearization, layout: MemoryLayout, items: list[CodeItem], rows: WrittenRows | PulledRows
+) -> FunctionWriter:
+    program = rows.program if isinstance(rows, PulledRows) else None
+    filled = FILLED if program else ()
+    entries = entry_items(line, layout, line.start_atoms, rows.writer, rows.needs)
+    items = [*items, *entries, _fill_memory(line, layout)]
     own = [*PARAMETERS, *START]
-    step = emit_items("start_step", [*own, ROW], items, line.nodes, layout)
-    f = FunctionWriter("start", [*own, ("i64", "k")])
+    step = emit_items("start_step", [*own, *filled, ROW], items, line.nodes, layout)
+    f = FunctionWriter("start", [*own, ("i64", "k")], before=(program.tables() if program else "") + step)
+    memory = program.memory(f) if program else {}
     sample = SampleCursor(f, "0", *find(f, "%k"))
-    f.call("start_step", [*sample.arguments(own), *sample.place])
-    return FunctionSource(f.name, f.parameters, step + f.text())
-
-
-def _pulled_start(line: Linearization, layout: MemoryLayout, rows: PulledRows) -> FunctionSource:
-    """Write the start by an adjoint program."""
-    program = rows.program
-    items = node_items(line.nodes, line.starts, rows.factor_items())
-    items += [*rows.seed_items(), *entry_items(line, layout, line.start_atoms, rows.writer, rows.needs)]
-    items.append(_fill_memory(line, layout))
-    own = [*PARAMETERS, *START]
-    step = emit_items("start_step", [*own, *FILLED, ROW], items, line.nodes, layout)
-    f = FunctionWriter("start", [*own, ("i64", "k")])
-    memory, sample = program.memory(f), SampleCursor(f, "0", *find(f, "%k"))
-    filled = [(kind, memory[name]) for kind, name in FILLED]
-    f.call("start_step", [*sample.arguments(own), *filled, *sample.place])
-    program.run(f, memory, entries=_entry_count(f, "0"), slope="%slope", outputs=0, c="null", a="null")
-    program.free(f, memory)
-    return FunctionSource(f.name, f.parameters, program.tables() + step + f.text())
+    f.call("start_step", [*sample.arguments(own), *((kind, memory[name]) for kind, name in filled), *sample.place])
+    if program:
+        program.run(f, memory, entries=f.load_index("%count"), slope="%slope", outputs=0, c="null", a="null")
+        program.free(f, memory)
+    return f
 
 
 def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
@@ -157,8 +149,3 @@ def _fill_memory(line: Linearization, layout: MemoryLayout) -> CodeItem:
                 f.store("0", "%hints", i, "i64")
 
     return CodeItem(tuple(line.starts), emit)
-
-
-def _entry_count(f: FunctionWriter, row: str) -> str:
-    """Return the number of entries of a sample."""
-    return f.new(f"sext i32 {f.load('%count', row, 'i32')} to i64")

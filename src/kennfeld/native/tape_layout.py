@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 
 from kennfeld.graph.derivative import Linearization
 
@@ -86,12 +87,11 @@ class TapeLayout:
         n = self.carried
         seen = (tuple((i, row * n + i) for i in columns) for row, columns in enumerate(self.seen))
         if n <= MANY:
-            return (*seen, *(tuple((i, row * n + i) for i in self.sources[row]) for row in range(n)))
-        held, begun = [], 0
-        for columns in self.sources:
-            held.append(tuple((i, begun + at) for at, i in enumerate(columns)))
-            begun += len(columns)
-        return (*seen, *held)
+            kept = [tuple((i, row * n + i) for i in columns) for row, columns in enumerate(self.sources)]
+        else:
+            places = count()  # one after the other
+            kept = [tuple(zip(columns, places, strict=False)) for columns in self.sources]
+        return (*seen, *kept)
 
 
 def _columns(flat: Collection[int], rows: Collection[int], count: int) -> tuple[tuple[int, ...], ...]:

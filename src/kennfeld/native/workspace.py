@@ -1,7 +1,5 @@
 """Arrays of one thread, and the native calls on them."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,29 +7,19 @@ from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples
-from kennfeld.native.sweeps import VECTOR
-
-
-class Owner(Protocol):
-    """The kernel and samples of a workspace."""
-
-    kernel: Kernel
-    samples: Samples
-    widths: Float
-    length: int
+from kennfeld.native.tape_reader import VECTOR
 
 
 class Workspace:
     """Tape, states and sums of one thread."""
 
-    def __init__(self, owner: Owner) -> None:
-        kernel, length = owner.kernel, owner.length
+    def __init__(self, kernel: Kernel, samples: Samples, widths: Float, length: int) -> None:
         pattern, entries = kernel.pattern, kernel.entries.room
         m, n = pattern.outputs, pattern.carried
         columns, self.width = kernel.values.free, _round_to_vectors(kernel.values.reach)
-        self.kernel, self.samples, self.widths = kernel, owner.samples, owner.widths
+        self.kernel, self.samples, self.widths = kernel, samples, widths
         self.memory = np.zeros(kernel.layout.memory)
-        self.hints = np.zeros(kernel.hints, dtype=np.int64)
+        self.hints = np.zeros(kernel.layout.hints, dtype=np.int64)
         self.residual, self.weight = np.zeros((2, length, m))
         self.c, self.a = np.zeros((length, m, n)), np.zeros((length, pattern.cells))
         self.index = np.zeros((length, entries), dtype=np.int32)
@@ -52,8 +40,9 @@ class Workspace:
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
         self._sums = (*strided(self.matrix, columns), address(self.gradient))
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
-        widths = address(self.widths, len(kernel.layout.axes))
-        self._settings = (address(kernel.axes), widths, address(self.memory), address(self.hints, kind=INT64))
+        axes = (address(kernel.axes), address(widths, len(kernel.layout.axes)))
+        self._targets = address(samples.targets, kind=POINTER)
+        self._settings = (*axes, address(self.memory), address(self.hints, kind=INT64))
         self._model: tuple[int, ...] = ()
 
     def use(self, values: Float) -> None:
@@ -86,10 +75,6 @@ class Workspace:
     def fold(self) -> None:
         """Compute the Gauss-Newton matrix from the sums."""
         self.kernel.sweeps.fold(*self._sums[:2], self.kernel.values.free)
-
-    @property
-    def _targets(self) -> int:
-        return address(self.samples.targets, kind=POINTER)
 
     def backward(self, chunk: Chunk) -> None:
         """Compute Q and L after each sample of the tape."""
@@ -141,9 +126,8 @@ class Workspace:
         """Return the entries of the tape with a slope; if the scored outputs are given, with a slope of one of them."""
         length = chunk.length
         slope = self.slope[:length] != 0
-        some = (slope if counts is None else slope & counts[:, None]).any(axis=2)
-        result: Bool = some & (np.arange(self.index.shape[1]) < self.count[:length, None])
-        return result
+        some: Bool = (slope if counts is None else slope & counts[:, None]).any(axis=2)
+        return some & (np.arange(self.index.shape[1]) < self.count[:length, None])
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
         """Set S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L there."""
@@ -166,7 +150,6 @@ class Workspace:
 
 
 def _round_to_vectors(columns: int) -> int:
-    """Round columns up to whole vectors."""
     return -(-columns // VECTOR) * VECTOR
 
 

@@ -17,8 +17,10 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
-from kennfeld.optimize.problem import Problem, difference
-from kennfeld.optimize.restraint import Penalty, penalty_of
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.sums import Sums, SumsFactory
+from kennfeld.optimize.table_penalties import Penalty, penalty_of
+from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
@@ -27,14 +29,10 @@ from kennfeld.preprocessing.settling import group_points, restart_states, sample
 MAX_SMOOTHED_SAMPLES = 20_000
 
 
-def _outputs(problem: Problem) -> list[str]:
-    return [difference(i) for i in range(len(problem.criteria))]
-
-
 def smoothable(problem: Problem) -> bool:
     """Return True if the coordinate of a lookup that the criteria need depends on a free parameter."""
     lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
-    needed = partition_graph(lowered.graph, _outputs(problem), (*problem.free_names, *problem.free_axes)).graph
+    needed = partition_graph(lowered.graph, problem.differences, (*problem.free_names, *problem.free_axes)).graph
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
@@ -61,48 +59,72 @@ class CompiledProblem:
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
     smoothed, and at most `MAX_SMOOTHED_SAMPLES` samples of steady-state data are used.
+
+    Attributes:
+        problem: the problem.
+        kernel: its compiled functions.
+        samples: its training data.
+        sums: evaluates cost and derivatives over the samples, by the implementation `sums_of`, by default native code.
+        roughness: the penalty on the free values.
+        values: layout of the free and the fixed values.
+        start: all of them at the start, Float[values].
+        rejected: trial values at which the model failed.
     """
 
-    def __init__(self, problem: Problem, smooth_like: "CompiledProblem | None" = None) -> None:
+    def __init__(
+        self, problem: Problem, smooth_like: "CompiledProblem | None" = None, sums_of: SumsFactory | None = None
+    ) -> None:
         self.problem = problem
         self.rejected: RejectedTrials = RejectedTrials() if smooth_like is None else smooth_like.rejected
         parameters, free = problem.parameters, problem.free_names
         self.weighting = SampleWeights.of(problem.criteria, problem.training)
-        graph = self.weighting.extended(problem.graph)
         self._restarts = any(bound.hold is not None for bound in problem.training)
-        if self._restarts:
-            graph = restart_states(graph)
         self._step = _even_step(problem.training)
-        lowered = self._lowered = lower_lookups(_with_step(graph, self._step), parameters, free if smooth_like else ())
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
-        outputs = _outputs(problem)
-        self._split = partition_graph(lowered.graph, [*outputs, *self.weighting.inputs.values()], fitted)
-        reduced = LoweredGraph(self._split.graph, lowered.axes, lowered.shapes)
-        names = reduced.graph.names
-        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
-        self.kernel = Kernel(
-            reduced,
-            [
-                Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
-                for i, (name, c) in enumerate(zip(outputs, problem.criteria, strict=True))
-            ],
-            parameters,
-            fitted,
-        )
-        self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in lowered.axes] or [0.0])
-        self.samples = self._gathered(lowered) if smooth_like is None else self._shared(lowered, smooth_like)
-        self.accumulator = Accumulator(self.kernel, self.samples)
+        self._lowered = lower_lookups(self._extended_graph(), parameters, free if smooth_like else ())
+        scored = [*problem.differences, *self.weighting.inputs.values()]
+        self._split = partition_graph(self._lowered.graph, scored, fitted)
+        reduced = LoweredGraph(self._split.graph, self._lowered.axes, self._lowered.shapes)
+        self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
+        self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
+        self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
+        self.samples = self._gathered() if smooth_like is None else self._shared(smooth_like)
+        self.sums = self.sums_over(self.samples)
         self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
 
+    def _extended_graph(self) -> Graph:
+        """Return the graph with inputs for sample weights, states that restart, and a known time step."""
+        graph = self.weighting.extend(self.problem.graph)
+        return _with_step(restart_states(graph) if self._restarts else graph, self._step)
+
+    def _kernel_outputs(self, graph: Graph) -> list[Output]:
+        names = graph.names
+        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
+        return [
+            Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+            for i, (name, c) in enumerate(zip(self.problem.differences, self.problem.criteria, strict=True))
+        ]
+
+    def sums_over(self, samples: Samples) -> Sums:
+        """Return the sums of the compiled model over other samples."""
+        return self._sums_of(self.kernel, samples)
+
+    def full(self, values: Float) -> Float:
+        """Return the free values, Float[free], followed by the fixed ones."""
+        return np.concatenate([values, self.start[values.size :]])
+
+    def parameters(self, values: Float) -> ParameterSet:
+        """Return the parameter set with these free values, Float[free]."""
+        return self.values.unpack(self.full(values), self.problem.parameters)
+
     @property
     def weights(self) -> float:
         """Sum of weight / scale^2 over all scored samples; the cost divided by it is a mean square."""
-        samples = self.samples
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in samples.pieces]
+        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in self.samples.pieces]
         return float(sum(parts)) or 1.0
 
     def _counts(self, piece: Piece) -> Float:
@@ -116,20 +138,20 @@ class CompiledProblem:
                 counts[i] = inputs[self.kernel.layout.inputs[name]][scored[i]].sum()
         return counts
 
-    def reweighted(self, factors: Float) -> "CompiledProblem":
+    def reweight(self, factors: Float) -> "CompiledProblem":
         """Multiply the weight of each criterion by a factor; nothing is compiled again."""
         other = copy(self)
         other.samples = self.samples.reweighted(factors)
-        other.accumulator = Accumulator(self.kernel, other.samples)
+        other.sums = self.sums_over(other.samples)
         return other
 
     def reread_targets(self) -> None:
-        """Read targets again that were changed in place; problems made by `reweighted` share them."""
+        """Read targets again that were changed in place; problems made by `reweight` share them."""
         self.samples.wanted.reread()
 
     def set_width(self, spacings: float) -> None:
         """Set the width of the smoothing in mean breakpoint spacings."""
-        self.accumulator.widths[:] = spacings * self.spacings
+        self.sums.widths[:] = spacings * self.spacings
 
     def with_start(self, problem: Problem) -> "CompiledProblem":
         """Return the same for other values of the free parameters; the fixed ones must be unchanged."""
@@ -140,14 +162,14 @@ class CompiledProblem:
     def over(self, problem: Problem) -> "CompiledProblem":
         """Return the same for a problem that differs in datasets and start only; compiled again if the step changes."""
         if _even_step(problem.training) != self._step:
-            return CompiledProblem(problem)
+            return CompiledProblem(problem, sums_of=self._sums_of)
         other = self.with_start(problem)
         other.weighting = SampleWeights.of(problem.criteria, problem.training)
-        other.samples = other._gathered(self._lowered)
-        other.accumulator = Accumulator(self.kernel, other.samples)
+        other.samples = other._gathered()
+        other.sums = other.sums_over(other.samples)
         return other
 
-    def _gathered(self, lowered: LoweredGraph) -> Samples:
+    def _gathered(self) -> Samples:
         problem = self.problem
         sources = []
         for bound in problem.gathered:
@@ -158,17 +180,15 @@ class CompiledProblem:
                 partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
                 for i, c in enumerate(problem.criteria)
             ]
-            sources.append(TrainingSource(whole, targets, self._scores(bound)))
-        return assemble_samples(sources, lowered, self._split, self.kernel, problem.parameters)
+            scores = np.array([c.weight * bound.dataset.weight for c in problem.criteria])
+            sources.append(TrainingSource(whole, targets, scores))
+        return assemble_samples(sources, self._lowered, self._split, self.kernel, problem.parameters)
 
-    def _scores(self, bound: BoundDataset) -> Float:
-        return np.array([c.weight * bound.dataset.weight for c in self.problem.criteria])
-
-    def _shared(self, lowered: LoweredGraph, other: "CompiledProblem") -> Samples:
+    def _shared(self, other: "CompiledProblem") -> Samples:
         """Return the samples of another form of the problem if its data-only part is the same."""
         mine, theirs = list(self.kernel.layout.inputs), other.kernel.layout.inputs
         if self._split.prepared != other._split.prepared or not theirs.keys() >= set(mine):
-            samples = self._gathered(lowered)
+            samples = self._gathered()
         elif mine == list(theirs):
             samples = other.samples
         else:
@@ -178,7 +198,8 @@ class CompiledProblem:
 
 def _even_step(bounds: Sequence[BoundDataset]) -> float | None:
     """Return the time step if it is the same everywhere, else None."""
-    steps = {float(step) for bound in bounds if "dt" in bound.clock for step in _extremes(bound.clock["dt"])}
+    clocks = [bound.clock["dt"] for bound in bounds if "dt" in bound.clock and bound.clock["dt"].size]
+    steps = {float(step) for dt in clocks for step in (dt.min(), dt.max())}
     return steps.pop() if len(steps) == 1 else None
 
 
@@ -194,7 +215,3 @@ def _with_step(graph: Graph, step: float | None) -> Graph:
         return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
 
     return rewrite(graph, resolve)
-
-
-def _extremes(values: Float) -> list[float]:
-    return [values.min(), values.max()] if values.size else []

@@ -4,10 +4,9 @@ Chains of piecewise-linear lookups have kinks at which a descent stops early, so
 with a direct one. A short smoothing schedule is always tried; a long one only if both ends differ.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -15,37 +14,26 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.strategies.augmented_lagrangian import descend_within
-from kennfeld.optimize.strategies.breakpoint_placement import BreakpointPlacement, coarse
-from kennfeld.optimize.strategies.output_limits import OutputLimits
+from kennfeld.optimize.strategies.breakpoint_placement import BreakpointPlacement, ProblemReport, coarsen
+from kennfeld.optimize.strategies.output_limits import AugmentedLagrangian, OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
-from kennfeld.parameter_set import ParameterSet
 
 EARLY_STOP_TOLERANCE = 1e-5  # relative change of the cost that ends a descent if another one may end lower
 KINK_COST_DIFFERENCE = 3e-3  # relative difference of two ends from which kinks matter
-
-
-class Report(Protocol):
-    """Called after each accepted step; `compiled` is the problem that `values` belong to, if not the exact one."""
-
-    def __call__(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None: ...
 
 
 @dataclass(frozen=True)
 class DescentSetup:
     """A compiled problem and the options of its search."""
 
-    problem: Problem
     exact: CompiledProblem
     objective: LeastSquaresObjective  # of `exact`
     continuation: Continuation | None  # None if no lookup is smoothed
     outputs: OutputLimits | None  # None if no output is limited
     options: Options
-    parameters_of: Callable[[Float], ParameterSet]
-    report: Report
+    report: ProblemReport
 
 
 def minimise(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverResult:
@@ -58,17 +46,18 @@ def minimise(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverR
     """
     options, continuation = setup.options, setup.continuation
     if options.method == "global":
-        return _global_then_local(setup, start, limits)
-    settings = coarse(options.settings) if setup.problem.free_axes else options.settings
+        return _search_globally(setup, start, limits)
+    moving_axes = bool(setup.exact.problem.free_axes)
+    settings = coarsen(options.settings) if moving_axes else options.settings
     ends: list[SolverResult] = []
     if continuation is not None:
         ends.append(continuation.descend(SHORT_SCHEDULE, start, limits, settings, setup.report))
     if not ends or ends[-1].status != "stopped":
-        ends += _direct_descent(setup, start, limits, settings, ends)
+        ends += _descend_directly(setup, start, limits, settings, ends)
     if continuation is not None and _costs_differ(ends):
         ends.append(continuation.descend(LONG_SCHEDULE, start, limits, settings, setup.report))
-    if setup.problem.free_axes and ends[-1].status not in ("stopped", "failed"):
-        placement = BreakpointPlacement(setup.problem, setup.exact, smoothed=options.continuation != "off")
+    if moving_axes and not ends[-1].cut_short:
+        placement = BreakpointPlacement(setup.exact, smoothed=options.continuation != "off")
         ends.append(placement.descend(_best_of(ends).values, limits, options.settings, setup.report))
     return _best_of(ends)
 
@@ -79,22 +68,18 @@ def enforce_output_limits(setup: DescentSetup, end: SolverResult, start: Float, 
     The status is `infeasible` if no values are found that keep them.
     """
     outputs = setup.outputs
-    if outputs is None or end.status in ("stopped", "failed") or outputs.is_satisfied(setup.parameters_of(end.values)):
+    if outputs is None or end.cut_short or outputs.is_satisfied(end.values):
         return end
     ends = [end]
     for values in (end.values, start):
-        ends.append(
-            descend_within(
-                outputs, setup.objective, values, limits, setup.options.settings, setup.parameters_of, setup.report
-            )
-        )
+        search = AugmentedLagrangian(outputs, setup.objective, limits, setup.options.settings, setup.report)
+        ends.append(search.descend(values))
         if ends[-1].status != "infeasible":
-            break
-    best = ends[-1] if ends[-1].status != "infeasible" else ends[1]
-    return best.with_effort_of(ends)
+            return ends[-1].with_effort_of(ends)
+    return ends[1].with_effort_of(ends)
 
 
-def _direct_descent(
+def _descend_directly(
     setup: DescentSetup, start: Float, limits: LinearLimits, settings: SolverSettings, earlier: Sequence[SolverResult]
 ) -> list[SolverResult]:
     """Descend on the exact model; after a smoothed descent, to the very end only if this one comes lower."""
@@ -108,31 +93,23 @@ def _direct_descent(
     return ends
 
 
-def _global_then_local(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverResult:
-    """Search without gradients, and descend from its end."""
-    from kennfeld.optimize.strategies.global_search import (
-        FeasibilityFirstCost,
-        GlobalSettings,
-        global_search,
-        polish,
-    )
+def _search_globally(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverResult:
+    from kennfeld.optimize.strategies import global_search as strategy
 
     settings, report = setup.options.settings, setup.report
-    search = GlobalSettings(setup.options.max_evaluations, setup.options.seed)
+    search = strategy.GlobalSettings(setup.options.max_evaluations, setup.options.seed)
     if setup.outputs is not None:
-        feasible_first = FeasibilityFirstCost(setup.objective, setup.outputs, setup.parameters_of)
+        feasible_first = strategy.FeasibilityFirstCost(setup.objective, setup.outputs)
         result = feasible_first.search(start, limits, search, partial(report, "global"))
         return feasible_first.polish(result, limits, settings, report)
-    result = global_search(setup.objective, start, limits, search, partial(report, "global"))
-    return polish(setup.objective, result, limits, settings, partial(report, "polish"))
+    result = strategy.global_search(setup.objective, start, limits, search, partial(report, "global"))
+    return strategy.polish(setup.objective, result, limits, settings, partial(report, "polish"))
 
 
 def _costs_differ(ends: Sequence[SolverResult]) -> bool:
     """Return if all descents ran to their end, and these differ by more than kinks of no consequence."""
-    if any(end.status in ("stopped", "failed") for end in ends):
-        return False
-    costs = [end.cost for end in ends]
-    return max(costs) - min(costs) > KINK_COST_DIFFERENCE * min(costs)
+    costs = [end.cost for end in ends if not end.cut_short]
+    return len(costs) == len(ends) and max(costs) - min(costs) > KINK_COST_DIFFERENCE * min(costs)
 
 
 def _best_of(ends: Sequence[SolverResult]) -> SolverResult:

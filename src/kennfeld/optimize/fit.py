@@ -9,8 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding, InputError
-from kennfeld.free_axes import AxisKey, FreeAxis
+from kennfeld.errors import Finding
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
@@ -20,14 +19,13 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
-from kennfeld.optimize.sensitivity import without_vanished
 from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
-from kennfeld.optimize.validation import check_shared_axes
-from kennfeld.optimize.worsening import admissible_share, worsened
+from kennfeld.optimize.validation import check_fittable
+from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import blas_threads
@@ -37,12 +35,15 @@ ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit witho
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
+UNDERFLOW = 1e-290  # a cost below has lost digits
+REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
+UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
 Search = Callable[[Float, LinearLimits], SolverResult]
 
 
-def run(problem: Problem, options: Options, progress: Progress | None = None, seconds: Seconds | None = None) -> Result:
-    """Calibrate one problem from its own start.
+class FitRun:
+    """A compiled problem, its searches and their trace.
 
     Args:
         problem: model, data, parameters and criteria.
@@ -53,23 +54,16 @@ def run(problem: Problem, options: Options, progress: Progress | None = None, se
     Raises:
         InputError: the problem has nothing to fit. Whatever happens later is a status of the result.
     """
-    fit = FitRun(problem, options, progress, seconds or Seconds())
-    with blas_threads(fit.exact.values.free):
-        return fit.result()
-
-
-class FitRun:
-    """A compiled problem, its searches and their trace."""
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
-        _check_fittable(problem, options)
+        check_fittable(problem, globally=options.method == "global").finish()
         self.problem, self.options, self.progress = problem, options, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # as `progress`, with the values
         self.began = time.perf_counter()
         self.exact = CompiledProblem(problem)
         self.objective = LeastSquaresObjective(self.exact)
         smoothed = options.continuation != "off" and options.method != "global"
-        self.continuation = Continuation.of(problem, self.exact) if smoothed else None
+        self.continuation = Continuation.of(self.exact) if smoothed else None
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
@@ -78,8 +72,8 @@ class FitRun:
     def with_start(self, problem: Problem) -> "FitRun":
         """Return the same run from other values of its free parameters; nothing is compiled again."""
         other = copy(self)
-        for depends_on_start in ("scorer", "outputs"):
-            other.__dict__.pop(depends_on_start, None)
+        for cached in ("scorer", "outputs"):  # they depend on the start
+            other.__dict__.pop(cached, None)
         other.problem, other.exact = problem, self.exact.with_start(problem)
         other.objective = LeastSquaresObjective(other.exact)
         other.continuation = self.continuation and self.continuation.with_start(other.exact)
@@ -88,6 +82,10 @@ class FitRun:
 
     def result(self, search: Search | None = None) -> Result:
         """Run `minimise` and assess its end."""
+        with blas_threads(self.exact.values.free):
+            return self._result(search)
+
+    def _result(self, search: Search | None) -> Result:
         scorer = self.scorer
         if search is None:
             _ = self.outputs  # compiled here, so that its time counts as such
@@ -97,12 +95,12 @@ class FitRun:
         end, remark = self.minimise(search)
         parameters = self.parameters(end.values)
         informed = self._informed(end)
-        axes = self.problem.free_axes
+        axes, free_values = self.problem.free_axes, int(limits.movable.sum())
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         quality = scorer.quality(self.problem.parameters, parameters)
-        end = without_vanished(end, before, quality, self.scored)
-        sentences = (end.message, remark, _describe_uninformed(informed), _describe_close_breakpoints(axes, parameters))
+        end = self._check_underflow(end, before, quality)
+        sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
         return Result(
             status=end.status,
             message=" ".join(filter(None, sentences)),
@@ -114,8 +112,8 @@ class FitRun:
             evaluations=end.evaluations,
             cost_before=before,
             cost_after=end.cost,
-            free_values=int(limits.movable.sum()),
-            fixed_values=values - int(limits.movable.sum()),
+            free_values=free_values,
+            fixed_values=values - free_values,
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._assessment(end, informed),
             warnings=self._warnings(end, limits, quality),
@@ -128,17 +126,17 @@ class FitRun:
             The end, and a remark on the start.
         """
         self.exact.rejected.clear()
-        given = self.objective.start
+        initial = self.objective.start
         limits = linear_limits(self.problem, self.exact.values)
         start, remark = self.feasible_start(limits)
         if start is None:
-            return SolverResult(given, self.objective.cost(given), "infeasible", remark, 0, 1), ""
+            return SolverResult(initial, self.objective.cost(initial), "infeasible", remark, 0, 1), ""
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._restore_faint_values(end, start, limits)
-        projected, other_remark = project(given, limits)
+        projected, other_remark = project(initial, limits)
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
@@ -146,11 +144,7 @@ class FitRun:
         return self._within_limits(self._with_rejections(self._check_derivatives(end, limits)), limits), remark
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
-        """Project the start onto the limits and move it off a saddle.
-
-        Returns:
-            The free values, None if the limits cannot be satisfied; and a remark.
-        """
+        """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
         start, remark = project(self.objective.start, limits)
         if start is None or self.options.method == "global" or self.objective.cost(start) == 0:
             return start, remark
@@ -172,24 +166,14 @@ class FitRun:
 
     def parameters(self, values: Float) -> ParameterSet:
         """Return the parameter set with these free values."""
-        full = self.exact.start.copy()
-        full[: values.size] = values
-        return self.exact.values.unpack(full, self.problem.parameters)
+        return self.exact.parameters(values)
 
     def record(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:
         """Add an accepted step to the trace and report it; `compiled` is the problem of the values if not `exact`."""
         cost = line.cost - (compiled or self.exact).roughness.cost(values)
-        entry = TraceLine(
-            iteration=line.iteration,
-            start=1,
-            stage=stage,
-            cost=line.cost,
-            rmse=float(np.sqrt(max(cost, 0.0) / self.weights)),
-            step=line.step,
-            damping=line.damping,
-            active=line.active,
-            seconds=time.perf_counter() - self.began,
-        )
+        rmse = float(np.sqrt(max(cost, 0.0) / self.weights))
+        seconds = time.perf_counter() - self.began
+        entry = TraceLine(stage=stage, start=1, rmse=rmse, seconds=seconds, **vars(line))
         self.trace.append(entry)
         if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
@@ -199,14 +183,7 @@ class FitRun:
     @property
     def _setup(self) -> DescentSetup:
         return DescentSetup(
-            self.problem,
-            self.exact,
-            self.objective,
-            self.continuation,
-            self.outputs,
-            self.options,
-            self.parameters,
-            self.record,
+            self.exact, self.objective, self.continuation, self.outputs, self.options, report=self.record
         )
 
     def _leave_saddles(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
@@ -244,28 +221,25 @@ class FitRun:
         values = np.where(faint, start, end.values)
         cost = self.objective.cost(values)
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
-        if cost <= end.cost + rounding and self._keeps_as_well(values, end, limits):
+        allowed = max(limits.violation(end.values), FEASIBLE)
+        if cost <= end.cost + rounding and limits.violation(values) <= allowed:
             return replace(end, values=values, cost=cost)
         sloped = self.objective.sloped(end.values)  # smoothness may determine the others
         faint = faint & sloped if sloped is not None else np.zeros_like(faint)
         values = np.where(faint, start, end.values)
-        if end.status != "converged" or not faint.any() or not self._keeps_as_well(values, end, limits):
+        if end.status != "converged" or not faint.any() or not limits.violation(values) <= allowed:
             return end
         return self._descend_without(faint, end, values, limits)
-
-    def _keeps_as_well(self, values: Float, end: SolverResult, limits: LinearLimits) -> bool:
-        return limits.violation(values) <= max(limits.violation(end.values), FEASIBLE)
 
     def _descend_without(self, faint: Bool, end: SolverResult, values: Float, limits: LinearLimits) -> SolverResult:
         """Descend from `values`; return the old end if the faint values matter after all.
 
         A faint value that had moved far follows the noise of some samples, which costs a little to undo.
         """
-        again = levenberg_marquardt(
-            self.objective, values, limits, self.options.settings, partial(self.record, "plain")
-        )
+        report = partial(self.record, "plain")
+        again = levenberg_marquardt(self.objective, values, limits, self.options.settings, report)
         unmoved = np.array_equal(again.values[faint], values[faint])
-        if self.outputs is not None and not self.outputs.is_satisfied(self.parameters(again.values)):
+        if self.outputs is not None and not self.outputs.is_satisfied(again.values):
             return end
         return again.with_effort_of([end, again]) if unmoved and again.cost <= NOISE * end.cost else end
 
@@ -286,6 +260,14 @@ class FitRun:
         )
         return replace(end, status="failed", message=message)
 
+    def _check_underflow(self, end: SolverResult, before: float, quality: Sequence[Quality]) -> SolverResult:
+        """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
+        training = [row for row in quality if row.use == "training" and row.criterion in self.scored]
+        hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
+        if end.status != "converged" or not hidden:
+            return end
+        return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
+
     def _with_rejections(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the trial values that were rejected."""
         rejected = self.exact.rejected
@@ -293,10 +275,11 @@ class FitRun:
             return end
         from kennfeld.optimize.rejected_steps import RejectionReasons, describe_rejections
 
-        if not np.isfinite(end.cost):
-            reason = RejectionReasons(self.problem).of(self.parameters(end.values))
-            return replace(end, message=f"{end.message} At these values {reason}.")
-        return replace(end, message=f"{end.message} {describe_rejections(self.problem, rejected, self.parameters)}")
+        if np.isfinite(end.cost):
+            sentence = describe_rejections(self.problem, rejected, self.parameters)
+        else:
+            sentence = f"At these values {RejectionReasons(self.problem).of(self.parameters(end.values))}."
+        return replace(end, message=f"{end.message} {sentence}")
 
     def _within_limits(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """Move the end onto the limits if it violates one; only values that keep all of them have converged."""
@@ -316,67 +299,42 @@ class FitRun:
         return replace(projected, status="failed", message=message)
 
     def _warnings(self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality]) -> tuple[Finding, ...]:
-        """Return warnings about errors that are larger than at the start."""
         if end.status in ("infeasible", "failed"):
             return ()
-        before, after = (
-            self.objective.cost(values) - self.exact.roughness.cost(values)
-            for values in (self.objective.start, end.values)
-        )
+        before, after = (self.objective.data_cost(values) for values in (self.objective.start, end.values))
         outweighed = after > before
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
-        return tuple(worsened(quality, self.scored, outweighed=outweighed, share=share))
+        return tuple(find_worsening(quality, self.scored, outweighed=outweighed, share=share))
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:
             return None
-        arguments = (self.problem, end.values, informed, self.exact, self.scorer)
-        return TrustAssessment(*arguments, outputs=lambda: self.outputs, status=end.status)
+        run = (self.exact, self.scorer, lambda: self.outputs, end.status)
+        return TrustAssessment(self.problem, end.values, informed, *run)
 
     def _informed(self, end: SolverResult) -> Mapping[str, Bool]:
         """Mark for each free parameter the values on which the cost depends, at the end or on the way there."""
         if not np.isfinite(end.cost):
             return {}
-        if self.objective.uses_qr:
-            _, jacobian = self.objective.rows(end.values)
-            informed = (jacobian != 0).any(axis=0)
-        else:
-            informed = np.diag(self.objective.normal(end.values)[1]) > 0
+        informed = self.objective.informed(end.values) | (end.values != self.objective.start)
         parameters, offsets = self.problem.parameters, self.exact.values.offsets
-        informed |= end.values != self.objective.start
         return {
-            name: np.asarray(informed[offsets[name] : offsets[name] + parameters[name].size]).reshape(
-                parameters[name].values.shape
-            )
+            name: informed[offsets[name] :][: parameters[name].size].reshape(parameters[name].values.shape)
             for name in self.problem.free_names
         }
 
-
-def _check_fittable(problem: Problem, options: Options) -> None:
-    """Raise `InputError` if there is nothing to fit."""
-    findings = []
-    if not problem.criteria:
-        findings.append(Finding("criteria", "no criterion is defined", "Name a node and its target."))
-    if not problem.free_names:
-        findings.append(
-            Finding("parameters", f"free = {list(problem.free)} matches no parameter that the function uses")
-        )
-    findings += check_shared_axes(problem.free_axes, problem.free_names)
-    if not any(bound.count for bound in problem.training):
-        findings.append(Finding("datasets", "no training data", "Use at least one dataset for training."))
-    else:
-        findings += [
-            Finding(f"criterion on {c.node}", f"no sample of the training data has its target {c.target}")
-            for c in problem.criteria
-            if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training)
-        ]
-    if options.method == "global":
-        from kennfeld.optimize.validation import unbounded
-
-        findings += unbounded(problem)
-    if findings:
-        raise InputError(findings)
+    def _describe_close_breakpoints(self, parameters: ParameterSet) -> str:
+        sentences = []
+        for key, before in self.problem.free_axes.items():
+            table, axis = before.places[0]
+            points = parameters[table].axes[axis].breakpoints
+            close = touching_pairs(points, before.axis.least_distance)
+            if close.size and not np.array_equal(points, before.axis.breakpoints):
+                pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:MAX_LISTED])
+                sentences.append(f"Breakpoints of {key} ended at their minimum distance: {pairs}.")
+                sentences.append("Consider fewer breakpoints.")
+        return " ".join(sentences)
 
 
 def _describe_uninformed(informed: Mapping[str, Bool]) -> str:
@@ -385,17 +343,3 @@ def _describe_uninformed(informed: Mapping[str, Bool]) -> str:
         return ""
     listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
     return f"Not determined by data or smoothness, kept at their start values: {listed}."
-
-
-def _describe_close_breakpoints(axes: Mapping[AxisKey, FreeAxis], parameters: ParameterSet) -> str:
-    sentences = []
-    for key, before in axes.items():
-        table, axis = before.places[0]
-        points, least = parameters[table].axes[axis].breakpoints, before.axis.least_distance
-        close = touching_pairs(points, least)
-        if close.size and not np.array_equal(points, before.axis.breakpoints):
-            pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:MAX_LISTED])
-            sentences.append(
-                f"Breakpoints of {key} ended at their minimum distance: {pairs}. Consider fewer breakpoints."
-            )
-    return " ".join(sentences)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.constraints import Limit
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
 
@@ -35,8 +35,7 @@ class LimitSide:
         return self.limit.upper if self.sign > 0 else -self.limit.lower
 
     def __str__(self) -> str:
-        sign, bound = ("<=", self.limit.upper) if self.sign > 0 else (">=", self.limit.lower)
-        return f"{self.limit.node} {sign} {bound:g}"
+        return f"{self.limit.node} {'<=' if self.sign > 0 else '>='} {self.sign * self.bound:g}"
 
 
 def limit_sides(limits: Sequence[Limit]) -> tuple[LimitSide, ...]:
@@ -56,7 +55,7 @@ def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
         texts[side.node] = side.limit.node if side.sign > 0 else f"-({side.limit.node})"
         if side.limit.where:
             texts[side.where] = side.limit.where
-    return extend(model, texts, "limit")
+    return extend(model, texts, Location("limit"))
 
 
 def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:

@@ -1,51 +1,61 @@
-"""The cost of a compiled problem as a function of its free values."""
+"""The cost of a compiled problem as a function of its free values.
+
+Derivatives of values whose effect on the scored outputs is mere rounding count as 0. There are two causes. The effect
+may have decayed before the first scored sample, as that of an initial state after a warm-up much longer than its time
+constant: its derivatives are correct, but tiny compared with those on simulated samples that are not scored, or with
+those of the other values of its table. Or the effect cancels within the model, as that of `k` in `(k*x) / (k*z)`: the
+derivatives are rounding errors and change with the last digits of the values. In both cases a least-squares step would
+divide noise by noise.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native.cholesky import Cholesky
+from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
-from kennfeld.optimize.sensitivity import Sensitivity
+from kennfeld.optimize.quality import SAMPLES_PER_BLOCK
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
 MAX_SECANT_VALUES = 128
+FADED = 1e-6  # derivative that has faded, relative to the largest of the same parameter on all simulated samples
+TINY = 1e-14  # the same on the scored samples alone
+SUSPECT = 1e-12  # share of the targets by which a change of a value by its size moves the outputs
+NUDGE = 1e-12  # relative change of the values that changes rounding errors but not true derivatives
+NUDGES = 4  # rounding errors are few different numbers, which one nudge may leave unchanged by chance
+UNSTEADY = 1e-4  # relative change of the curvature under a nudge from which it counts as rounding
+
+Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
 
 
 class LeastSquaresObjective:
     """Data cost plus roughness; see `gauss_newton_model.Objective`.
 
-    Derivatives that are rounding errors count as 0, so that no value moves by them (see `Sensitivity`).
+    Derivatives that are rounding errors count as 0, so that no value moves by them (see `_Sensitivity`).
     """
 
     def __init__(self, compiled: CompiledProblem, *, by_rows: bool = True) -> None:
         """Without `by_rows`, normal equations are used for small problems too: faster, with half the digits."""
-        self._compiled = compiled
+        self._compiled, self._sums = compiled, compiled.sums
         self._full = compiled.start.copy()
         self._free = compiled.values.free
         self._order = breakpoint_order(compiled.problem.free_axes, compiled.values)
-        entries = compiled.samples.count * len(compiled.kernel.outputs) * self._free
-        self._small = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
-        self._sensitivity = Sensitivity(compiled)
+        outputs = compiled.kernel.outputs
+        entries = compiled.samples.count * len(outputs) * self._free
+        self.uses_qr = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
+        # a robust loss would change the weights of the residuals
+        self.supports_acceleration = self.uses_qr and all(output.loss == "square" for output in outputs)
+        # the secant matrix is dense, and large tables have more kinks than curvature
+        self.supports_secant = self._free <= MAX_SECANT_VALUES
+        self._sensitivity = _Sensitivity(compiled)
         self._last_curvature: tuple[Float, Float] | None = None  # the values it belongs to, and itself
-        self._cholesky = Cholesky(0 if self._small else self._free)
-        if not self._small:
-            compiled.accumulator.prepare()
-
-    @property
-    def uses_qr(self) -> bool:
-        """True if the Jacobian itself is factored."""
-        return self._small
-
-    @property
-    def supports_acceleration(self) -> bool:
-        """True if `rows` gives the curvature of the residuals; a robust loss would change their weights."""
-        return self._small and all(output.loss == "square" for output in self._compiled.kernel.outputs)
-
-    @property
-    def supports_secant(self) -> bool:
-        """True for few values: the secant matrix is dense, and large tables have more kinks than curvature."""
-        return self._free <= MAX_SECANT_VALUES
+        self._cholesky = Cholesky(0 if self.uses_qr else self._free)
+        if not self.uses_qr:
+            self._sums.prepare()
 
     @property
     def start(self) -> Float:
@@ -60,28 +70,31 @@ class LeastSquaresObjective:
         """Return the sum of losses plus roughness; infinite if breakpoints are out of order."""
         if not is_ordered(self._order, values):
             return np.inf
-        cost = self._compiled.accumulator.cost(self._values(values)) + self._compiled.roughness.cost(values)
+        cost = self._sums.cost(self._values(values)) + self._compiled.roughness.cost(values)
         if not np.isfinite(cost):
             self._compiled.rejected.add(values)
         return cost
 
+    def data_cost(self, values: Float) -> float:
+        """Return the cost without roughness."""
+        return self.cost(values) - self._compiled.roughness.cost(values)
+
     def normal(self, values: Float) -> tuple[Float, Float]:
         """Return half the gradient and the Gauss-Newton matrix."""
-        accumulator, roughness = self._compiled.accumulator, self._compiled.roughness
-        found = accumulator.normal(self._values(values))
-        diagonal = np.diag(found.matrix).copy()
+        data = self._sums.normal(self._values(values))
+        diagonal = np.diag(data.matrix).copy()
         faint = self._faint(diagonal) & (diagonal > 0)
         if faint.any():
-            found = accumulator.normal(self._full)  # judging may have computed it elsewhere
-            found.gradient[faint] = 0.0
-            found.matrix[faint, :] = 0.0
-            found.matrix[:, faint] = 0.0
-        roughness.add(values, found.gradient, found.matrix)
-        return found.gradient, found.matrix
+            data = self._sums.normal(self._full)  # judging may have computed it elsewhere
+            data.gradient[faint] = 0.0
+            data.matrix[faint, :] = 0.0
+            data.matrix[:, faint] = 0.0
+        self._compiled.roughness.add(values, data.gradient, data.matrix)
+        return data.gradient, data.matrix
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return residuals and Jacobian, with those of the roughness below."""
-        residual, jacobian = self._compiled.accumulator.rows(self._values(values))
+        residual, jacobian = self._sums.rows(self._values(values))
         if not np.all(np.isfinite(residual)):
             self._compiled.rejected.add(values)
         jacobian[:, self._faint(_squares(jacobian))] = 0.0
@@ -94,12 +107,17 @@ class LeastSquaresObjective:
 
     def sloped(self, values: Float) -> Bool | None:
         """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""
-        accumulator, full = self._compiled.accumulator, self._values(values)
-        if self._small:
-            jacobian = accumulator.rows(full)[1]
+        full = self._values(values)
+        if self.uses_qr:
+            jacobian = self._sums.rows(full)[1]
             return (jacobian != 0).any(axis=0) if np.isfinite(jacobian).all() else None
         curvature = self._curvature(full)
         return curvature > 0 if np.isfinite(curvature).all() else None
+
+    def informed(self, values: Float) -> Bool:
+        """Mark the values on which the cost depends."""
+        informed = (self.rows(values)[1] != 0).any(axis=0) if self.uses_qr else np.diag(self.normal(values)[1]) > 0
+        return np.asarray(informed)
 
     def _faint(self, curvature: Float) -> Bool:
         return self._sensitivity.faint(self._full, curvature, self._curvature)
@@ -109,10 +127,11 @@ class LeastSquaresObjective:
         last = self._last_curvature
         if last is not None and np.array_equal(last[0], full):
             return last[1]
-        accumulator = self._compiled.accumulator
-        found = _squares(accumulator.rows(full)[1]) if self._small else np.diag(accumulator.normal(full).matrix).copy()
-        self._last_curvature = full.copy(), found
-        return found
+        curvature = (
+            _squares(self._sums.rows(full)[1]) if self.uses_qr else np.diag(self._sums.normal(full).matrix).copy()
+        )
+        self._last_curvature = full.copy(), curvature
+        return curvature
 
     def cholesky(self, size: int) -> Cholesky:
         """Return the factorisation for the matrix of `size` values."""
@@ -126,20 +145,107 @@ class LeastSquaresObjective:
         If some simulated samples are not scored, it is at least the largest curvature on all of them.
         """
         mean = np.zeros(self._free)
-        for name, at in self._compiled.values.offsets.items():
-            if at < self._free:
-                size = self._compiled.problem.parameters[name].size
-                part = slice(at, at + size)
-                own = diagonal[part].mean() if size > 1 else 0.0
-                mean[part] = max(own, self._sensitivity.everywhere(self._full)[at])
-        for key, at in self._compiled.values.moving.items():
-            if at < self._free:
-                part = slice(at, at + len(self._compiled.problem.free_axes[key].axis))
-                mean[part] = diagonal[part].mean()
+        problem, values = self._compiled.problem, self._compiled.values
+        for name in problem.free_names:
+            at, size = values.offsets[name], problem.parameters[name].size
+            own = diagonal[at : at + size].mean() if size > 1 else 0.0
+            mean[at : at + size] = max(own, self._sensitivity.everywhere(self._full)[at])
+        for key, axis in problem.free_axes.items():
+            part = slice(values.moving[key], values.moving[key] + len(axis.axis))
+            mean[part] = diagonal[part].mean()
         return mean
 
 
 def _squares(jacobian: Float) -> Float:
-    """Return the sum of squares of each column."""
-    found: Float = np.einsum("ij,ij->j", jacobian, jacobian)
-    return found
+    return np.asarray(np.einsum("ij,ij->j", jacobian, jacobian))
+
+
+class _Sensitivity:
+    """Finds the values of a compiled problem whose derivatives are rounding errors."""
+
+    def __init__(self, compiled: CompiledProblem) -> None:
+        self._compiled = compiled
+        values = compiled.values
+        starts = sorted(at for at in (*values.offsets.values(), *values.moving.values()) if at < values.free)
+        self._starts = np.array(starts, dtype=np.int64)
+        self._sizes = np.diff([*starts, values.free])
+        self._everywhere: Float | None = None
+
+    def faint(self, values: Float, curvature: Float, curvature_at: Curvature) -> Bool:
+        """Mark the free values whose effect is at the level of rounding.
+
+        Args:
+            values: the free and the fixed values, Float[values].
+            curvature: that of the data along each free value there, Float[free].
+            curvature_at: computes it at other values.
+        """
+        if not np.all(np.isfinite(curvature)):
+            return np.zeros(curvature.size, dtype=bool)
+        least = np.maximum(FADED**2 * self.everywhere(values), TINY**2 * self._largest(curvature))
+        faint: Bool = curvature <= least
+        suspect = self._suspect(values, curvature) & ~faint
+        for number in range(1, NUDGES + 1):
+            if not suspect.any():
+                break
+            # the last digits of the free values change, each by another share, different for each number
+            nudged, free = values.copy(), curvature.size
+            nudged[:free] *= 1 + NUDGE * (number + np.modf(np.arange(free) * 0.618034)[0])
+            unsteady = suspect & (np.abs(curvature_at(nudged) - curvature) > UNSTEADY * curvature)
+            faint |= unsteady
+            suspect &= ~unsteady
+        return faint
+
+    def everywhere(self, values: Float) -> Float:
+        """Return the largest curvature in the parameter of each value on all simulated samples; 0 if all are scored.
+
+        It is computed once, at the first values.
+        """
+        if self._everywhere is None:
+            self._everywhere = np.zeros(self._compiled.values.free)
+            samples = _all_scored(self._compiled.samples) if self._compiled.sums.stateful else None
+            if samples is not None:
+                matrix = self._compiled.sums_over(samples).normal(values).matrix
+                self._everywhere = self._largest(np.nan_to_num(np.diag(matrix), posinf=0.0))
+        return self._everywhere
+
+    def _largest(self, each: Float) -> Float:
+        """Return for each value the largest number of its parameter."""
+        if not each.size:
+            return each
+        return np.repeat(np.maximum.reduceat(each, self._starts), self._sizes)
+
+    def _suspect(self, values: Float, curvature: Float) -> Bool:
+        """Mark values that hardly move the outputs when they change by their own size, or by 1 if that is 0."""
+        size = self._largest(np.abs(values[: curvature.size]))
+        size[size == 0] = 1.0
+        with np.errstate(over="ignore"):
+            return np.asarray((curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self._target_squares))
+
+    @cached_property
+    def _target_squares(self) -> float:
+        """The weighted sum of squares of all targets."""
+        scales = np.array([output.scale for output in self._compiled.kernel.outputs])
+        blocks = _target_blocks(self._compiled.samples)
+        return float(sum((piece.scores / scales**2) @ np.nansum(block**2, axis=1) for piece, _, block in blocks))
+
+
+def _all_scored(samples: Samples) -> Samples | None:
+    """Return the samples with each piece scored up to its last scored sample; None if they are already."""
+    scored = np.full((len(samples.targets), samples.count), np.nan)
+    known = 0
+    for piece, first, block in _target_blocks(samples):
+        finite = np.isfinite(block)
+        known += int(finite.sum())
+        at = np.flatnonzero(finite.any(axis=0))
+        if at.size:
+            scored[:, piece.first : first + int(at[-1]) + 1] = 0.0
+    if known == np.count_nonzero(scored == 0.0):
+        return None
+    return Samples(samples.inputs.parts, list(scored), samples.pieces)
+
+
+def _target_blocks(samples: Samples) -> Iterator[tuple[Piece, int, Float]]:
+    """Yield pieces, the first sample of a block, and its targets Float[outputs, samples]."""
+    for piece in samples.pieces:
+        for first in range(piece.first, piece.last, SAMPLES_PER_BLOCK):
+            yield piece, first, samples.targets_of(np.arange(first, min(first + SAMPLES_PER_BLOCK, piece.last)))

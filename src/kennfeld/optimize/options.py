@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from kennfeld.numeric import number
 from kennfeld.optimize.problem import Factor, Smoothness
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.parameters import Parameter
+from kennfeld.search_settings import MAX_STARTS, SearchSettings
 
 Reduction = int | Sequence[int]
 Value = TypeVar("Value")
-
-MAX_STARTS = 10_000  # each keeps its values until the end
 
 
 @dataclass(frozen=True)
@@ -64,15 +63,13 @@ class Step:
             raise ArgumentError(f'continuation of a step must be "auto" or "off", got {self.continuation!r}')
         smoothness = self.smoothness
         for value in smoothness.values() if isinstance(smoothness, Mapping) else (smoothness,):
-            if value is not None and not all(_is_factor(factor) for factor in _factors(value)):
-                raise ArgumentError(
-                    f'smoothness of a step must be >= 0 or "auto", or one such value per axis, got {value!r}'
-                )
+            if value is not None and not all(map(_is_factor, _per_axis(value))):
+                message = 'smoothness of a step must be >= 0 or "auto", or one such value per axis'
+                raise ArgumentError(f"{message}, got {value!r}")
         for reduction in self._reductions:
             if any(isinstance(n, bool) or not isinstance(n, int) or n < 1 for n in _per_axis(reduction)):
-                raise ArgumentError(
-                    f"grid_reduction of a step must be an integer >= 1, or one per axis, got {reduction!r}"
-                )
+                message = "grid_reduction of a step must be an integer >= 1, or one per axis"
+                raise ArgumentError(f"{message}, got {reduction!r}")
 
     @property
     def reduces(self) -> bool:
@@ -92,7 +89,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(SearchSettings):
     """Options of a search.
 
     Args:
@@ -110,30 +107,21 @@ class Options:
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
     """
 
-    max_iterations: int = 200
-    tolerance: float = 1e-8
-    continuation: Literal["auto", "off"] = "auto"
-    method: Literal["gauss-newton", "global"] = "gauss-newton"
-    max_evaluations: int = 0
-    starts: int = 1
-    seed: int = 0
-    spread: float = 0.5
     workers: int | None = None
     steps: tuple[Step, ...] = ()
-    save_every: int = 0
 
     def __post_init__(self) -> None:
         if self.method not in ("gauss-newton", "global"):
             raise ArgumentError(f'method must be "gauss-newton" or "global", got {self.method!r}')
-        whole = (
-            ("max_iterations", 0),
-            ("starts", 1),
-            ("seed", 0),
-            ("workers", 1),
-            ("save_every", 0),
-            ("max_evaluations", 0),
-        )
-        for name, least in whole:
+        least_by_name = {
+            "max_iterations": 0,
+            "starts": 1,
+            "seed": 0,
+            "workers": 1,
+            "save_every": 0,
+            "max_evaluations": 0,
+        }
+        for name, least in least_by_name.items():
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | np.integer) and value >= least):
                 raise ArgumentError(f"{name} must be an integer >= {least}, got {value!r}")
@@ -155,12 +143,8 @@ def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Valu
     return matches[-1] if matches else default
 
 
-def _per_axis(reduction: Reduction) -> tuple[int, ...]:
-    return tuple(reduction) if isinstance(reduction, Sequence) else (reduction,)
-
-
-def _factors(value: Factor | Sequence[Factor]) -> Sequence[object]:
-    return value if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+def _per_axis(setting: Any) -> Sequence[Any]:
+    return setting if isinstance(setting, Sequence) and not isinstance(setting, str) else (setting,)
 
 
 def _is_factor(value: object) -> bool:

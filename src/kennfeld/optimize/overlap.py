@@ -1,14 +1,13 @@
 """Test samples that are also training samples, on which the error does not show how the model generalises."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Int
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.optimize.problem import Problem
 
 HOLD_BACK = "Hold out other data: the error on these does not show how the function works on unseen data."
@@ -19,55 +18,37 @@ _FACTOR = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: D. Knuth,
 Keys = NDArray[np.uint64]
 
 
-@dataclass(frozen=True)
-class Overlap:
-    """Samples of a test dataset that are also samples of training datasets."""
-
-    dataset: Dataset
-    training: tuple[str, ...]
-    samples: int
-    of: int
-
-    def __str__(self) -> str:
-        count = f"all {self.of}" if self.samples == self.of else f"{self.samples} of {self.of}"
-        return f"{count} test samples have the same inputs and targets as samples of {', '.join(self.training)}"
-
-
-def overlaps(problem: Problem) -> Iterator[Overlap]:
-    """Yield the test datasets that share scored samples with training data: equal inputs and equal targets.
+def overlap_findings(problem: Problem, location: Callable[[Dataset], Location]) -> Iterator[Finding]:
+    """Yield a warning for each test dataset that shares scored samples, inputs and targets, with training data.
 
     A single shared sample, or a share of at most 1 %, is treated as chance. Equal samples of one dataset count once: at
     standstill all are equal.
     """
-    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
-    for test in (data for data in problem.datasets if data.use == "test"):
-        overlap = _overlap(problem, test, training)
-        if overlap is not None:
-            yield overlap
+    for test in problem.datasets:
+        message = _describe_overlap(problem, test) if test.use == "test" else ""
+        if message:
+            yield Finding(location(test), message, HOLD_BACK, severity="warning")
 
 
-def _overlap(problem: Problem, test: Dataset, training: Sequence[Dataset]) -> Overlap | None:
-    """Return the overlap of a test dataset with training data, each compared over the channels of both."""
+def _describe_overlap(problem: Problem, test: Dataset) -> str:
+    """Describe the overlap of a test dataset with training data, each compared over the channels of both."""
     names_by_channels: dict[tuple[str, ...], list[str]] = {}
     seen: dict[tuple[str, ...], Bool] = {}
     counts: dict[tuple[str, ...], Int] = {}
-    for data in training:
+    for data in problem.fitted_datasets:
         names = _shared_names(problem, test, data)
         distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
-        shared = _within(distinct, np.sort(_keys(data, names)))
+        shared = np.isin(distinct, _keys(data, names))
         if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
             names_by_channels.setdefault(names, []).append(data.name)
             seen[names] = seen.get(names, False) | shared
     if not names_by_channels:
-        return None
+        return ""
     most = max(names_by_channels, key=lambda names: counts[names][seen[names]].sum())
-    return Overlap(test, tuple(names_by_channels[most]), int(counts[most][seen[most]].sum()), int(counts[most].sum()))
-
-
-def overlap_findings(problem: Problem, place: Callable[[Dataset], str]) -> Iterator[Finding]:
-    """Yield a warning for each test dataset that shares samples with training data."""
-    for overlap in overlaps(problem):
-        yield Finding(place(overlap.dataset), str(overlap), HOLD_BACK, severity="warning")
+    shared, total = counts[most][seen[most]].sum(), counts[most].sum()
+    count = f"all {total}" if shared == total else f"{shared} of {total}"
+    training = ", ".join(names_by_channels[most])
+    return f"{count} test samples have the same inputs and targets as samples of {training}"
 
 
 def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
@@ -86,20 +67,8 @@ def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
     keys = np.zeros(int(kept.sum()) if names else 0, dtype=np.uint64)
     for name in names:
         values = dataset[name].values[kept] + 0.0  # -0 becomes 0
-        keys = _mixed(keys ^ values.view(np.uint64))
+        keys ^= values.view(np.uint64)
+        for shift in (32, 29):  # mixes every bit into all others
+            keys = (keys ^ (keys >> np.uint64(shift))) * _FACTOR
+        keys ^= keys >> np.uint64(32)
     return keys
-
-
-def _mixed(keys: Keys) -> Keys:
-    """Mix every bit into all others."""
-    keys = (keys ^ (keys >> np.uint64(32))) * _FACTOR
-    keys = (keys ^ (keys >> np.uint64(29))) * _FACTOR
-    return np.asarray(keys ^ (keys >> np.uint64(32)))
-
-
-def _within(keys: Keys, others: Keys) -> Bool:
-    """Mark the keys that are among others; both are sorted, which makes the search fast."""
-    if not others.size:
-        return np.zeros(keys.size, dtype=bool)
-    places = np.minimum(np.searchsorted(others, keys), others.size - 1)
-    return np.asarray(others[places] == keys)

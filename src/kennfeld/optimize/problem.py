@@ -1,6 +1,6 @@
 """A calibration problem: model, data, parameters and criteria, with nothing compiled yet."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -12,12 +12,11 @@ from kennfeld.arrays import Float
 from kennfeld.constraints import Equality, Limit, Pin, Shape
 from kennfeld.criteria import Criterion
 from kennfeld.dataset import Dataset
-from kennfeld.free_axes import AxisKey, FreeAxis, free_axes
+from kennfeld.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models import Model
-from kennfeld.optimize.restraint import Restraint
+from kennfeld.optimize.table_penalties import Restraint
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
 from kennfeld.preprocessing.settling import average_window, needs_average
 
@@ -25,12 +24,6 @@ Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 
 Factor = float | Literal["auto"]
 Smoothness = Mapping[str, Factor | Sequence[Factor]]
-
-
-def fitted_axes(parameters: ParameterSet, free: Collection[str]) -> dict[AxisKey, FreeAxis]:
-    """Return the axes marked as free that a free parameter uses."""
-    axes = free_axes(parameters)
-    return {key: axis for key, axis in axes.items() if any(name in free for name, _ in axis.places)}
 
 
 @dataclass(frozen=True)
@@ -74,24 +67,27 @@ class Problem:
         return tuple(n for n in named if n not in carried)
 
     @property
+    def fitted_datasets(self) -> list[Dataset]:
+        """The training data with a weight."""
+        return [data for data in self.datasets if data.use == "training" and data.weight > 0]
+
+    @property
     def free_size(self) -> int:
         """Number of values of the free parameters, including locked ones."""
         return sum(self.parameters[name].size for name in self.free_names)
 
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
-        """The axes whose breakpoints are fitted."""
-        return fitted_axes(self.parameters, self.free_names)
+        """The axes whose breakpoints are fitted: those marked as free that a free parameter uses."""
+        axes = free_axes(self.parameters)
+        return {key: axis for key, axis in axes.items() if any(name in self.free_names for name, _ in axis.places)}
 
     @property
     def idle_axes(self) -> list[AxisKey]:
         """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
-        used = self.model.graph.parameters
-        return [
-            key
-            for key, axis in free_axes(self.parameters).items()
-            if key not in self.free_axes and any(name in used for name, _ in axis.places)
-        ]
+        used, axes = self.model.graph.parameters, free_axes(self.parameters)
+        idle = {key: axis for key, axis in axes.items() if key not in self.free_axes}
+        return [key for key, axis in idle.items() if any(name in used for name, _ in axis.places)]
 
     @property
     def held(self) -> list[Place]:
@@ -102,7 +98,7 @@ class Problem:
     @cached_property
     def training(self) -> tuple[BoundDataset, ...]:
         """The training data, bound to the model."""
-        return tuple(self.bind(data) for data in self.datasets if data.use == "training" and data.weight > 0)
+        return tuple(self.bind(data) for data in self.fitted_datasets)
 
     @cached_property
     def gathered(self) -> tuple[BoundDataset, ...]:
@@ -112,6 +108,11 @@ class Problem:
     def bind(self, dataset: Dataset) -> BoundDataset:
         """Bind the channels of a dataset to the inputs of the model."""
         return bind_inputs(dataset, self.graph, self.channels, self.model.step)
+
+    @property
+    def differences(self) -> list[str]:
+        """The names of the nodes that the criteria score, see `graph`."""
+        return [difference(i) for i in range(len(self.criteria))]
 
     @cached_property
     def graph(self) -> Graph:
@@ -172,16 +173,22 @@ def difference(criterion: int) -> str:
     return f"\0{criterion}"
 
 
+def moving_axis(problem: Problem, shape: Shape) -> AxisKey | None:
+    """Return the axis along which a shape is limited if its breakpoints are fitted."""
+    table = problem.parameters[shape.parameter]
+    key = key_of(table, shape.axis) if 0 <= shape.axis < len(table.axes) else None
+    return key if key in problem.free_axes else None
+
+
 def time_constants(graph: Graph) -> list[int]:
     """Return the nodes T in `if(T < 0, nan, share)`, the form by which a lag rejects a negative time constant."""
-    nodes = graph.nodes
-    constants: dict[int, None] = {}
+    nodes, constants = graph.nodes, []
     for op, args, _ in nodes:
         if op == "select" and nodes[args[0]].op == "lt" and nodes[args[1]].op == "const":
             left, right = nodes[args[0]].args
             if nodes[right].op == "const" and nodes[right].payload == 0.0 and np.isnan(nodes[args[1]].payload):
-                constants[left] = None
-    return list(constants)
+                constants.append(left)
+    return list(dict.fromkeys(constants))
 
 
 def bound_time_constants(problem: Problem) -> Problem:
@@ -194,16 +201,10 @@ def bound_time_constants(problem: Problem) -> Problem:
     lags = set(time_constants(graph))
     elsewhere = {n.payload for at, n in enumerate(graph.nodes) if n.op == "lookup" and at not in lags}
     names = {graph.nodes[at].payload for at in lags if graph.nodes[at].op == "lookup"} - elsewhere
-    used = [problem.parameters[n] for n in problem.free_names if n in names and n in problem.parameters]
-    bounded = [_bounded_at_zero(parameter) for parameter in used]
-    changed = [parameter for parameter in bounded if parameter is not None]
+    changed = []
+    for parameter in (problem.parameters[n] for n in problem.free_names if n in names and n in problem.parameters):
+        lower, upper = (np.broadcast_to(side, parameter.values.shape) for side in (parameter.lower, parameter.upper))
+        raised = np.where(parameter.locked, lower, np.maximum(lower, 0.0))
+        if not np.array_equal(raised, lower) and np.all(raised <= upper):
+            changed.append(parameter.with_bounds(raised, upper))
     return replace(problem, parameters=problem.parameters.with_parameters(*changed)) if changed else problem
-
-
-def _bounded_at_zero(parameter: Parameter) -> Parameter | None:
-    """Return the parameter with lower bounds >= 0; None if they are already, or cannot be."""
-    lower, upper = (np.broadcast_to(side, parameter.values.shape) for side in (parameter.lower, parameter.upper))
-    raised = np.where(parameter.locked, lower, np.maximum(lower, 0.0))
-    if np.array_equal(raised, lower) or np.any(raised > upper):
-        return None
-    return parameter.with_bounds(raised, upper)

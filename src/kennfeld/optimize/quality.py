@@ -11,7 +11,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
-from kennfeld.optimize.problem import Problem, difference
+from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
@@ -53,23 +53,17 @@ def spread(target: Float) -> float:
     Args:
         target: NaN where a sample is not scored; Float[samples].
     """
-    count, total = 0, 0.0
-    first = next((float(part[0]) for part in _known(target)), 0.0)
+
+    def known() -> Iterator[Float]:
+        blocks = (target[at : at + SAMPLES_PER_BLOCK] for at in range(0, target.size, SAMPLES_PER_BLOCK))
+        return (block[np.isfinite(block)] for block in blocks if np.isfinite(block).any())
+
+    first = next((float(block[0]) for block in known()), 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
-        for part in _known(target):
-            count += part.size
-            total += float(np.sum(part - first))
+        count = sum(block.size for block in known())
+        total = sum(float(np.sum(block - first)) for block in known())
         mean = first + total / max(count, 1)
-        return float(sum(np.sum((part - mean) ** 2) for part in _known(target)))
-
-
-def _known(target: Float) -> Iterator[Float]:
-    """Yield the finite values, block by block."""
-    for at in range(0, target.size, SAMPLES_PER_BLOCK):
-        part = target[at : at + SAMPLES_PER_BLOCK]
-        known = part[np.isfinite(part)]
-        if known.size:
-            yield known
+        return float(sum(np.sum((block - mean) ** 2) for block in known()))
 
 
 class NodeSimulator:
@@ -83,11 +77,7 @@ class NodeSimulator:
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 
     def values(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
-        """Simulate a bound dataset.
-
-        Returns:
-            Values of the nodes, Float[names, samples].
-        """
+        """Simulate a bound dataset; returns Float[names, samples]."""
         return self.over(bound.columns, bound.count, parameters, bound.starts.tolist())
 
     def over(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int]) -> Float:
@@ -97,7 +87,7 @@ class NodeSimulator:
     def blocks(self, bound: BoundDataset, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
         """Yield samples and Float[names, samples], block by block; with states, a piece is simulated at once."""
         columns = bound.columns
-        pieces = bound.starts if self._has_states else range(0, bound.count, SAMPLES_PER_BLOCK)
+        pieces = bound.starts.tolist() if self._has_states else range(0, bound.count, SAMPLES_PER_BLOCK)
         for starts, end in _group_pieces(pieces, bound.count):
             first = starts[0]
             inputs = {name: values[first:end] for name, values in columns.items()}
@@ -120,7 +110,7 @@ class NodeSimulator:
 def _group_pieces(starts: Iterable[int], count: int) -> Iterator[tuple[list[int], int]]:
     """Yield the starts of neighbouring pieces that are together at least a block, and their end."""
     group: list[int] = []
-    for start, end in pairwise([*(int(start) for start in starts), count]):
+    for start, end in pairwise([*starts, count]):
         group.append(start)
         if end - group[0] >= SAMPLES_PER_BLOCK or end == count:
             yield group, end
@@ -132,9 +122,7 @@ class Scorer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._nodes = NodeSimulator(
-            problem.graph, problem.parameters, [difference(i) for i in range(len(problem.criteria))]
-        )
+        self._nodes = NodeSimulator(problem.graph, problem.parameters, problem.differences)
         self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
     def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
@@ -144,16 +132,26 @@ class Scorer:
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """Return the quality of each criterion on each dataset."""
-        return tuple(row for bound in self._bounds for row in self._rows(bound, before, after))
+        rows = []
+        for bound in self._bounds:
+            targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
+            old, new = (self._sum_errors(bound, targets, parameters) for parameters in (before, after))
+            for i, criterion in enumerate(self._problem.criteria):
+                variation = spread(targets[i])
+                row = Quality(
+                    criterion=criterion.node,
+                    dataset=bound.dataset.name,
+                    use=bound.dataset.use,
+                    samples=new[i].count,
+                    rmse_before=old[i].rmse,
+                    rmse_after=new[i].rmse,
+                    r2_after=1.0 - new[i].squares / variation if variation > 0 else float("nan"),
+                    max_abs_after=new[i].largest if new[i].count else float("nan"),
+                )
+                rows.append(row)
+        return tuple(rows)
 
-    def _rows(self, bound: BoundDataset, before: ParameterSet, after: ParameterSet) -> list[Quality]:
-        criteria = self._problem.criteria
-        targets = [self._problem.target(criterion, bound) for criterion in criteria]
-        old, new = (self._errors(bound, targets, parameters) for parameters in (before, after))
-        parts = zip(criteria, targets, old, new, strict=True)
-        return [_quality(criterion.node, bound, target, *errors) for criterion, target, *errors in parts]
-
-    def _errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
+    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
         sums = [_Errors() for _ in targets]
         for samples, values in self._nodes.blocks(bound, parameters):
             for errors, target, value in zip(sums, targets, values, strict=True):
@@ -163,8 +161,6 @@ class Scorer:
 
 @dataclass
 class _Errors:
-    """Sums over the errors added so far."""
-
     count: int = 0
     squares: float = 0.0
     largest: float = 0.0
@@ -177,20 +173,6 @@ class _Errors:
             self.squares += float(np.sum(error**2))
             self.largest = float(np.abs(error).max(initial=self.largest))
 
-
-def _quality(criterion: str, bound: BoundDataset, target: Float, old: _Errors, new: _Errors) -> Quality:
-    variation = spread(target)
-    return Quality(
-        criterion=criterion,
-        dataset=bound.dataset.name,
-        use=bound.dataset.use,
-        samples=new.count,
-        rmse_before=_rmse(old),
-        rmse_after=_rmse(new),
-        r2_after=1.0 - new.squares / variation if variation > 0 else float("nan"),
-        max_abs_after=new.largest if new.count else float("nan"),
-    )
-
-
-def _rmse(errors: _Errors) -> float:
-    return float(np.sqrt(errors.squares / errors.count)) if errors.count else float("nan")
+    @property
+    def rmse(self) -> float:
+        return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")

@@ -11,9 +11,10 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.formatting import count_noun
-from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph import Graph
+from kennfeld.graph.traversal import ancestors, with_names
 from kennfeld.optimize.compiled import RejectedTrials
-from kennfeld.optimize.problem import Problem, difference, time_constants
+from kennfeld.optimize.problem import Problem, time_constants
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
@@ -21,15 +22,13 @@ OVERFLOW = "the errors overflowed"
 
 
 def describe_rejections(problem: Problem, rejected: RejectedTrials, parameters: Callable[[Float], ParameterSet]) -> str:
-    """Return a sentence on the rejected trial values, empty if there are none.
+    """Return a sentence on the rejected trial values.
 
     Args:
         problem: the problem.
-        rejected: trial values that were counted and stored.
+        rejected: trial values that were counted and stored, at least one.
         parameters: returns the parameter set of free values.
     """
-    if not rejected.count:
-        return ""
     reasons = RejectionReasons(problem)
     counts = Counter(reasons.of(parameters(values)) for values in rejected.first)
     head = f"{count_noun(rejected.count, 'trial step')} {'were' if rejected.count > 1 else 'was'} rejected:"
@@ -48,7 +47,7 @@ class RejectionReasons:
         self.names = [name for name in graph.names if name.isprintable() or name in self.lags]
         self.order = np.array([graph.names[name] for name in self.names])
         self.nodes = NodeSimulator(graph, problem.parameters, self.names)
-        reached = _dependencies(graph, [graph.names[difference(i)] for i in range(len(problem.criteria))])
+        reached = _dependencies(graph, [graph.names[name] for name in problem.differences])
         self.matters = np.array([graph.names[name] in reached for name in self.names])
 
     def of(self, parameters: ParameterSet) -> str:
@@ -88,30 +87,15 @@ def _dependencies(graph: Graph, ends: Sequence[int]) -> set[int]:
 
 
 def _with_time_constants(graph: Graph) -> tuple[Graph, dict[str, str]]:
-    """Add the time constants of lags to the names of a graph; return their labels for messages by name."""
-    names, labels = dict(graph.names), {}
+    """Add the time constants of lags to the names of a graph; return their labels for messages by name.
+
+    A label is `the time constant Lag of a PT1`, with the name of the node or of its only parameter.
+    """
     visible = {at: name for name, at in reversed(list(graph.names.items()))}
+    hidden, labels = {}, {}
     for number, at in enumerate(time_constants(graph)):
-        key = f"\0T{number}"
-        names[key] = at
-        labels[key] = f"{_label(graph, at, visible)} of a PT1"
-    return GraphBuilder.of(graph).finish(names, graph.units, graph.outputs), labels
-
-
-def _label(graph: Graph, at: int, visible: dict[int, str]) -> str:
-    """Return `the time constant Lag`, with the name of the node or of its only parameter."""
-    if at in visible:
-        return f"the time constant {visible[at]}"
-    parameters = _parameters(graph, [at])
-    return f"the time constant {parameters[0]}" if len(parameters) == 1 else "the time constant"
-
-
-def _parameters(graph: Graph, stack: Sequence[int]) -> list[str]:
-    """Return the parameters that nodes look up within the step."""
-    todo, seen, names = list(stack), set(stack), []
-    while todo:
-        op, args, payload = graph.nodes[todo.pop()]
-        names += [payload] if op == "lookup" else []
-        todo += [a for a in args if a not in seen]
-        seen |= set(args)
-    return names
+        hidden[at] = f"\0T{number}"
+        lookups = [graph.nodes[i].payload for i in ancestors(graph.nodes, [at]) if graph.nodes[i].op == "lookup"]
+        name = visible.get(at) or (lookups[0] if len(lookups) == 1 else "")
+        labels[hidden[at]] = " ".join(filter(None, ("the time constant", name, "of a PT1")))
+    return with_names(graph, hidden), labels

@@ -64,15 +64,7 @@ class StartResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of "starts" in `result.json`."""
-        return {
-            "start": self.start,
-            "status": self.status,
-            "message": self.message,
-            "iterations": self.iterations,
-            "evaluations": self.evaluations,
-            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
-            "distance": _number(self.distance),
-        }
+        return {"start": self.start, **_outcome_json(self), "distance": finite_or_none(self.distance)}
 
 
 @dataclass(frozen=True)
@@ -116,11 +108,13 @@ class Result:
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
         """Breakpoints that were moved, before and after: `AxisSpeed` for a group axis, else `MapTorque.x`."""
-        pairs = {}
+        moved = {}
         for key, free in free_axes(self.start).items():
             table, which = free.places[0]
-            pairs[str(key)] = (free.axis.breakpoints, self.parameters[table].axes[which].breakpoints)
-        return {name: pair for name, pair in pairs.items() if not np.array_equal(*pair)}
+            before, after = free.axis.breakpoints, self.parameters[table].axes[which].breakpoints
+            if not np.array_equal(before, after):
+                moved[str(key)] = before, after
+        return moved
 
     @cached_property
     def trust(self) -> "Trust":
@@ -142,11 +136,7 @@ class Result:
         """Return the contents of `result.json`; numbers that are not finite are None."""
         moved = {name: {"before": old.tolist(), "after": new.tolist()} for name, (old, new) in self.moved.items()}
         return {
-            "status": self.status,
-            "message": self.message,
-            "iterations": self.iterations,
-            "evaluations": self.evaluations,
-            "cost": {"before": _number(self.cost_before), "after": _number(self.cost_after)},
+            **_outcome_json(self),
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.quality],
@@ -154,7 +144,7 @@ class Result:
             "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
             "smoothness": {
-                name: {axis: _number(factor) for axis, factor in factors.items()}
+                name: {axis: finite_or_none(factor) for axis, factor in factors.items()}
                 for name, factors in self.smoothness.items()
             },
             "shifts": {name: dict(channels) for name, channels in self.shifts.items()},
@@ -165,26 +155,20 @@ class Result:
         """Return the quality as rows of text with a heading; rows without samples only if there are no others."""
         scored = [q for q in self.quality if q.samples] or self.quality
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
-        rows = [
-            (
-                *(q.criterion, q.dataset, q.use, str(q.samples)),
-                *(_four_digits(x) for x in (q.rmse_before, q.rmse_after)),
-                *(r2_text(q.r2_after, q.samples, q.rmse_after), _four_digits(q.max_abs_after)),
-            )
-            for q in scored
-        ]
+        rows = []
+        for q in scored:
+            errors = [f"{x:#.4g}".rstrip(".") for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
+            errors.insert(2, r2_text(q.r2_after, q.samples, q.rmse_after))
+            rows.append((q.criterion, q.dataset, q.use, str(q.samples), *errors))
         return [head, *rows]
 
     def starts_table(self) -> list[tuple[str, ...]]:
         """Return the starts as rows of text with a heading."""
         head = ("start", "status", "cost before", "cost after", "iterations", "distance")
-        rows = [
-            (
-                *(str(row.start), row.status, f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"),
-                *(str(row.iterations), f"{row.distance:.3g}"),
-            )
-            for row in self.starts
-        ]
+        rows = []
+        for row in self.starts:
+            costs = f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"
+            rows.append((str(row.start), row.status, *costs, str(row.iterations), f"{row.distance:.3g}"))
         return [head, *rows]
 
     def __str__(self) -> str:
@@ -220,17 +204,21 @@ class Result:
         return figure
 
 
-def _four_digits(value: float) -> str:
-    return f"{value:#.4g}".rstrip(".")
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:
+    return {
+        "status": outcome.status,
+        "message": outcome.message,
+        "iterations": outcome.iterations,
+        "evaluations": outcome.evaluations,
+        "cost": {"before": finite_or_none(outcome.cost_before), "after": finite_or_none(outcome.cost_after)},
+    }
 
 
 def finite_or_none(value: Any) -> Any:
     """Return a value for JSON: None for a float that is not finite."""
-    return _number(value) if isinstance(value, float) else value
+    if not isinstance(value, float):
+        return value
+    return float(value) if np.isfinite(value) else None
 
 
 Progress = Callable[[TraceLine], None]

@@ -1,49 +1,155 @@
-"""Checks of a problem before anything is compiled: limits, shared axes, bounds, time steps and memory."""
+"""The rules for problems, checked before anything is compiled: names, limits, axes, bounds, time steps and memory."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.constraints import Shape, Term
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey, FreeAxis
+from kennfeld.graph import Graph
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.optimize.limit_nodes import add_limit_nodes, channels_of, limit_sides
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.problem import Problem, moving_axis
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.sample_weights import weight_findings
 
 STEP_TOLERANCE = 1e-3  # relative difference of steps that time stamps may have by rounding
 MAX_BYTES = 4e9  # of all delays, or of one matrix; a fit and its trust keep several of them
 MAX_LISTED = 5
+MAX_LISTED_CHANNELS = 12
+
+
+def dataset_location(data: Dataset) -> Location:
+    """Return the location of a dataset in messages."""
+    return Location(f"dataset {data.name}")
+
+
+def check_problem(problem: Problem) -> Findings:
+    """Check a problem made in Python; sizes and limits only if all names are known."""
+    findings = Findings(check_inputs(problem.model.graph, problem.datasets, problem.parameters, problem.channels))
+    findings.add(*step_findings(problem.model, problem.datasets, problem.model.step, dataset_location))
+    for name in problem.channels:
+        if name not in problem.model.graph.inputs:
+            remedy = nearest(name, problem.model.graph.inputs)
+            findings.error(Location("channels"), f"unknown input {name}", remedy)
+    for pin in problem.pins:
+        if not np.all(np.isfinite((*pin.at, pin.value))):
+            findings.error(Location(f"pin of {pin.parameter}"), f"{pin.value} at {list(pin.at)} is not finite")
+    weights = weight_findings(
+        problem.criteria,
+        problem.fitted_datasets,
+        lambda i: Location(f"criterion on {problem.criteria[i].node}"),
+        dataset_location,
+    )
+    findings.add(*(finding for finding in weights if finding.severity == "error"))
+    names = problem.model.graph.names
+    channels = {channel for data in problem.datasets for channel in data}
+    for criterion in problem.criteria:
+        for node in (criterion.node, problem.target_node(criterion)):
+            if node is not None and node not in names:
+                remedy = nearest(node, [*names, *channels])
+                findings.error(Location("criterion"), f"unknown node or channel {node}", remedy)
+    sizes = delay_findings(problem.model, problem.free_size) or matrix_findings(
+        Location("parameters"), problem.free_size
+    )
+    findings.add(*([] if findings.has_errors else sizes))
+    findings.add(*([] if findings.has_errors else check_limits(problem)))
+    return findings
+
+
+def check_inputs(
+    graph: Graph, datasets: Sequence[Dataset], parameters: ParameterSet, channels: Mapping[str, str]
+) -> Iterator[Finding]:
+    """Report inputs without a channel, lookups without a parameter, and tables with a different number of axes."""
+    function = Location("function")
+    for name, count in graph.parameters.items():
+        if name not in parameters:
+            yield Finding(function, f"unknown parameter {name}", nearest(name, parameters))
+        elif (axes := parameters[name].coordinates) != count:
+            yield Finding(function, f"{name} is looked up with {count} coordinates, but has {axes} axes")
+    for dataset in datasets:
+        for name in graph.inputs:
+            channel = channels.get(name, name)
+            if channel not in dataset:
+                remedy = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:MAX_LISTED_CHANNELS])}."
+                yield Finding(dataset_location(dataset), f"no channel named {channel}", remedy)
+
+
+def check_fittable(problem: Problem, *, globally: bool) -> Findings:
+    """Check that there is something to fit; `globally` without gradients."""
+    findings = Findings()
+    if not problem.criteria:
+        findings.error(Location("criteria"), "no criterion is defined", "Name a node and its target.")
+    if not problem.free_names:
+        message = f"free = {list(problem.free)} matches no parameter that the function uses"
+        findings.error(Location("parameters"), message)
+    findings.add(*check_shared_axes(problem.free_axes, problem.free_names))
+    if not any(bound.count for bound in problem.training):
+        findings.error(Location("datasets"), "no training data", "Use at least one dataset for training.")
+    else:
+        for c in problem.criteria:
+            if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training):
+                message = f"no sample of the training data has its target {c.target}"
+                findings.error(Location(f"criterion on {c.node}"), message)
+    if globally:
+        findings.add(*unbounded(problem))
+    return findings
 
 
 def check_limits(problem: Problem) -> list[Finding]:
     """Report unknown names in output limits, and conditions that depend on free parameters."""
     try:
-        model = add_limit_nodes(problem.model, problem.limits)
+        graph = add_limit_nodes(problem.model, problem.limits).graph
     except InputError as error:
         return list(error.findings)
-    graph = model.graph
     live = dependents(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
-    unknown = channels_of(problem.model, problem.limits)
-
-    def remedy(name: str, data: Dataset) -> str:
-        return nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
-
-    findings = [
-        Finding("limit", f"unknown node or channel {name} (dataset {data.name})", remedy(name, data))
-        for name in unknown
-        for data in problem.datasets
-        if data.use == "training" and problem.channels.get(name, name) not in data
-    ]
-    findings += [
-        Finding(f"limit {side}", f"its condition {side.limit.where} depends on a free parameter", "Use channels only.")
-        for side in limit_sides(problem.limits)
-        if side.limit.where and graph.names[side.where] in live
-    ]
+    findings = []
+    for name in channels_of(problem.model, problem.limits):
+        for data in problem.datasets:
+            if data.use == "training" and problem.channels.get(name, name) not in data:
+                message = f"unknown node or channel {name} (dataset {data.name})"
+                remedy = nearest(name, [*problem.model.graph.names, *problem.parameters, *data])
+                findings.append(Finding(Location("limit"), message, remedy))
+    for side in limit_sides(problem.limits):
+        if side.limit.where and graph.names[side.where] in live:
+            message = f"its condition {side.limit.where} depends on a free parameter"
+            findings.append(Finding(Location(f"limit {side}"), message, "Use channels only."))
     return findings
+
+
+def check_linear_limits(problem: Problem) -> Iterator[Finding]:
+    """Report pins, shapes and equalities that cannot be used."""
+    for pin in problem.pins:
+        yield from _check_term(problem, f"pin of {pin.parameter}", Term(pin.parameter, pin.at))
+    for constraint in problem.constraints:
+        if isinstance(constraint, Shape):
+            yield from _check_shape(problem, f"{constraint.kind} of {constraint.parameter}", constraint)
+        else:
+            for term in constraint.terms:
+                yield from _check_term(problem, f"equality {constraint}", term)
+
+
+def _check_shape(problem: Problem, name: str, shape: Shape) -> Iterator[Finding]:
+    yield from _check_term(problem, name, Term(shape.parameter))
+    if shape.parameter not in problem.parameters:
+        return
+    if shape.kind == "curvature" and moving_axis(problem, shape) is not None:  # it is not linear in the breakpoints
+        message = "the breakpoints along this axis are free"
+        yield Finding(Location(name), message, "Fix them, or remove the limit.")
+    axes = len(problem.parameters[shape.parameter].index_axes)
+    if not 0 <= shape.axis < axes:
+        yield Finding(Location(name), f"axis {shape.axis} does not exist, the parameter has {axes} axes")
+
+
+def _check_term(problem: Problem, name: str, term: Term) -> Iterator[Finding]:
+    if term.parameter not in problem.free_names:
+        yield Finding(Location(name), f"{term.parameter} is not free", "Free it, or remove the limit.")
+    elif term.at is not None and len(term.at) != (axes := len(problem.parameters[term.parameter].index_axes)):
+        yield Finding(Location(name), f"{list(term.at)} has {len(term.at)} coordinates for {axes} axes")
 
 
 def check_shared_axes(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -> list[Finding]:
@@ -55,31 +161,32 @@ def check_shared_axes(axes: Mapping[AxisKey, FreeAxis], free: Collection[str]) -
             names = ", ".join(others[:MAX_LISTED]) + (", ..." if len(others) > MAX_LISTED else "")
             message = f"its breakpoints are free, but {names} on it {'is' if len(others) == 1 else 'are'} not fitted"
             remedy = "Such a table would change with the axis: fit it as well, or give it an axis of its own."
-            findings.append(Finding(f"axis {key}", message, remedy))
+            findings.append(Finding(Location(f"axis {key}"), message, remedy))
     return findings
 
 
-def unbounded(problem: Problem, place: Callable[[str], str] = "bounds of {}".format) -> list[Finding]:
+def unbounded(
+    problem: Problem, location: Callable[[str], Location] = lambda name: Location(f"bounds of {name}")
+) -> list[Finding]:
     """Report free parameters without finite bounds on both sides, and free axes; locked values need no bounds."""
     findings = []
     for name in problem.free_names:
         parameter = problem.parameters[name]
-        open_sides = [
-            side
-            for side, bound in (("lower", parameter.lower), ("upper", parameter.upper))
-            if not np.all(np.isfinite(bound) | parameter.locked)
-        ]
+        sides = {"lower": parameter.lower, "upper": parameter.upper}
+        open_sides = [side for side, bound in sides.items() if not np.all(np.isfinite(bound) | parameter.locked)]
         if open_sides:
             message = f'{name} has no {" and no ".join(open_sides)} bound; method = "global" requires both'
-            findings.append(Finding(place(name), message, "Write bounds = [lower, upper], as narrow as you know them."))
+            findings.append(
+                Finding(location(name), message, "Write bounds = [lower, upper], as narrow as you know them.")
+            )
     for key in problem.free_axes:
         message = f'method = "global" cannot fit breakpoints, but those of {key} are free'
-        findings.append(Finding(place(key.owner), message, 'Fix them, or use method = "gauss-newton".'))
+        findings.append(Finding(location(key.owner), message, 'Fix them, or use method = "gauss-newton".'))
     return findings
 
 
 def step_findings(
-    model: Model, datasets: Iterable[Dataset], step: float | None, place: Callable[[Dataset], str]
+    model: Model, datasets: Iterable[Dataset], step: float | None, location: Callable[[Dataset], Location]
 ) -> Iterator[Finding]:
     """Yield errors for datasets whose time step differs from that of the model's surrogates.
 
@@ -87,20 +194,23 @@ def step_findings(
         model: the model.
         datasets: its data.
         step: the model's own step in s, or None.
-        place: the location of a dataset in messages.
+        location: the location of a dataset in messages.
     """
     trained = _training_steps(model)
     for data in datasets if trained else ():
-        steps = _steps(data) if step is None else np.array([step])
-        if steps is None:
+        if step is not None:
+            steps = np.array([step])
+        elif data.time is not None:
+            steps = np.delete(np.diff(data.time), data.starts[1:] - 1)  # within pieces
+        else:
             message = f"{', '.join(trained)} runs in time, but dataset {data.name} has no time stamps"
-            yield Finding(place(data), message, "Name the time channel `time`.")
+            yield Finding(location(data), message, "Name the time channel `time`.")
             continue
         for name, own in trained.items():
             wrong = steps[np.abs(steps - own) > STEP_TOLERANCE * own]
             if wrong.size:
                 message = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
-                yield Finding(place(data), message, f"Write raster = {own:g}, or train it at the step of the data.")
+                yield Finding(location(data), message, f"Write raster = {own:g}, or train it at the step of the data.")
 
 
 def _training_steps(model: Model) -> dict[str, float]:
@@ -109,11 +219,6 @@ def _training_steps(model: Model) -> dict[str, float]:
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
     return {s.name: s.step for s in model.surrogates if isinstance(s, DynamicSurrogate)}
-
-
-def _steps(data: Dataset) -> Float | None:
-    """Return the time steps within pieces in s."""
-    return None if data.time is None else np.delete(np.diff(data.time), data.starts[1:] - 1)
 
 
 def delay_findings(model: Model, values: int) -> list[Finding]:
@@ -132,18 +237,19 @@ def delay_findings(model: Model, values: int) -> list[Finding]:
     behind = dependents(graph, lambda node: node.op == "state" and node.payload == longest)
     name = min((name for name, at in graph.names.items() if at in behind), key=graph.names.__getitem__, default="")
     message = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
-    return [Finding(model.places.get(name, model.source), message, "Use a shorter delay or a longer step.")]
+    location = model.locations.get(name, Location(model.source))
+    return [Finding(location, message, "Use a shorter delay or a longer step.")]
 
 
-def matrix_findings(place: str, values: int) -> list[Finding]:
+def matrix_findings(location: Location, values: int) -> list[Finding]:
     """Return an error if the matrix of a fit, with a row and a column for each free value, does not fit into memory.
 
     Args:
-        place: location of the message.
+        location: of the message.
         values: how many values are free.
     """
     size = 8.0 * values**2
     if size <= MAX_BYTES:
         return []
     message = f"{values} free values need matrices of {size / 1e9:.3g} GB"
-    return [Finding(place, message, "Use fewer breakpoints, or fit fewer parameters at once.")]
+    return [Finding(location, message, "Use fewer breakpoints, or fit fewer parameters at once.")]

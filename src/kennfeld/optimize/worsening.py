@@ -1,11 +1,12 @@
 """Warnings about a fit that ends with larger errors than it started with, and their cause."""
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -17,7 +18,7 @@ RIDGE = 1e-12  # of the curvature, for values that are not determined at a share
 MAX_LISTED = 4  # datasets in a warning
 
 
-def worsened(
+def find_worsening(
     quality: Sequence[Quality], scored: Collection[str], *, outweighed: bool, share: float | None
 ) -> Iterator[Finding]:
     """Yield a warning if RMSEs are larger than at the start.
@@ -28,23 +29,21 @@ def worsened(
         outweighed: True if the cost of the training data as a whole has risen.
         share: share of the smoothness at which it would not have; None if smoothness is not the cause.
     """
-    rows = [row for row in quality if row.criterion in scored and _is_worse(row)]
+    rows = [
+        row
+        for row in quality
+        if row.criterion in scored and row.rmse_after > WORSE * row.rmse_before and not 1 - row.r2_after < PERFECT
+    ]
     if not rows:
         return
-    first, *others = [_compared(row) for row in rows[:MAX_LISTED]]
+    comparisons = [
+        f"of {row.criterion} on {row.dataset}{' (test data)' if row.use == 'test' else ''} "
+        f"rises from {row.rmse_before:.4g} to {row.rmse_after:.4g}"
+        for row in rows[:MAX_LISTED]
+    ]
     more = f", and {len(rows) - MAX_LISTED} more" if len(rows) > MAX_LISTED else ""
     cause, remedy = _cause(rows, outweighed, share)
-    named = ", ".join([f"the RMSE {first}", *others])
-    yield Finding("", f"{cause}: {named}{more}", remedy, severity="warning")
-
-
-def _is_worse(row: Quality) -> bool:
-    return row.rmse_after > WORSE * row.rmse_before and not 1 - row.r2_after < PERFECT
-
-
-def _compared(row: Quality) -> str:
-    use = " (test data)" if row.use == "test" else ""
-    return f"of {row.criterion} on {row.dataset}{use} rises from {row.rmse_before:.4g} to {row.rmse_after:.4g}"
+    yield Finding(Location(), f"{cause}: the RMSE {', '.join(comparisons)}{more}", remedy, severity="warning")
 
 
 def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None) -> tuple[str, str]:
@@ -71,28 +70,19 @@ def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Fl
         values: the end of the fit, Float[values].
         allowed: cost of the data.
     """
-    full = compiled.start.copy()
-    full[: values.size] = values
-    normal = compiled.accumulator.normal(full)
+    normal = compiled.sums.normal(compiled.full(values))
     data, pull = normal.matrix.copy(), normal.gradient.copy()
     smoothness, bend = np.zeros_like(data), np.zeros_like(pull)
     compiled.roughness.add(values, bend, smoothness)
     moving = limits.movable & (values > limits.lower) & (values < limits.upper)
     part = np.ix_(moving, moving)
 
-    def costs_too_much(share: float) -> bool:
+    def is_allowed(share: float) -> bool:
         matrix = data[part] + share * smoothness[part]
         ridge = RIDGE * np.diag(np.maximum(np.diag(matrix), RIDGE))
-        full[: values.size] = values
-        full[: values.size][moving] -= np.linalg.solve(matrix + ridge, (pull + share * bend)[moving])
-        full[: values.size] = np.clip(full[: values.size], limits.lower, limits.upper)
-        return not compiled.accumulator.cost(full) <= allowed
+        minimum = values.copy()
+        minimum[moving] -= np.linalg.solve(matrix + ridge, (pull + share * bend)[moving])
+        return compiled.sums.cost(compiled.full(limits.clip(minimum))) <= allowed
 
-    first, last = 0, len(SHARES)  # the costs rise with the share
-    while first < last:
-        middle = (first + last) // 2
-        if costs_too_much(SHARES[middle]):
-            first = middle + 1
-        else:
-            last = middle
+    first = bisect_left(SHARES, True, key=is_allowed)  # the costs rise with the share
     return SHARES[first] if first < len(SHARES) else None

@@ -25,19 +25,12 @@ BETTER = 0.99  # ratio of costs below which another level replaces the best one
 
 @dataclass(frozen=True)
 class Departure:
-    """A start from which all values that affect the outputs can move.
+    """A start from which all values that affect the outputs can move."""
 
-    Attributes:
-        values: the free values.
-        changed: by parameter, the values that were changed.
-        levels: by parameter, the value in place of 0.
-        stuck: all parameters with values that could not move.
-    """
-
-    values: Float
-    changed: Mapping[str, Bool]
-    levels: Mapping[str, float]
-    stuck: tuple[str, ...]
+    values: Float  # the free values
+    changed: Mapping[str, Bool]  # by parameter, the values that were changed
+    levels: Mapping[str, float]  # by parameter, the value in place of 0
+    stuck: tuple[str, ...]  # all parameters with values that could not move
 
     def __str__(self) -> str:
         levels = [f"{name} = {self.levels[name]:g} instead of 0" for name in self.changed]
@@ -104,26 +97,26 @@ class _StartSearch:
     def _sloped_at(self, values: Float, moving: Bool) -> Bool | None:
         """Mark the values with a derivative after `moving` ones moved by different shares; None if the model fails."""
         for magnitude in MAGNITUDES:
-            size = np.where(values == 0, magnitude, 0.1 * magnitude * np.abs(values))
-            moved = np.where(moving & self.movable, self._within(values + size * self.pattern, values, size), values)
-            sloped = self.objective.sloped(moved)
+            change = self.pattern * np.where(values == 0, magnitude, 0.1 * magnitude * np.abs(values))
+            up, down = self.limits.clip(values + change), self.limits.clip(values - change)
+            trial = np.where(up == values, down, up)  # down if an upper bound leaves no room
+            sloped = self.objective.sloped(np.where(moving & self.movable, trial, values))
             if sloped is not None:
                 return sloped
         return None
-
-    def _within(self, wanted: Float, values: Float, size: Float) -> Float:
-        """Move values up, or down if an upper bound leaves no room."""
-        up = self.limits.clip(wanted)
-        moved: Float = np.where(up == values, self.limits.clip(values - size * self.pattern), up)
-        return moved
 
     def departure(self, stuck: Bool) -> Departure | None:
         """Change as few parameters as possible, to the level of the lowest cost; None if no level helps."""
         names = [name for name, columns in self.columns.items() if stuck[columns].any()]
         kept = list(names)
-        for name in sorted(names, key=lambda name: self._rank(name, stuck), reverse=True):
+
+        def rank(name: str) -> tuple[bool, int]:  # factors, which are small and have no unit, are changed first
+            return self._parameter(name).unit not in ("", "-"), int(stuck[self.columns[name]].sum())
+
+        for name in sorted(names, key=rank, reverse=True):
             fewer = [other for other in kept if other != name]
-            if fewer and self._frees(fewer, stuck, 1.0):
+            values = self._at_level(fewer, stuck, 1.0) if fewer else None
+            if values is not None and not self.stuck(values).any():
                 kept = fewer
         best: tuple[float, Float] | None = None
         for level in LEVELS:
@@ -134,14 +127,6 @@ class _StartSearch:
             if not self.stuck(values).any():
                 best = cost, values
         return None if best is None else self._describe(best[1], names)
-
-    def _rank(self, name: str, stuck: Bool) -> tuple[bool, int]:
-        """Order parameters by how unlikely they are a factor, which is small and has no unit; those stay at 0 first."""
-        return self._parameter(name).unit not in ("", "-"), int(stuck[self.columns[name]].sum())
-
-    def _frees(self, names: Sequence[str], stuck: Bool, level: float) -> bool:
-        values = self._at_level(names, stuck, level)
-        return values is not None and not self.stuck(values).any()
 
     def _at_level(self, names: Sequence[str], stuck: Bool, level: float) -> Float | None:
         """Set the stuck values of some parameters to a level, or to the typical size of the other values there."""
@@ -166,4 +151,5 @@ class _StartSearch:
 
 
 def _join(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
-from kennfeld.optimize.trust.information_matrix import ConstraintElimination, active_rows, held
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination, active_rows, mark_fixed
 
 
 def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
@@ -14,7 +14,7 @@ def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
     values = np.array([0.0, 1.0, 1.0, 2.0, 5.0])
     gradient = np.array([3.0, 3.0, -3.0, 0.0, 1.0])  # the cost falls against it
     none = np.zeros((0, 5))
-    assert held(LinearLimits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
+    assert mark_fixed(LinearLimits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
 
 
 def test_a_bound_may_hold_only_because_of_a_pin():
@@ -22,9 +22,9 @@ def test_a_bound_may_hold_only_because_of_a_pin():
     matrix, two = np.ones((1, 2)), np.array([2.0])
     limits = LinearLimits(np.zeros(2), np.full(2, np.inf), LinearRows.of(matrix, two, two))
     gradient = np.array([0.0 - 3, 2.0 - 5 - 1])
-    assert held(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [True, False]
+    assert mark_fixed(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [True, False]
     gradient = np.array([-5.0, -1.0])
-    assert held(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [False, False]
+    assert mark_fixed(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [False, False]
 
 
 @settings(deadline=None, max_examples=60)
@@ -52,7 +52,7 @@ def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count
 
 def test_a_value_pinned_alone_does_not_move():
     reduction = ConstraintElimination.of(np.zeros(3, dtype=bool), np.array([[0.0, 2.0, 0.0]]))
-    assert reduction.held.tolist() == [False, True, False]
+    assert reduction.fixed.tolist() == [False, True, False]
 
 
 def test_rows_count_where_they_are_met():

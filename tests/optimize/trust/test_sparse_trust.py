@@ -145,9 +145,9 @@ def test_open_directions_are_counted_in_a_sparse_matrix(dimension):
 
 
 def test_sparse_is_for_large_matrices_of_few_entries():
-    assert not matrices.compressed(np.eye(1000))
-    assert matrices.compressed(np.eye(1001), np.eye(1001))
-    assert not matrices.compressed(np.ones((1001, 1001)))
+    assert not matrices.should_be_sparse(np.eye(1000))
+    assert matrices.should_be_sparse(np.eye(1001), np.eye(1001))
+    assert not matrices.should_be_sparse(np.ones((1001, 1001)))
 
 
 def test_parts_and_units_are_those_of_the_dense_matrix():
@@ -159,7 +159,7 @@ def test_parts_and_units_are_those_of_the_dense_matrix():
         )
     units = np.arange(1.0, 21.0)
     np.testing.assert_allclose(
-        matrices.whole(matrices.scaled(csr_array(matrix), units)), matrices.scaled(matrix, units)
+        matrices.whole(matrices.rescale(csr_array(matrix), units)), matrices.rescale(matrix, units)
     )
     assert matrices.part(matrix, np.arange(20)) is matrix
     assert (eye_array(3).tocsr() != csr_array(matrices.whole(np.eye(3)))).nnz == 0

@@ -8,13 +8,12 @@ from repetitions import agree, own_targets
 
 import kennfeld as kf
 from kennfeld.criteria import Region
-from kennfeld.native import Accumulator
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
-from kennfeld.optimize.trust.noise import classes, groups, rescored
+from kennfeld.optimize.trust.noise import classes, groups, rescore
 
 SIZE, REPETITIONS = 400, 400
 RANDOM = np.random.default_rng(0)
@@ -157,10 +156,8 @@ def test_the_groups_add_up_to_the_whole(text):
     found = groups(criteria, compiled.problem.training, errors, compiled.weighting)
     assert len(found) == 18
     full = compiled.values.pack(TRUTH)
-    whole = compiled.accumulator.normal(full).matrix.copy()
-    parts = [
-        Accumulator(compiled.kernel, rescored(compiled, {group: 1.0})).normal(full).matrix.copy() for group in found
-    ]
+    whole = compiled.sums.normal(full).matrix.copy()
+    parts = [compiled.sums_over(rescore(compiled, {group: 1.0})).normal(full).matrix.copy() for group in found]
     assert np.sum(parts, axis=0) == pytest.approx(whole, rel=1e-9, abs=1e-9)
-    doubled = Accumulator(compiled.kernel, rescored(compiled, dict.fromkeys(found, 2.0))).normal(full).matrix
+    doubled = compiled.sums_over(rescore(compiled, dict.fromkeys(found, 2.0))).normal(full).matrix
     assert doubled == pytest.approx(2 * whole, rel=1e-9, abs=1e-9)

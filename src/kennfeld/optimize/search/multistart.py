@@ -3,33 +3,24 @@
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kennfeld.arrays import Float, ignore_floating_errors
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Findings, Location
 from kennfeld.free_axes import breakpoints_by_name
-from kennfeld.optimize import fit
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem, bound_time_constants
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine
-from kennfeld.optimize.search.start_runner import (
-    STOPPED,
-    StartOutcome,
-    StartPoint,
-    StartRunner,
-    skipped_start,
-    with_values,
-)
+from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
-from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, Status
+from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.automatic_settings import resolve_automatic, single_start
-from kennfeld.threads import blas_threads
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
@@ -57,51 +48,35 @@ def run(
         InputError: there is nothing to fit, or a step or a checkpoint does not fit the problem. A search that fails
             later is a `Result` with a status.
     """
+    seconds = seconds or Seconds()
     with ignore_floating_errors():
-        return _run(problem, options, progress, seconds or Seconds(), keep, resumed)
+        problem = bound_time_constants(problem)
+        if problem.unknown_shifts or problem.automatic_names:
+
+            def search(ready: Problem) -> Result:
+                return run(ready, options, progress, seconds, keep=keep, resumed=resumed)
+
+            return resolve_automatic(problem, options, progress, seconds.read, search)
+        if options.starts == 1 and not (options.steps or options.save_every or resumed):
+            result = FitRun(problem, options, progress, seconds).result()
+            return replace(result, starts=(single_start(result),))
+        Findings(check_steps(problem, options.steps)).finish()
+        return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
 
 
-def _run(
-    problem: Problem,
-    options: Options,
-    progress: Progress | None,
-    seconds: Seconds,
-    keep: CheckpointSink | None,
-    resumed: Mapping[int, Checkpoint] | None,
-) -> Result:
-    problem = bound_time_constants(problem)
-    if problem.unknown_shifts or problem.automatic_names:
-        return resolve_automatic(
-            problem,
-            options,
-            progress,
-            seconds.read,
-            lambda ready: run(ready, options, progress, seconds, keep=keep, resumed=resumed),
-        )
-    if options.starts == 1 and not (options.steps or options.save_every or resumed):
-        result = fit.run(problem, options, progress, seconds)
-        return replace(result, starts=(single_start(result),))
-    findings = check_steps(problem, options.steps)
-    if findings:
-        raise InputError(findings)
-    return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)
-
-
+@dataclass
 class _Multistart:
-    """The running state of a calibration from several starts."""
+    problem: Problem
+    options: Options
+    progress: Progress | None
+    keep: CheckpointSink | None
+    resumed: Mapping[int, Checkpoint]
 
-    def __init__(
-        self,
-        problem: Problem,
-        options: Options,
-        progress: Progress | None,
-        keep: CheckpointSink | None,
-        resumed: Mapping[int, Checkpoint],
-    ) -> None:
-        self.problem, self.options, self.progress, self.keep = problem, options, progress, keep
-        self.resumed = resumed
-        self.whole = sequence_problem(problem, options.steps)
-        self.workers = min(options.workers or _cores(), options.starts)
+    def __post_init__(self) -> None:
+        self.whole = sequence_problem(self.problem, self.options.steps)
+        # the processor cores that this process may use; not known on all systems
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.workers = min(self.options.workers or cores, self.options.starts)
         self.trace: list[TraceLine] = []
         self.outcomes: dict[int, StartOutcome] = {}
         self.resumed_names: list[str] = []
@@ -113,8 +88,7 @@ class _Multistart:
         separate = self.workers > 1 or bool(self.options.steps)
         options = replace(self.options, continuation="off") if separate else self.options
         ready = FitRun(self.whole, options, None, seconds)
-        with blas_threads(ready.exact.values.free):
-            result = ready.result(lambda start, limits: self._search(ready, start, limits))
+        result = ready.result(lambda start, limits: self._search(ready, start, limits))
         if not self.outcomes:  # the limits contradict each other
             return replace(result, starts=(single_start(result),))
         best = self._best()
@@ -146,7 +120,9 @@ class _Multistart:
         packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
         projected, _ = project(packed, limits)
         values = packed if projected is None else projected
-        return SolverResult(values, ready.objective.cost(values), *self._status_and_message(best), *self._effort())
+        rows = [outcome.row for outcome in self.outcomes.values()]
+        effort = (sum(row.iterations for row in rows), sum(row.evaluations for row in rows))
+        return SolverResult(values, ready.objective.cost(values), *self._status_and_message(best), *effort)
 
     def _off_saddle(self, ready: FitRun, start: Float, limits: LinearLimits) -> Mapping[str, Float]:
         """Return the values of the first start if it was moved off a saddle point, else nothing.
@@ -156,8 +132,7 @@ class _Multistart:
         projected, _ = project(ready.objective.start, limits)
         if projected is None or np.array_equal(projected, start):
             return {}
-        parameters = ready.parameters(start)
-        return {name: np.asarray(parameters[name].values) for name in ready.problem.free_names}
+        return {name: np.asarray(ready.parameters(start)[name].values) for name in ready.problem.free_names}
 
     def _start_points(self, runner: StartRunner, first: Mapping[str, Float]) -> Iterator[StartPoint]:
         """Return the points of the starts that are not finished; `first` replaces values of the given start."""
@@ -170,7 +145,9 @@ class _Multistart:
             values = self._saved_values(saved, drawn)
             self.resumed_names.append(saved.name or f"start {number}, iteration {saved.iteration}")
             row, last = saved.ended, len(runner.steps)
-            done = row is not None and row.status == "converged" and _equal_costs(runner.cost(values), row.cost_after)
+            done = False
+            if row is not None and row.status == "converged":
+                done = abs(runner.cost(values) - row.cost_after) <= COST_TOLERANCE * abs(row.cost_after)
             if row is not None and done and saved.step >= last:
                 self.outcomes[number] = StartOutcome(row, values)
             else:
@@ -178,17 +155,15 @@ class _Multistart:
 
     def _saved_values(self, saved: Checkpoint, drawn: Mapping[str, Float]) -> dict[str, Float]:
         """Return the values of a checkpoint; locked ones are those of the problem."""
-        result, findings = {}, []
+        values = {name: saved.values.get(name, own) for name, own in drawn.items()}
+        findings = Findings()
         for name, own in drawn.items():
-            values = saved.values.get(name, own)
-            if values.shape != own.shape:
-                message = f"{name} has shape {list(values.shape)}, but the problem has {list(own.shape)}"
-                location = saved.name or f"checkpoint of start {saved.start}"
-                findings.append(Finding(location, message, "Start again without resuming."))
-                continue
-            result[name] = np.where(self.whole.parameters[name].locked, own, values)
-        if findings:
-            raise InputError(findings)
+            if values[name].shape != own.shape:
+                message = f"{name} has shape {list(values[name].shape)}, but the problem has {list(own.shape)}"
+                location = Location(saved.name or f"checkpoint of start {saved.start}")
+                findings.error(location, message, "Start again without resuming.")
+        findings.finish()
+        result = {n: np.where(self.whole.parameters[n].locked, own, values[n]) for n, own in drawn.items()}
         axes = self.whole.free_axes.items()
         own_points = breakpoints_by_name({key: axis.axis.breakpoints for key, axis in axes})
         moved = {n: v for n, v in saved.values.items() if n in own_points and v.shape == own_points[n].shape}
@@ -206,7 +181,13 @@ class _Multistart:
 
     def _best(self) -> StartOutcome:
         """Return the outcome with the lowest cost; of equal ones the first."""
-        return min((outcome for _, outcome in sorted(self.outcomes.items())), key=_rank)
+
+        def rank(start: int) -> tuple[float, int]:
+            row = self.outcomes[start].row
+            usable = np.isfinite(row.cost_after) and row.status != "infeasible"
+            return row.cost_after if usable else np.inf, start
+
+        return self.outcomes[min(self.outcomes, key=rank)]
 
     def _status_and_message(self, best: StartOutcome) -> tuple[Status, str]:
         rows = [outcome.row for outcome in self.outcomes.values()]
@@ -221,11 +202,6 @@ class _Multistart:
         sentences += [f"Resumed from {', '.join(self.resumed_names)}."] if self.resumed_names else []
         return "stopped" if stopped else best.row.status, " ".join(sentences)
 
-    def _effort(self) -> tuple[int, int]:
-        """Return the accepted steps and the evaluations of all starts."""
-        rows = [outcome.row for outcome in self.outcomes.values()]
-        return sum(row.iterations for row in rows), sum(row.evaluations for row in rows)
-
 
 def _run_in_turn(
     runner: StartRunner, points: Sequence[StartPoint], progress: Progress, keep: CheckpointSink
@@ -234,21 +210,5 @@ def _run_in_turn(
     outcomes: list[StartOutcome] = []
     for point in points:
         stopped = bool(outcomes) and outcomes[-1].row.status == "stopped"
-        outcomes.append(skipped_start(point) if stopped else runner.run_start(point, progress, keep))
+        outcomes.append(point.skip() if stopped else runner.run_start(point, progress, keep))
     return outcomes
-
-
-def _rank(outcome: StartOutcome) -> float:
-    cost = outcome.row.cost_after
-    return cost if np.isfinite(cost) and outcome.row.status != "infeasible" else np.inf
-
-
-def _equal_costs(cost: float, reference: float) -> bool:
-    return abs(cost - reference) <= COST_TOLERANCE * abs(reference)
-
-
-def _cores() -> int:
-    """Return the number of processor cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

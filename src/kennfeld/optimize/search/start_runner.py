@@ -15,16 +15,22 @@ from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options, Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.grid_reduction import penalty_ratio, reduce_problem, refine_parameters
-from kennfeld.optimize.search.step_problem import sequence_problem, step_problem, with_fixed_limits
-from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, Status, Stop
+from kennfeld.optimize.search.step_problem import (
+    penalty_ratio,
+    reduce_problem,
+    refine_parameters,
+    sequence_problem,
+    step_problem,
+    with_fixed_limits,
+)
+from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status, Stop
 from kennfeld.optimize.tuning.automatic_settings import choose_smoothness, with_choice
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.threads import blas_threads
 
-STOPPED = "Stopped on request; these are the best values so far."
-
+SKIPPED = "Stopped on request before it began."
 TableValues = Mapping[str, Float]  # by parameter that a search may change
 
 
@@ -37,6 +43,11 @@ class StartPoint:
     origin: TableValues
     step: int = 1
     iteration: int = 0
+
+    def skip(self, status: Status = "stopped", message: str = SKIPPED) -> "StartOutcome":
+        """Return the outcome of a start that did not run to an end."""
+        unknown = float("nan")
+        return StartOutcome(StartResult(self.start, status, message, unknown, unknown, 0, 0), self.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +105,10 @@ class StartRunner:
 
     def cost(self, values: TableValues) -> float:
         """Return the cost of the whole problem."""
-        if self._whole is None:
-            self._whole = (
-                CompiledProblem(self.problem) if self.options.steps else self.run(1, self.small(1, values)[0]).exact
-            )
+        if self._whole is None and self.options.steps:
+            self._whole = CompiledProblem(self.problem)
+        elif self._whole is None:
+            self._whole = self.run(1, self.small(1, values)[0]).exact
         at = replace(self.problem, parameters=with_values(self.problem.parameters, values))
         objective = LeastSquaresObjective(self._whole.with_start(at))
         return objective.cost(objective.start)
@@ -119,24 +130,22 @@ class StartRunner:
     def run(self, number: int, small: Problem) -> FitRun:
         """Return the run of the problem of a step, recompiled only if the compiled one cannot be reused."""
         if number not in self._runs or not _is_reusable(self._runs[number].problem, small):
-            self._runs[number] = FitRun(small, _options(self.options, self.steps[number - 1]), None, Seconds())
+            self._runs[number] = FitRun(small, self.step_options(number), None, Seconds())
         return self._runs[number].with_start(small)
 
-    def choosing(self, number: int, small: Problem) -> FitRun:
-        """Return a run of the problem of a step on which its smoothness is chosen, without continuation."""
-        options = replace(_options(self.options, self.steps[number - 1]), continuation="off")
-        return FitRun(small, options, None, Seconds())
+    def step_options(self, number: int) -> Options:
+        """Return the options of one step."""
+        step = self.steps[number - 1]
+        settings = {name: getattr(step, name) for name in ("max_iterations", "tolerance", "continuation")}
+        own = {name: value for name, value in settings.items() if value is not None}
+        return replace(self.options, starts=1, steps=(), save_every=0, **own)
 
     def stage(self, number: int, stage: str) -> str:
         """Return the name of a stage of a step in the trace."""
-        if not self.options.steps:
-            return stage
-        return f"{self.steps[number - 1].name or f'step {number}'}: {stage}"
+        return f"{self.steps[number - 1].name or f'step {number}'}: {stage}" if self.options.steps else stage
 
 
 class _StartState:
-    """The running state of one start."""
-
     def __init__(self, runner: StartRunner, point: StartPoint, progress: Progress, keep: CheckpointSink) -> None:
         self.runner, self.point, self.progress, self.keep = runner, point, progress, keep
         self.values = dict(point.values)
@@ -150,7 +159,7 @@ class _StartState:
         self.cost_before = self.runner.cost(self.point.origin)
         last = len(self.runner.steps)
         end = self._run_step()
-        while end.status not in ("stopped", "failed", "infeasible") and self.step < last:
+        while not end.cut_short and end.status != "infeasible" and self.step < last:
             self.step += 1
             self._save("", float("inf"), self.values)
             end = self._run_step()
@@ -168,10 +177,10 @@ class _StartState:
     def _run_step(self) -> SolverResult:
         small, parameters = self.runner.small(self.step, self.values)
         if small.automatic_names:
-            plain = self.runner.choosing(self.step, small)
-            choice = self._choose_smoothness(plain)
+            options = replace(self.runner.step_options(self.step), continuation="off")
+            plain = FitRun(small, options, self._report, Seconds())
+            choice = self._choose_smoothness(plain, parameters)
             if choice is not None:
-                self._record_choice(plain, choice, parameters)
                 if choice.fit.status == "stopped":
                     return choice.fit
                 small = with_choice(replace(small, parameters=plain.parameters(choice.fit.values)), choice)
@@ -188,20 +197,19 @@ class _StartState:
         end, _ = run.minimise()
         return self._record_end(run, end, parameters)
 
-    def _choose_smoothness(self, plain: FitRun) -> SmoothnessChoice | None:
-        """Choose the factors of a step; None if its limits contradict each other."""
-        plain.progress = self._report
+    def _choose_smoothness(self, plain: FitRun, parameters: ParameterSet) -> SmoothnessChoice | None:
+        """Choose the factors of a step and record them converted to the full grids; None if its limits contradict."""
         limits = linear_limits(plain.problem, plain.exact.values)
         start, _ = plain.feasible_start(limits)
-        return None if start is None else choose_smoothness(plain, start, limits)
-
-    def _record_choice(self, plain: FitRun, choice: SmoothnessChoice, parameters: ParameterSet) -> None:
-        """Record the fit on which factors were chosen, and these factors converted to the full grids."""
+        if start is None:
+            return None
+        choice = choose_smoothness(plain, start, limits)
         self._record_end(plain, choice.fit, parameters)
         for name, factors in choice.factors.items():
             full, small = parameters[name], plain.problem.parameters[name]
             scaled = [factor * penalty_ratio(full, small, axis) for axis, factor in enumerate(factors)]
-            self.smoothness[name] = dict(zip("xyzw", scaled, strict=False))
+            self.smoothness[name] = dict(zip(AXIS_LETTERS, scaled, strict=False))
+        return choice
 
     def _record_end(self, run: FitRun, end: SolverResult, parameters: ParameterSet) -> SolverResult:
         self.values |= _values_on_full_grids(run, end.values, parameters)
@@ -217,13 +225,6 @@ class _StartState:
         self.keep(Checkpoint(self.point.start, self.step, self.count, stage, cost, {**self.values, **values}))
 
 
-def skipped_start(point: StartPoint) -> StartOutcome:
-    """Return the outcome of a start that never began."""
-    unknown = float("nan")
-    row = StartResult(point.start, "stopped", "Stopped on request before it began.", unknown, unknown, 0, 0)
-    return StartOutcome(row, point.values)
-
-
 def with_values(parameters: ParameterSet, values: TableValues) -> ParameterSet:
     """Return the parameters with these values and breakpoints."""
     tables = [parameters[name].with_values(array) for name, array in values.items() if name in parameters]
@@ -232,46 +233,27 @@ def with_values(parameters: ParameterSet, values: TableValues) -> ParameterSet:
 
 def _with_fixed_step_axes(problem: Problem, step: Step) -> Problem:
     """Fix the axes that the step reduces, or on which it does not fit all tables."""
-    axes = free_axes(problem.parameters)
-    fixed = [
-        key
-        for key, axis in axes.items()
-        if step.reduces or not all(name in problem.free_names for name, _ in axis.places)
-    ]
+    free, axes = problem.free_names, free_axes(problem.parameters)
+    fixed = [key for key, axis in axes.items() if step.reduces or not all(name in free for name, _ in axis.places)]
     return replace(problem, parameters=with_fixed_axes(problem.parameters, fixed))
 
 
 def _values_on_full_grids(run: FitRun, values: Float, parameters: ParameterSet) -> dict[str, Float]:
     """Return the values of the parameters of a step, and its breakpoints."""
-    packed = run.exact.start.copy()
-    packed[: values.size] = values
-    small = run.exact.values.unpack(packed, run.problem.parameters)
-    full = refine_parameters(small.select(run.problem.free_names), parameters)
-    moved = breakpoints_by_name(run.exact.values.breakpoints(packed, run.problem.parameters))
+    small = run.parameters(values).select(run.problem.free_names)
+    full = refine_parameters(small, parameters)
+    moved = breakpoints_by_name(run.exact.values.breakpoints(run.exact.full(values), run.problem.parameters))
     return {name: np.asarray(full[name].values) for name in run.problem.free_names} | moved
-
-
-def _options(options: Options, step: Step) -> Options:
-    """Return the options of one step."""
-    settings = {name: getattr(step, name) for name in ("max_iterations", "tolerance", "continuation")}
-    own = {name: value for name, value in settings.items() if value is not None}
-    return replace(options, starts=1, steps=(), save_every=0, **own)
 
 
 def _is_reusable(compiled: Problem, problem: Problem) -> bool:
     """Return True if both have the fixed values, fixed axes and smoothness factors on which compiled code depends."""
-    used = list(compiled.model.graph.parameters)
-    fixed = [name for name in used if name not in compiled.free_names]
-    if any(compiled.factors(name) != problem.factors(name) for name in compiled.free_names):
-        return False
-    return all(_has_same_fixed_axes(compiled, problem, name) for name in used) and all(
-        np.array_equal(compiled.parameters[name].values, problem.parameters[name].values) for name in fixed
-    )
-
-
-def _has_same_fixed_axes(compiled: Problem, problem: Problem, name: str) -> bool:
-    table, moved = compiled.parameters[name], problem.parameters[name]
-    return all(
-        key_of(table, i) in compiled.free_axes or np.array_equal(axis.breakpoints, moved.axes[i].breakpoints)
-        for i, axis in enumerate(table.axes)
-    )
+    for name in compiled.model.graph.parameters:
+        table, other = compiled.parameters[name], problem.parameters[name]
+        if name not in compiled.free_names and not np.array_equal(table.values, other.values):
+            return False
+        for i, axis in enumerate(table.axes):
+            moving = key_of(table, i) in compiled.free_axes
+            if not moving and not np.array_equal(axis.breakpoints, other.axes[i].breakpoints):
+                return False
+    return all(compiled.factors(name) == problem.factors(name) for name in compiled.free_names)

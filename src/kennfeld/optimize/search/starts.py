@@ -46,25 +46,21 @@ def sobol(index: int, dimensions: int, seed: int = 0) -> Float:
         seed: seed of the shift.
 
     Returns:
-        Coordinates in [0, 1), shape (dimensions,).
-
-    >>> sobol(5, 3, seed=1).shape
-    (3,)
+        Coordinates in [0, 1), Float[dimensions].
     """
-    directions = _directions()
+    directions = _direction_numbers()
     even = min(dimensions, len(directions))
     shift = np.random.PCG64([seed, 0]).random_raw(len(directions))[:even] >> np.uint64(64 - BITS)
     gray = index ^ (index >> 1)
     bits = [bit for bit in range(BITS) if gray >> bit & 1]
     mixed = np.bitwise_xor.reduce(directions[:even, bits], axis=1) ^ shift
     rest = np.random.PCG64([seed, 1, index]).random_raw(dimensions - even) >> np.uint64(11)
-    point: Float = np.concatenate([mixed * 2.0**-BITS, rest * 2.0**-53])
-    return point
+    return np.asarray(np.concatenate([mixed * 2.0**-BITS, rest * 2.0**-53]))
 
 
 @cache
-def _directions() -> np.ndarray[tuple[int, int], np.dtype[np.uint64]]:
-    """Return the direction numbers as integers of BITS bits, shape (dimensions, BITS)."""
+def _direction_numbers() -> np.ndarray[tuple[int, int], np.dtype[np.uint64]]:
+    """Return integers of BITS bits, shape (dimensions, BITS)."""
     directions = [[1 << (BITS - 1 - bit) for bit in range(BITS)]]
     directions += [_recurrence(*map(int, row.split())) for row in _JOE_KUO.split(";")]
     return np.array(directions, dtype=np.uint64)
@@ -102,16 +98,13 @@ def draw_start(problem: Problem, number: int, seed: int, spread: float) -> dict[
         Values by free parameter, in the shape of its values.
     """
     free = [problem.parameters[name] for name in problem.free_names]
-    start = {parameter.name: np.asarray(parameter.values) for parameter in free}
     if number == 1:
-        return start
-    shares = 2 * sobol(number - 2, sum(len(_shapes(p)) + 1 for p in free), seed) - 1
-    levels, rest = shares[: len(free)], shares[len(free) :]
-    for parameter, level in zip(free, levels, strict=True):
-        count = len(_shapes(parameter))
-        start[parameter.name] = _change_values(parameter, float(level), rest[:count], spread)
-        rest = rest[count:]
-    return start
+        return {parameter.name: np.asarray(parameter.values) for parameter in free}
+    counts = [len(_shapes(parameter)) for parameter in free]
+    shares = 2 * sobol(number - 2, len(free) + sum(counts), seed) - 1
+    levels, *shapes = np.split(shares, len(free) + np.cumsum([0, *counts]))
+    drawn = zip(free, levels.tolist(), shapes, strict=False)  # an empty rest ends the shapes
+    return {parameter.name: _change_values(parameter, level, shape, spread) for parameter, level, shape in drawn}
 
 
 def _shapes(parameter: Parameter) -> Sequence[tuple[int, ...]]:

@@ -1,23 +1,28 @@
-"""Problems of the steps of a sequence, and the checks of a sequence against its problem."""
+"""Problems of the steps of a sequence: their checks, what they fit, and tables on every nth of their breakpoints.
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+Tables of a step with grid reduction are interpolated back to the full grid afterwards.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from glob import escape
 
 import numpy as np
 
-from kennfeld.arrays import Bool
+from kennfeld.arrays import Bool, Int
 from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.criteria import Criterion
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Findings, Location
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import with_fixed_axes
+from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize.linear_limits import grid_points
 from kennfeld.optimize.options import Step, matching
-from kennfeld.optimize.problem import Problem, Smoothness
+from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.validation import check_shared_axes
-from kennfeld.parameters import Parameter
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, Parameter
 
 
 def step_problem(problem: Problem, step: Step) -> Problem:
@@ -36,19 +41,18 @@ def with_fixed_limits(problem: Problem) -> Problem:
     """Restrict the linear limits of a problem to its free parameters; the others are inserted as constants."""
     free, used = problem.free_names, problem.model.graph.parameters
 
-    def held(name: str) -> bool:
+    def fixed(name: str) -> bool:
         return name in used and name not in free
 
     constraints: list[Shape | Equality] = []
     for constraint in problem.constraints:
         if isinstance(constraint, Shape):
-            constraints += [] if held(constraint.parameter) else [constraint]
+            constraints += [] if fixed(constraint.parameter) else [constraint]
         else:
-            fixed = [term for term in constraint.terms if held(term.parameter)]
-            free_terms = [term for term in constraint.terms if not held(term.parameter)]
-            value = constraint.value - sum(_value(problem.parameters[term.parameter], term) for term in fixed)
-            constraints += [Equality(free_terms, value)] if free_terms else []
-    pins = tuple(pin for pin in problem.pins if not held(pin.parameter))
+            constants = [_value(problem.parameters[t.parameter], t) for t in constraint.terms if fixed(t.parameter)]
+            terms = [term for term in constraint.terms if not fixed(term.parameter)]
+            constraints += [Equality(terms, constraint.value - sum(constants))] if terms else []
+    pins = tuple(pin for pin in problem.pins if not fixed(pin.parameter))
     return replace(problem, pins=pins, constraints=tuple(constraints))
 
 
@@ -66,20 +70,19 @@ def sequence_problem(problem: Problem, steps: Sequence[Step]) -> Problem:
         return problem
     variants = [step_problem(problem, step) for step in steps]
     names = dict.fromkeys(name for variant in variants for name in variant.free_names)
-    held = [
+    locked = [
         problem.parameters[name].changed(
             locked=np.logical_and.reduce([v.parameters[name].locked for v in variants if name in v.free_names])
         )
         for name in names
     ]
     free = tuple(escape(name) for name in names)
-    result = replace(problem, free=free, parameters=problem.parameters.with_parameters(*held))
-    fixed = [key for key, axis in result.free_axes.items() if check_shared_axes({key: axis}, result.free_names)]
-    return with_fixed_limits(replace(result, parameters=with_fixed_axes(result.parameters, fixed)))
+    result = replace(problem, free=free, parameters=problem.parameters.with_parameters(*locked))
+    shared = [key for key, axis in result.free_axes.items() if check_shared_axes({key: axis}, result.free_names)]
+    return with_fixed_limits(replace(result, parameters=with_fixed_axes(result.parameters, shared)))
 
 
 def _locked(problem: Problem, step: Step) -> list[Parameter]:
-    """Return the parameters whose locks the step changes, with these locks."""
     if not step.lock:
         return []
     own: dict[str, Bool] = {name: np.asarray(p.locked) for name, p in problem.parameters.items()}
@@ -100,15 +103,14 @@ def _smoothness(problem: Problem, step: Step) -> Smoothness:
 def _active(
     criteria: Sequence[Criterion], selection: Sequence[str | int] | Mapping[str | int, float] | None
 ) -> tuple[Criterion, ...]:
-    """Return the criteria of a step with a weight > 0, with their weights in it."""
     if selection is None:
         return tuple(criteria)
     weights = selection if isinstance(selection, Mapping) else dict.fromkeys(selection)
     selected = []
-    for position, criterion in enumerate(criteria, 1):
-        keys = [key for key in (position, criterion.node) if key in weights]
-        if keys:
-            weight = weights[keys[0]]
+    for number, criterion in enumerate(criteria, 1):
+        key = number if number in weights else criterion.node
+        if key in weights:
+            weight = weights[key]
             selected.append(criterion if weight is None else replace(criterion, weight=weight))
     return tuple(c for c in selected if c.weight > 0)
 
@@ -122,49 +124,44 @@ def check_steps(problem: Problem, steps: Sequence[Step]) -> list[Finding]:
 
 
 class _StepCheck:
-    """Checks names, shapes and numbers of one step."""
-
     def __init__(self, problem: Problem, step: Step, number: int) -> None:
-        self.problem, self.step = problem, step
-        self.location = f"step {number}"
-        self.findings: list[Finding] = []
+        self.problem, self.step, self.number = problem, step, number
+        self.findings = Findings()
 
-    def run(self) -> list[Finding]:
-        step, used = self.step, self.problem.model.graph.parameters
-        self._check_patterns("free", step.free or (), used, " that the function uses")
-        self._check_patterns("lock", step.lock, self.problem.parameters)
+    def run(self) -> Findings:
+        step, parameters = self.step, self.problem.parameters
+        self._check_patterns("free", step.free or (), self.problem.model.graph.parameters, " that the function uses")
+        self._check_patterns("lock", step.lock, parameters)
         for key in ("smoothness", "grid_reduction"):
             by_parameter = getattr(step, key)
             if isinstance(by_parameter, Mapping):
-                self._check_patterns(key, by_parameter, self.problem.parameters)
-                self._check_axis_counts(key, by_parameter)
-        self._check_masks()
+                self._check_patterns(key, by_parameter, parameters)
+                for name, parameter in parameters.items():
+                    value, axes = matching(by_parameter, name, None), len(parameter.axes)
+                    if isinstance(value, Sequence) and not isinstance(value, str) and axes and len(value) != axes:
+                        message = f"must have one number for each of {axes} axes, got {list(value)}"
+                        self._report(f"{key} {name}", message)
+        for name, parameter in parameters.items():
+            mask, shape = matching(step.lock, name, None), parameter.values.shape
+            if mask is not None and np.shape(mask) not in ((), shape):
+                message = f"the mask has shape {list(np.shape(mask))}, but the parameter has {list(shape)}"
+                self._report(f"lock {name}", message, "Give one entry per grid point.")
         self._check_criteria()
-        if not self.findings:
-            self._check_not_empty()
+        if not len(self.findings):
+            fitted = step_problem(self.problem, step)
+            if not fitted.criteria:
+                self._report("criteria", "no criterion has a weight > 0", "Select at least one.")
+            if not fitted.free_names:
+                self._report("free", "no parameter that the function uses is free", "Free at least one.")
         return self.findings
 
     def _report(self, key: str, message: str, remedy: str = "") -> None:
-        self.findings.append(Finding(f"{self.location} {key}", message, remedy))
+        self.findings.error(Location(f"step {self.number}", path=key), message, remedy)
 
     def _check_patterns(self, key: str, patterns: Iterable[str], names: Collection[str], which: str = "") -> None:
         for pattern in patterns:
             if not any(name == pattern or fnmatchcase(name, pattern) for name in names):
                 self._report(key, f"{pattern} matches no parameter{which}", nearest(pattern, names))
-
-    def _check_axis_counts(self, key: str, by_parameter: Mapping[str, object]) -> None:
-        for name, parameter in self.problem.parameters.items():
-            value, axes = matching(by_parameter, name, None), len(parameter.axes)
-            if isinstance(value, Sequence) and not isinstance(value, str) and axes and len(value) != axes:
-                message = f"must have one number for each of {axes} axes, got {list(value)}"
-                self._report(f"{key} {name}", message)
-
-    def _check_masks(self) -> None:
-        for name, parameter in self.problem.parameters.items():
-            mask, shape = matching(self.step.lock, name, None), parameter.values.shape
-            if mask is not None and np.shape(mask) not in ((), shape):
-                message = f"the mask has shape {list(np.shape(mask))}, but the parameter has {list(shape)}"
-                self._report(f"lock {name}", message, "Give one entry per grid point.")
 
     def _check_criteria(self) -> None:
         nodes = [criterion.node for criterion in self.problem.criteria]
@@ -180,9 +177,106 @@ class _StepCheck:
             if not 0 <= weight < np.inf:
                 self._report(f"criteria {key}", f"the weight must be >= 0, got {weight}")
 
-    def _check_not_empty(self) -> None:
-        problem = step_problem(self.problem, self.step)
-        if not problem.criteria:
-            self._report("criteria", "no criterion has a weight > 0", "Select at least one.")
-        if not problem.free_names:
-            self._report("free", "no parameter that the function uses is free", "Free at least one.")
+
+def kept_breakpoints(count: int, factor: int) -> Int:
+    """Return the breakpoints kept if every nth is: the ends, and others spread evenly between them.
+
+    >>> kept_breakpoints(10, 2), kept_breakpoints(6, 2), kept_breakpoints(9, 2), kept_breakpoints(3, 5)
+    (array([0, 2, 4, 7, 9]), array([0, 2, 5]), array([0, 2, 4, 6, 8]), array([0, 2]))
+    """
+    size = min(count, max(2, -(-count // factor)))
+    return np.asarray(np.round(np.linspace(0, count - 1, size)).astype(np.int64))
+
+
+def reduce_table(parameter: Parameter, factors: Sequence[int], points: Sequence[Int] = ()) -> Parameter:
+    """Return a table at the kept breakpoints, with the bounds and locks of these grid points.
+
+    Those of the grid `points`, given as flat indices, are always kept. Axes leave their group, whose other tables keep
+    all breakpoints.
+    """
+    needed = [np.unravel_index(each, parameter.values.shape) for each in points]
+    places = [
+        np.unique(np.concatenate([kept_breakpoints(len(axis), factor), *(at[i] for at in needed)]))
+        for i, (axis, factor) in enumerate(zip(parameter.axes, factors, strict=True))
+    ]
+    if all(place.size == len(axis) for place, axis in zip(places, parameter.axes, strict=True)):
+        return parameter
+    chosen = np.ix_(*places)
+    axes = [
+        Axis(axis.breakpoints[place], axis.input, axis.unit) for axis, place in zip(parameter.axes, places, strict=True)
+    ]
+    arrays = {name: getattr(parameter, name)[chosen] for name in ("values", "lower", "upper", "locked")}
+    return parameter.changed(axes=tuple(axes), **arrays)
+
+
+def refine_table(coarse: Parameter, like: Parameter) -> Parameter:
+    """Interpolate a reduced table to all grid points of `like`, whose locked values and bounds are kept."""
+    values = coarse.values
+    for i, (before, after) in enumerate(zip(coarse.axes, like.axes, strict=True)):
+        if len(before) != len(after):
+            place = position(after.breakpoints, before.breakpoints, "clip")
+            weights = cell_weights(place, len(before))[0]
+            values = np.moveaxis(np.tensordot(weights, values, axes=(1, i)), 0, i)
+    return like.with_values(np.where(like.locked, like.values, np.clip(values, like.lower, like.upper)))
+
+
+def penalty_ratio(full: Parameter, coarse: Parameter, axis: int) -> float:
+    """Return the ratio of the roughness along an axis on the coarse grid to that on the full grid, for one surface.
+
+    A surface with the second derivative c along the axis has second differences c h^2, h being the mean spacing, on
+    even and on uneven axes; so R = lines (N - 2) / N (c h^2)^2. The ratio is exact if c is constant. For a curve of
+    many points on twice the spacing it is 16. It is 1 if a grid is too small to have a roughness.
+    """
+    sizes = []
+    for table in (full, coarse):
+        points = table.axes[axis].breakpoints
+        spacing = float(points[-1] - points[0]) / max(points.size - 1, 1)
+        sizes.append(table.size / points.size * max(points.size - 2, 0) / points.size * spacing**4)
+    return sizes[1] / sizes[0] if min(sizes) > 0 else 1.0
+
+
+def reduce_problem(problem: Problem, factors: Mapping[str, Sequence[int]]) -> Problem:
+    """Return the problem with the named tables on coarse grids.
+
+    Smoothness factors are scaled so that a surface keeps its penalty; automatic ones are chosen on the coarse grid.
+    Breakpoints around pins and around values in equalities are kept, so that these can be satisfied as before; so is
+    the grid of a table whose values are summed.
+    """
+    changed: list[Parameter] = []
+    rescaled: dict[str, list[Factor]] = {}
+    for name, reductions in factors.items():
+        full = problem.parameters[name]
+        table = reduce_table(full, reductions, list(_needed(problem, name)))
+        if table is not full:
+            changed.append(table)
+            settings = enumerate(zip(problem.automatic(name), problem.factors(name), strict=True))
+            rescaled[name] = ["auto" if auto else f / penalty_ratio(full, table, i) for i, (auto, f) in settings]
+    if not changed:
+        return problem
+    return replace(
+        problem,
+        parameters=problem.parameters.with_parameters(*changed),
+        smoothness={**problem.smoothness, **rescaled},
+        restraints={name: each for name, each in problem.restraints.items() if name not in rescaled},
+    )
+
+
+def _needed(problem: Problem, name: str) -> Iterator[Int]:
+    """Return the grid points used by pins and equalities."""
+    terms = [Term(pin.parameter, pin.at) for pin in problem.pins]
+    terms += [term for each in problem.constraints if isinstance(each, Equality) for term in each.terms]
+    for term in terms:
+        if term.parameter == name:
+            yield grid_points(problem.parameters[name], term.at)[0]
+
+
+def refine_parameters(coarse: ParameterSet, full: ParameterSet) -> ParameterSet:
+    """Interpolate reduced tables to the grids of `full`."""
+    return full.with_parameters(
+        *(
+            full[name].with_values(table.values)
+            if table.values.shape == full[name].values.shape
+            else refine_table(table, full[name])
+            for name, table in coarse.items()
+        )
+    )

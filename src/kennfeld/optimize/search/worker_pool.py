@@ -24,8 +24,8 @@ from kennfeld.arrays import ignore_floating_errors
 from kennfeld.errors import InputError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, StartResult, TraceLine
-from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, skipped_start
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, TraceLine
+from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 
 READY, STOP = "ready", "stop"
@@ -52,7 +52,7 @@ def run_in_parallel(
     if getattr(sys, "frozen", False):  # sys.executable is not a Python interpreter
         return []
     try:
-        work = pickled((replace(problem), options))  # a copy has no cached properties
+        work = pickle_content((replace(problem), options))  # a copy has no cached properties
     except (pickle.PicklingError, TypeError, AttributeError):
         return []
     pool = _Pool(work, points, workers, progress, keep)
@@ -62,21 +62,21 @@ def run_in_parallel(
         pool.close()
 
 
-def pickled(content: Any) -> bytes:
+def pickle_content(content: Any) -> bytes:
     """Pickle content that may contain the read-only mappings of a model."""
     stream = io.BytesIO()
     pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
-    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _plain}
+    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduce_proxy}
     pickler.dump(content)
     return stream.getvalue()
 
 
-def _plain(proxy: Mapping[Any, Any]) -> tuple[Callable[..., Any], tuple[dict[Any, Any]]]:
+def _reduce_proxy(proxy: Mapping[Any, Any]) -> tuple[Callable[..., Any], tuple[dict[Any, Any]]]:
     return _read_only, (dict(proxy),)
 
 
 def _read_only(mapping: dict[Any, Any]) -> Mapping[Any, Any]:
-    return MappingProxyType(mapping)
+    return MappingProxyType(mapping)  # the type itself cannot be pickled
 
 
 class _Worker:
@@ -108,16 +108,14 @@ class _Worker:
             self.process.stdin.flush()
 
     def run_start(self, point: StartPoint) -> None:
-        """Send a start to the worker."""
         self.point = point
-        self._write(pickled(point))
+        self._write(pickle_content(point))
 
     def stop(self) -> None:
         """Stop the start at its next step."""
-        self._write(pickled(STOP))
+        self._write(pickle_content(STOP))
 
     def close(self) -> None:
-        """Kill the process."""
         self.process.kill()
         self.process.wait()
         self._thread.join()
@@ -131,8 +129,6 @@ class _WorkerUnusableError(Exception):
 
 
 class _Pool:
-    """Worker processes and the starts waiting for them."""
-
     def __init__(
         self, work: bytes, points: Sequence[StartPoint], workers: int, progress: Progress, keep: CheckpointSink
     ) -> None:
@@ -154,7 +150,8 @@ class _Pool:
         try:
             while self.waiting or self.busy:
                 try:
-                    self._add_workers()
+                    while len(self.workers) < min(self.max_workers, len(self.waiting) + len(self.busy)):
+                        self.workers.append(_Worker(self.work, self.inbox))
                     self._handle_message()
                 except Stop:
                     self._stop()
@@ -167,13 +164,8 @@ class _Pool:
         return self.outcomes
 
     def close(self) -> None:
-        """End all workers."""
         for worker in self.workers:
             worker.close()
-
-    def _add_workers(self) -> None:
-        while len(self.workers) < min(self.max_workers, len(self.waiting) + len(self.busy)):
-            self.workers.append(_Worker(self.work, self.inbox))
 
     def _handle_message(self) -> None:
         try:
@@ -188,16 +180,11 @@ class _Pool:
             self.keep(message)
         elif isinstance(message, tuple):
             raise InputError(message)
-        else:
-            self._continue(worker, message)
-
-    def _continue(self, worker: _Worker, message: Any) -> None:
-        """Record the outcome of a worker, if it has run a start, and send it the next one."""
-        if isinstance(message, StartOutcome):
-            self.outcomes.append(message)
-        worker.ready, worker.point = True, None
-        if self.waiting:
-            worker.run_start(self.waiting.pop(0))
+        else:  # the worker is ready, or has run a start
+            self.outcomes += [message] if isinstance(message, StartOutcome) else []
+            worker.ready, worker.point = True, None
+            if self.waiting:
+                worker.run_start(self.waiting.pop(0))
 
     def _remove(self, worker: _Worker) -> None:
         """Remove a worker whose process has ended; its start has failed."""
@@ -206,17 +193,14 @@ class _Pool:
         if not worker.ready:
             raise _WorkerUnusableError
         if worker.point is not None:
-            point, unknown = worker.point, float("nan")
             message = f"The worker process of this start ended with exit status {worker.process.returncode}."
-            row = StartResult(point.start, "failed", message, unknown, unknown, 0, 0)
-            self.outcomes.append(StartOutcome(row, point.values))
+            self.outcomes.append(worker.point.skip("failed", message))
 
     def _stop(self) -> None:
-        """Stop the running starts at their best values and skip the others."""
         if self.stopping:
             return
         self.stopping = True
-        self.outcomes += [skipped_start(point) for point in self.waiting]
+        self.outcomes += [point.skip() for point in self.waiting]
         self.waiting = []
         for worker in self.busy:
             worker.stop()
@@ -241,8 +225,6 @@ def main() -> None:
 
 
 class _WorkerLoop:
-    """Main loop of a worker process."""
-
     def __init__(self, runner: StartRunner, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
         self.runner, self.incoming, self.outgoing = runner, incoming, outgoing
         self.points: queue.SimpleQueue[StartPoint] = queue.SimpleQueue()
@@ -277,7 +259,7 @@ class _WorkerLoop:
 
     def _send(self, content: Any) -> None:
         try:
-            self.outgoing.write(pickled(content))
+            self.outgoing.write(pickle_content(content))
             self.outgoing.flush()
         except OSError:
             os._exit(1)

@@ -96,12 +96,12 @@ class GaussNewtonModel:
             least: least damping, as a share of the mean curvature.
         """
         damped = np.maximum(damping * self.column_scale, least * self.curvature)
-        if secant is not None:
-            matrix = (self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian) + secant.matrix
-            factor = Cholesky(self.movable.size).factor(matrix, damped)
-            return None if factor is None else (factor, factor.solve(-self.gradient))
-        if self.hessian is not None:
-            factor = self.objective.cholesky(self.movable.size).factor(self.hessian, damped)
+        if secant is not None or self.hessian is not None:
+            matrix = self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian
+            if secant is None:
+                factor = self.objective.cholesky(self.movable.size).factor(matrix, damped)
+            else:
+                factor = Cholesky(self.movable.size).factor(matrix + secant.matrix, damped)
             return None if factor is None else (factor, factor.solve(-self.gradient))
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
         stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped))])

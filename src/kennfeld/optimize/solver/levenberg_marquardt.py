@@ -37,6 +37,10 @@ SOLVED_SHARE = 1e-12  # share of the first cost that is rounding if residuals va
 ZERO_TABLE = 1e-12  # of the step without limits: a table this small is rounding around 0
 
 STOPPED = "Stopped on request; these are the best values so far."
+UNFULFILLED = (
+    "No step lowers the cost although the gradient predicts a large decrease. Likely causes: (a) the start is far from "
+    "the solution; (b) the model is discontinuous. Try another start, or set bounds."
+)
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,10 @@ class Iteration:
     active: int  # number of active bounds and rows
 
 
+Report = Callable[[Iteration, Float], None]  # called after each accepted step with the new values
+StageReport = Callable[[str, Iteration, Float], None]  # the same with the stage of the search
+
+
 class Stop(Exception):  # noqa: N818
     """Raised by a callback to end the descent at the best values so far."""
 
@@ -81,13 +89,15 @@ class SolverResult:
     iterations: int
     evaluations: int
 
+    @property
+    def cut_short(self) -> bool:
+        """True if the user stopped the descent, or the model failed."""
+        return self.status in ("stopped", "failed")
+
     def with_effort_of(self, results: "Sequence[SolverResult]") -> "SolverResult":
         """Return this result with the iterations and evaluations of all `results`."""
-        return replace(
-            self,
-            iterations=sum(result.iterations for result in results),
-            evaluations=sum(result.evaluations for result in results),
-        )
+        iterations = sum(result.iterations for result in results)
+        return replace(self, iterations=iterations, evaluations=sum(result.evaluations for result in results))
 
 
 def levenberg_marquardt(
@@ -95,7 +105,7 @@ def levenberg_marquardt(
     start: Float,
     limits: LinearLimits,
     settings: SolverSettings,
-    report: Callable[[Iteration, Float], None] = lambda line, values: None,
+    report: Report = lambda line, values: None,
 ) -> SolverResult:
     """Minimise a sum of squares from `start` until the cost no longer decreases.
 
@@ -112,29 +122,29 @@ def levenberg_marquardt(
     return _LevenbergMarquardt(objective, start, limits, settings, report).run()
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _State:
     """Everything that changes during a descent, grouped by when it changes."""
 
     # Updated when a step is accepted
     values: Float  # iterate p, all values
-    cost: float  # f(p)
-    column_scale: Float | None  # D of the damping; falls by at most half from one iterate to the next
-    pending_secant_pair: tuple[Float, Float, Float] | None  # step, gradient, J'J step; until the next gradient is known
+    cost: float = np.inf  # f(p)
+    column_scale: Float | None = None  # D of the damping; falls by at most half from one iterate to the next
+    pending_secant_pair: tuple[Float, Float, Float] | None = None  # step, gradient, J'J step; until the next gradient
     # Updated by every trial
     damping: float  # lambda
-    damping_growth: float  # factor of the next rejection; doubles with each
-    limit_damping: float  # least damping while limits are active, as a share of the mean curvature
+    damping_growth: float = 2.0  # factor of the next rejection; doubles with each
+    limit_damping: float = LIMIT_DAMPING  # least damping while limits are active, as a share of the mean curvature
     limits_hold: bool  # the last quadratic program had active limits or equalities
-    use_secant: bool  # which of the two models proposes the next step
-    active_set: Int | None  # warm start of the quadratic program: -1, 0 or +1 for each limit
+    use_secant: bool = False  # which of the two models proposes the next step
+    active_set: Int | None = None  # warm start of the quadratic program: -1, 0 or +1 for each limit
     # Used for termination
-    initial_cost: float
-    stalled_steps: int  # accepted steps below the tolerance in a row
-    limit_damping_dropped: bool  # the stall was answered by a lower `limit_damping` already
+    initial_cost: float = np.inf
+    stalled_steps: int = 0  # accepted steps below the tolerance in a row
+    limit_damping_dropped: bool = False  # the stall was answered by a lower `limit_damping` already
     # Reported
-    iterations: int  # accepted steps
-    evaluations: int  # evaluations of f
+    iterations: int = 0  # accepted steps
+    evaluations: int = 1  # evaluations of f
 
 
 class _Proposal(NamedTuple):
@@ -149,8 +159,6 @@ class _Proposal(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """The outcome of a step."""
-
     values: Float
     cost: float
     reduction: float  # actual
@@ -159,37 +167,20 @@ class _Trial(NamedTuple):
 
 
 class _LevenbergMarquardt:
-    """One descent."""
-
     def __init__(
         self,
         objective: Objective,
         start: Float,
         limits: LinearLimits,
         settings: SolverSettings,
-        report: Callable[[Iteration, Float], None],
+        report: Report,
     ) -> None:
         self.objective, self.settings, self.report = objective, settings, report
         self.movable = np.flatnonzero(limits.movable)
         self.limits = limits.restricted_to(self.movable, start)
-        self.secant: SecantCorrection | None = None
-        self.state = _State(
-            values=start,
-            cost=np.inf,
-            column_scale=None,
-            pending_secant_pair=None,
-            damping=settings.damping,
-            damping_growth=2.0,
-            limit_damping=LIMIT_DAMPING,
-            limits_hold=bool(limits.rows.equal.any()),
-            use_secant=False,
-            active_set=None,
-            initial_cost=np.inf,
-            stalled_steps=0,
-            limit_damping_dropped=False,
-            iterations=0,
-            evaluations=1,
-        )
+        self.secant = SecantCorrection(self.movable.size) if objective.supports_secant else None
+        limits_hold = bool(limits.rows.equal.any())
+        self.state = _State(values=start, damping=settings.damping, limits_hold=limits_hold)
 
     def run(self) -> SolverResult:
         state = self.state
@@ -205,27 +196,20 @@ class _LevenbergMarquardt:
 
     def _iterate(self) -> SolverResult:
         state = self.state
-        if self.objective.supports_secant:
-            self.secant = SecantCorrection(self.movable.size)
         while state.iterations < self.settings.max_iterations:
             model = GaussNewtonModel(self.objective, state.values, self.movable, state.column_scale)
             state.column_scale = model.column_scale
             if not model.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
-            self._update_secant(model)
+            if self.secant is not None and state.pending_secant_pair is not None:
+                step, gradient, explained = state.pending_secant_pair
+                self.secant.learn(step, model.gradient - gradient, explained)
+                state.pending_secant_pair = None
             end = self._take_step(model)
             if end is not None:
                 return end
-        return self._end(
-            "max_iterations",
-            f"The cost was still decreasing after {state.iterations} iterations. Increase max_iterations.",
-        )
-
-    def _update_secant(self, model: GaussNewtonModel) -> None:
-        if self.secant is not None and self.state.pending_secant_pair is not None:
-            step, gradient, explained = self.state.pending_secant_pair
-            self.secant.learn(step, model.gradient - gradient, explained)
-            self.state.pending_secant_pair = None
+        message = f"The cost was still decreasing after {state.iterations} iterations. Increase max_iterations."
+        return self._end("max_iterations", message)
 
     def _take_step(self, model: GaussNewtonModel) -> SolverResult | None:
         """Increase the damping, or switch the model, until a step lowers the cost; None to continue from there."""
@@ -244,7 +228,9 @@ class _LevenbergMarquardt:
                 # The secant part may be wrong: only the Gauss-Newton model may end the descent.
                 state.use_secant, may_switch = False, False
                 continue
-            if self._is_rounding(model, proposal.reduction):
+            # residuals that are all but rounding make r'r uncertain by twice |r| times their error
+            rounding = 2 * float(np.sqrt(state.cost)) * model.rounding
+            if self._fits_exactly(model) and proposal.reduction <= rounding:
                 return self._end_without_step(model, "The cost decreases by no more than its rounding error.")
             solution = self._accelerate(model, proposal)
             target = None if solution is None else self._target(solution, proposal.free_step)
@@ -276,9 +262,9 @@ class _LevenbergMarquardt:
             if damped is None:
                 return None
             solution = solve(*damped, here, self.limits, state.active_set)
-            held_before = state.limits_hold
+            damped_for_limits = state.limits_hold
             state.limits_hold = bool(solution.active.any() or self.limits.rows.equal.any())
-            if held_before or not state.limits_hold:
+            if damped_for_limits or not state.limits_hold:
                 break
         state.active_set = solution.active  # kept even if the step is rejected
         step = solution.apply_to(here, self.limits) - here
@@ -286,10 +272,6 @@ class _LevenbergMarquardt:
         with_secant = plain if self.secant is None else plain - self.secant.curvature(step)
         reductions = (with_secant, plain) if state.use_secant else (plain, with_secant)
         return _Proposal(*damped, solution, step, *reductions)
-
-    def _is_rounding(self, model: GaussNewtonModel, reduction: float) -> bool:
-        """Return if residuals are all but rounding, by which r'r is uncertain by twice |r| times their error."""
-        return self._fits_exactly(model) and reduction <= 2 * float(np.sqrt(self.state.cost)) * model.rounding
 
     def _fits_exactly(self, model: GaussNewtonModel) -> bool:
         return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
@@ -360,7 +342,6 @@ class _LevenbergMarquardt:
 
     @property
     def _here(self) -> Float:
-        """The movable values."""
         return self.state.values[self.movable]
 
     @property
@@ -390,11 +371,7 @@ class _LevenbergMarquardt:
         if damped is not None and np.all(np.isfinite(damped[1])):
             step = solve(*damped, self._here, self.limits, state.active_set).step
             if model.predicted_reduction(step) > PROMISED_SHARE * state.cost:
-                return self._end(
-                    "failed",
-                    "No step lowers the cost although the gradient predicts a large decrease. Likely causes: (a) the "
-                    "start is far from the solution; (b) the model is discontinuous. Try another start, or set bounds.",
-                )
+                return self._end("failed", UNFULFILLED)
         return self._end("converged", message)
 
     def _end(self, status: Status, message: str) -> SolverResult:

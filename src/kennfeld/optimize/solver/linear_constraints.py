@@ -56,18 +56,15 @@ class LinearRows:
     @property
     def equal(self) -> Bool:
         """Mask of the equalities, Bool[rows]."""
-        equal: Bool = self.lower == self.upper
-        return equal
+        return np.asarray(self.lower == self.upper)
 
     def times(self, values: Float) -> Float:
         """Return A p."""
-        product: Float = np.einsum("ij,ij->i", self.coefficients, values[self.columns])
-        return product
+        return np.asarray(np.einsum("ij,ij->i", self.coefficients, values[self.columns]))
 
     def size(self, values: Float) -> Float:
         """Return |A| |p|, the size of the terms of each row."""
-        product: Float = np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns])
-        return product
+        return np.asarray(np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns]))
 
     def matrix(self, which: Int, values: int) -> Float:
         """Return some rows of A as a full matrix, Float[rows, values]."""
@@ -81,14 +78,12 @@ class LinearRows:
         place[movable] = np.arange(movable.size)
         columns = place[self.columns]
         moves = columns >= 0
-        held = np.einsum("ij,ij->i", np.where(moves, 0.0, self.coefficients), values[self.columns])
+        constant = np.einsum("ij,ij->i", np.where(moves, 0.0, self.coefficients), values[self.columns])
         coefficients = np.where(moves, self.coefficients, 0.0)
         kept = (coefficients != 0).any(axis=1)
-        columns = np.where(moves, columns, 0)
+        lower, upper = (self.lower - constant)[kept], (self.upper - constant)[kept]
         names = tuple(name for name, keep in zip(self.names, kept, strict=False) if keep)
-        return LinearRows(
-            columns[kept], coefficients[kept], (self.lower - held)[kept], (self.upper - held)[kept], names
-        )
+        return LinearRows(np.where(moves, columns, 0)[kept], coefficients[kept], lower, upper, names)
 
 
 @dataclass(frozen=True)
@@ -116,8 +111,7 @@ class LinearLimits:
 
     def clip(self, values: Float) -> Float:
         """Clip values to their bounds."""
-        clipped: Float = np.clip(values, self.lower, self.upper)
-        return clipped
+        return np.asarray(np.clip(values, self.lower, self.upper))
 
     def violations(self, values: Float, size: Float) -> Float:
         """Return the violation of each row, relative to its scale for values of this typical size."""
@@ -125,8 +119,7 @@ class LinearLimits:
         sides = [np.where(np.isfinite(side), np.abs(side), 0.0) for side in (rows.lower, rows.upper)]
         scale = rows.size(size) + np.maximum(*sides) + 1e-300
         product = rows.times(values)
-        missed: Float = np.maximum(np.maximum(rows.lower - product, product - rows.upper), 0.0) / scale
-        return missed
+        return np.asarray(np.maximum(np.maximum(rows.lower - product, product - rows.upper), 0.0) / scale)
 
     def violation(self, values: Float) -> float:
         """Return the largest of the `violations`, for values of the size of their tables."""
@@ -143,13 +136,10 @@ class LinearLimits:
             return np.full(values.size, np.abs(values).max(initial=0.0))
         largest = np.zeros(int(self.tables.max()) + 1)
         np.maximum.at(largest, self.tables, np.abs(values))
-        sizes: Float = largest[self.tables]
-        return sizes
+        return np.asarray(largest[self.tables])
 
     def restricted_to(self, movable: Int, values: Float) -> "LinearLimits":
         """Return the limits on the movable values with the others fixed."""
-        rows, tables = (
-            self.rows.restricted_to(movable, values),
-            self.tables[movable] if self.tables.size else self.tables,
-        )
+        tables = self.tables[movable] if self.tables.size else self.tables
+        rows = self.rows.restricted_to(movable, values)
         return LinearLimits(self.lower[movable], self.upper[movable], rows, tables)

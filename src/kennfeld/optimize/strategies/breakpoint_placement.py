@@ -2,30 +2,33 @@
 
 The cost has a kink wherever a breakpoint meets a sample, so a descent from even breakpoints often ends far above the
 best. Each free axis is therefore first made several times as dense, and fixed while all values are fitted; then the
-breakpoints that matter least are removed until the original number remains (see `breakpoint_elimination`). From there
-they move. The dense axis contains the breakpoints that it was made from, so this can be repeated.
+breakpoints that matter least are removed until the original number remains. From there they move. The dense axis
+contains the breakpoints that it was made from, so this can be repeated.
+
+A breakpoint is removed by making every line of its tables straight there, a linear equality between values. In the
+quadratic model the least increase of the cost under A z = 0 is (A z)' (A C A')^-1 (A z), where C is the inverse of its
+matrix, and both z and C under the equality follow in closed form. The cheapest breakpoint is removed repeatedly.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Factor, Problem
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.strategies.breakpoint_elimination import DenseAxis, eliminate_breakpoints
 from kennfeld.optimize.strategies.smoothing_continuation import SHORT_SCHEDULE, Continuation
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter
 
 MAX_PARTS = 8  # into which a cell of a free axis is divided
@@ -36,8 +39,13 @@ MIN_GAIN = 1e-3  # relative decrease of the cost for another round
 RIDGE = 1e-4  # of each curvature: keeps directions that are not determined where the quadratic model is valid
 STIFFNESS = 1e-6  # of the mean curvature: ties values without data to their neighbours
 KINK_TOLERANCE = 1e-5  # relative change of the cost at which breakpoints only creep from one sample to the next
+ROUNDING = 1e-12  # of the largest variance: avoids a division by zero for dependent lines
 
-Report = Callable[[str, Iteration, Float, CompiledProblem], None]
+
+class ProblemReport(Protocol):
+    """Called after each accepted step; `compiled` is the problem that `values` belong to, if not the exact one."""
+
+    def __call__(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None: ...
 
 
 def axis_groups(problem: Problem) -> list[tuple[AxisKey, ...]]:
@@ -54,26 +62,19 @@ def cell_divisions(problem: Problem, keys: Collection[AxisKey]) -> dict[AxisKey,
     Empty if no cell can be divided.
     """
     for parts in range(MAX_PARTS, 1, -1):
-        divisions = {key: _parts(problem.free_axes[key].axis, parts) for key in keys}
+        divisions = {}
+        for key in keys:  # no part is narrower than the minimum distance of breakpoints
+            axis = problem.free_axes[key].axis
+            room = np.diff(axis.breakpoints) / axis.least_distance * (1 + 1e-9)
+            divisions[key] = np.clip(room, 1, parts).astype(np.int64)
         most = MAX_VALUES_SINGLE if len(divisions) == 1 else MAX_VALUES
-        if sum(_size(problem, name, divisions) for name in problem.free_names) <= most:
+        sizes = {name: problem.parameters[name].size for name in problem.free_names}
+        for key, cells in divisions.items():
+            for name in (name for name, _ in problem.free_axes[key].places if name in sizes):
+                sizes[name] = sizes[name] // (cells.size + 1) * (int(cells.sum()) + 1)
+        if sum(sizes.values()) <= most:
             return divisions if any((cells > 1).any() for cells in divisions.values()) else {}
     return {}
-
-
-def _parts(axis: Axis, most: int) -> Int:
-    """Return the parts of each cell, none narrower than the minimum distance of breakpoints."""
-    room = np.diff(axis.breakpoints) / axis.least_distance * (1 + 1e-9)
-    return np.clip(room, 1, most).astype(np.int64)
-
-
-def _size(problem: Problem, name: str, parts: Mapping[AxisKey, Int]) -> int:
-    size = problem.parameters[name].size
-    for key, cells in parts.items():
-        for table, _ in problem.free_axes[key].places:
-            if table == name:
-                size = size // (cells.size + 1) * (int(cells.sum()) + 1)
-    return size
 
 
 def subdivide(points: Float, parts: Int) -> Float:
@@ -89,37 +90,34 @@ def subdivide(points: Float, parts: Int) -> Float:
 def with_dense_axes(problem: Problem, parts: Mapping[AxisKey, Int]) -> Problem:
     """Return the problem on denser, fixed axes, with the same surfaces and the same roughness penalty."""
     tables: dict[str, Parameter] = {}
-    smoothness = dict(problem.smoothness)
+    scaled: dict[str, tuple[float, ...]] = {}
     for key, axis in problem.free_axes.items():
         cells = parts.get(key, np.ones(len(axis.axis) - 1, dtype=np.int64))
         dense = axis.axis.changed(breakpoints=subdivide(axis.axis.breakpoints, cells), free=False)
         for name, which in axis.places:
-            known = smoothness[name] if name in tables else problem.factors(name)
-            factors: list[Factor] = [known] if isinstance(known, float | str) else [*known]
-            factors[which] = float(factors[which]) * (cells.sum() / max(cells.size, 1)) ** 4
-            tables[name] = _on(tables.get(name, problem.parameters[name]), which, dense)
-            smoothness[name] = tuple(factors)
+            factors = list(scaled.get(name, problem.factors(name)))
+            factors[which] *= (cells.sum() / max(cells.size, 1)) ** 4
+            tables[name] = _resample(tables.get(name, problem.parameters[name]), which, dense)
+            scaled[name] = tuple(factors)
     return replace(
         problem,
         parameters=problem.parameters.with_parameters(*tables.values()),
-        smoothness=smoothness,
+        smoothness={**problem.smoothness, **scaled},
         restraints={name: restraint for name, restraint in problem.restraints.items() if name not in tables},
     )
 
 
-def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
+def _resample(table: Parameter, which: int, axis: Axis) -> Parameter:
     """Interpolate a table onto a denser axis; values between two locked ones are locked, with the wider bounds."""
     place = position(axis.breakpoints, table.axes[which].breakpoints, "clip")
     weights, _ = cell_weights(place, len(table.axes[which]))
-    left = np.floor(place).astype(np.int64)
-    right = np.ceil(place).astype(np.int64)
-    values = np.moveaxis(np.tensordot(weights, table.values, axes=(1, which)), 0, which)
 
     def both(array: Any) -> tuple[Any, Any]:
-        return np.take(array, left, axis=which), np.take(array, right, axis=which)
+        left, right = (np.take(array, side(place).astype(np.int64), axis=which) for side in (np.floor, np.ceil))
+        return left, right
 
     return table.changed(
-        values=values,
+        values=np.moveaxis(np.tensordot(weights, table.values, axes=(1, which)), 0, which),
         axes=tuple(axis if i == which else old for i, old in enumerate(table.axes)),
         lower=np.minimum(*both(table.lower)),
         upper=np.maximum(*both(table.upper)),
@@ -127,7 +125,7 @@ def _on(table: Parameter, which: int, axis: Axis) -> Parameter:
     )
 
 
-def coarse(settings: SolverSettings) -> SolverSettings:
+def coarsen(settings: SolverSettings) -> SolverSettings:
     """Return the settings of a descent in which breakpoints move, which noisy samples slow down to tiny steps."""
     return replace(settings, tolerance=max(settings.tolerance, KINK_TOLERANCE), damping_limited_ratio=np.inf)
 
@@ -138,22 +136,20 @@ class BreakpointPlacement:
     With `smoothed`, lookups on the dense axes are smoothed first if their coordinate depends on a free parameter.
     """
 
-    def __init__(self, problem: Problem, exact: CompiledProblem, *, smoothed: bool) -> None:
-        self._problem, self._exact, self._smoothed = problem, exact, smoothed
+    def __init__(self, exact: CompiledProblem, *, smoothed: bool) -> None:
+        self._problem, self._exact, self._smoothed = exact.problem, exact, smoothed
         self._objective = LeastSquaresObjective(exact)
 
-    def descend(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
+    def descend(
+        self, start: Float, limits: LinearLimits, settings: SolverSettings, report: ProblemReport
+    ) -> SolverResult:
         """Place breakpoints in several rounds, then fit the values with fixed breakpoints."""
-        best = self._rounds(start, limits, coarse(settings), report)
+        best = self._rounds(start, limits, coarsen(settings), report)
         if best.status == "stopped":
             return best
-        fixed = levenberg_marquardt(
-            self._objective,
-            best.values,
-            self._with_fixed_breakpoints(limits, best.values),
-            settings,
-            lambda line, values: report("still", line, values, self._exact),
-        )
+        fixed_breakpoints = self._with_fixed_breakpoints(limits, best.values)
+        report_still = partial(report, "still")
+        fixed = levenberg_marquardt(self._objective, best.values, fixed_breakpoints, settings, report_still)
         return fixed.with_effort_of([best, fixed])
 
     def _with_fixed_breakpoints(self, limits: LinearLimits, values: Float) -> LinearLimits:
@@ -164,8 +160,9 @@ class BreakpointPlacement:
                 lower[part] = upper[part] = values[part]
         return replace(limits, lower=lower, upper=upper)
 
-    def _rounds(self, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report) -> SolverResult:
-        """Repeat rounds over all axes while they lower the cost."""
+    def _rounds(
+        self, start: Float, limits: LinearLimits, settings: SolverSettings, report: ProblemReport
+    ) -> SolverResult:
         best = SolverResult(start, self._objective.cost(start), "converged", "The cost no longer decreases.", 0, 1)
         for _ in range(MAX_ROUNDS):
             before = best.cost
@@ -178,47 +175,42 @@ class BreakpointPlacement:
         return best
 
     def _round(
-        self, at: Float, keys: Collection[AxisKey], limits: LinearLimits, settings: SolverSettings, report: Report
+        self,
+        at: Float,
+        keys: Collection[AxisKey],
+        limits: LinearLimits,
+        settings: SolverSettings,
+        report: ProblemReport,
     ) -> SolverResult:
         """Fit on dense axes, choose breakpoints, and descend from there; the cost is infinite if that is impossible."""
-        here = replace(self._problem, parameters=self._parameters(at))
+        here = replace(self._problem, parameters=self._exact.parameters(at))
         parts = cell_divisions(here, keys)
         nowhere = SolverResult(at, np.inf, "converged", "", 0, 0)
         if not parts:
             return nowhere
         dense = _Dense(with_dense_axes(here, parts))
-        found = dense.descend(settings, report, smoothed=self._smoothed)
-        if found is None:
+        fit = dense.descend(settings, report, smoothed=self._smoothed)
+        if fit is None:
             return nowhere
-        nowhere = replace(nowhere, iterations=found.iterations, evaluations=found.evaluations)
-        if found.status in ("stopped", "failed"):
-            return replace(nowhere, status=found.status, message=found.message)
-        chosen, _ = project(self._chosen(here, dense, keys, found.values), limits)
-        if chosen is None:
+        nowhere = replace(nowhere, iterations=fit.iterations, evaluations=fit.evaluations)
+        if fit.cut_short:
+            return replace(nowhere, status=fit.status, message=fit.message)
+        start, _ = project(self._eliminate(here, dense, keys, fit.values), limits)
+        if start is None:
             return nowhere
-        end = levenberg_marquardt(
-            self._objective,
-            chosen,
-            limits,
-            settings,
-            lambda line, values: report("placed", line, values, self._exact),
+        return _better(
+            levenberg_marquardt(self._objective, start, limits, settings, partial(report, "placed")), nowhere
         )
-        return _better(end, nowhere)
 
-    def _parameters(self, at: Float) -> ParameterSet:
-        full = self._exact.start.copy()
-        full[: at.size] = at
-        return self._exact.values.unpack(full, self._problem.parameters)
-
-    def _chosen(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
+    def _eliminate(self, here: Problem, dense: "_Dense", keys: Collection[AxisKey], values: Float) -> Float:
         """Return the free values of the problem: the remaining breakpoints of the dense axes, and the values there."""
         axes = {key: dense.axis(here, key) for key in keys}
-        left, fitted = eliminate_breakpoints(list(axes.values()), values, dense.inverse(values, list(axes.values())))
-        kept = dict(zip(keys, left, strict=True))
-        held = dense.parameters(fitted)
+        remaining, fitted = eliminate_breakpoints([*axes.values()], values, dense.inverse(values, [*axes.values()]))
+        kept = dict(zip(keys, remaining, strict=True))
+        parameters = dense.compiled.parameters(fitted)
         flat = self._exact.values.pack(here.parameters)
         for name in self._problem.free_names:
-            table = held[name].values
+            table = parameters[name].values
             for key in keys:
                 for which in (which for place, which in here.free_axes[key].places if place == name):
                     table = np.take(table, kept[key], axis=which)
@@ -230,44 +222,33 @@ class BreakpointPlacement:
         return flat[: self._exact.values.free]
 
 
-def _better(best: SolverResult, found: SolverResult) -> SolverResult:
-    """Return the lower of two ends, with the effort of both."""
-    lower = found if found.cost < best.cost else best
-    if found.status == "stopped":
-        lower = replace(lower, status=found.status, message=found.message)
-    return lower.with_effort_of([best, found])
+def _better(best: SolverResult, last: SolverResult) -> SolverResult:
+    lower = last if last.cost < best.cost else best
+    if last.status == "stopped":
+        lower = replace(lower, status=last.status, message=last.message)
+    return lower.with_effort_of([best, last])
 
 
 class _Dense:
-    """A problem on dense axes, compiled."""
-
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.compiled = CompiledProblem(problem)
         self.objective = LeastSquaresObjective(self.compiled)
         self.limits = linear_limits(problem, self.compiled.values)
 
-    def descend(self, settings: SolverSettings, report: Report, *, smoothed: bool) -> SolverResult | None:
+    def descend(self, settings: SolverSettings, report: ProblemReport, *, smoothed: bool) -> SolverResult | None:
         """Descend from the current surfaces; None if the limits cannot be satisfied."""
         begin, _ = project(self.objective.start, self.limits)
         if begin is None:
             return None
         quick = replace(settings, patience=2)
-        smooth = Continuation.of(self.problem, self.compiled) if smoothed else None
-
-        def told(line: Iteration, values: Float) -> None:
-            report("dense", line, values, self.compiled)
-
+        smooth = Continuation.of(self.compiled) if smoothed else None
+        report_dense = partial(report, "dense", compiled=self.compiled)
         if smooth is not None:
-            return smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, line, values: told(line, values))
-        return levenberg_marquardt(self.objective, begin, self.limits, quick, told)
+            return smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, *step: report_dense(*step))
+        return levenberg_marquardt(self.objective, begin, self.limits, quick, report_dense)
 
-    def parameters(self, values: Float) -> ParameterSet:
-        full = self.compiled.start.copy()
-        full[: values.size] = values
-        return self.compiled.values.unpack(full, self.problem.parameters)
-
-    def axis(self, here: Problem, key: AxisKey) -> DenseAxis:
+    def axis(self, here: Problem, key: AxisKey) -> "DenseAxis":
         """Return a dense axis and the values on it, to be reduced to the number of breakpoints in `here`."""
         axis = here.free_axes[key]
         table, direction = axis.places[0]
@@ -282,7 +263,7 @@ class _Dense:
             lines.append(np.moveaxis(grid, which, 0).reshape(points.size, -1))
         return DenseAxis(points, np.hstack(lines), stays, len(axis.axis))
 
-    def inverse(self, values: Float, axes: Sequence[DenseAxis]) -> Float:
+    def inverse(self, values: Float, axes: Sequence["DenseAxis"]) -> Float:
         """Return the inverse of the Gauss-Newton matrix, 0 for values that cannot move.
 
         Values without data are tied to their neighbours along the dense axes.
@@ -299,3 +280,94 @@ class _Dense:
         inverse = np.zeros_like(whole)
         inverse[movable] = np.linalg.inv(whole[movable])
         return inverse
+
+
+@dataclass(frozen=True)
+class DenseAxis:
+    """An axis with more breakpoints than `wanted`.
+
+    `columns` are the indices of the values at each breakpoint, one column per line of a table. `stays` marks the
+    breakpoints that must not be removed.
+    """
+
+    points: Float  # Float[points]
+    columns: Int  # Int[points, lines]
+    stays: Bool  # Bool[points]
+    wanted: int
+
+
+def eliminate_breakpoints(axes: Sequence[DenseAxis], values: Float, inverse: Float) -> tuple[list[Int], Float]:
+    """Remove breakpoints until each axis has as many as wanted.
+
+    Args:
+        axes: dense axes.
+        values: minimum of the quadratic model, Float[values].
+        inverse: inverse of its matrix, Float[values, values]; 0 for values that cannot move.
+
+    Returns:
+        Indices of the remaining breakpoints of each axis, and the best values with them.
+
+    >>> hat = DenseAxis(np.arange(4.0), np.arange(4)[:, None], np.array([True, False, False, True]), 3)
+    >>> remaining, values = eliminate_breakpoints([hat], np.array([0.0, 1.0, 2.0, 0.0]), np.eye(4))
+    >>> remaining[0].tolist(), values.round(6).tolist()
+    ([0, 2, 3], [0.0, 1.0, 2.0, 0.0])
+    """
+    work = _Elimination(axes, values, inverse)
+    while work.remove():
+        pass
+    return [np.array(kept) for kept in work.kept], work.values
+
+
+class _Elimination:
+    def __init__(self, axes: Sequence[DenseAxis], values: Float, inverse: Float) -> None:
+        self.axes = axes
+        self.values = values.copy()
+        self.inverse = inverse.copy()
+        self.kept = [list(range(axis.points.size)) for axis in axes]
+
+    def remove(self) -> bool:
+        """Remove the cheapest breakpoint; False if none can be removed."""
+        candidates = [
+            (*self._cost(which, at), which, at)
+            for which, axis in enumerate(self.axes)
+            if len(self.kept[which]) > axis.wanted
+            for at in range(1, len(self.kept[which]) - 1)
+            if not axis.stays[self.kept[which][at]]
+        ]
+        if not candidates:
+            return False
+        _, _, which, at = min(candidates, key=lambda candidate: candidate[:2])
+        self._straighten(*self._rows(which, at))
+        del self.kept[which][at]
+        return True
+
+    def _rows(self, which: int, at: int) -> tuple[Int, Float]:
+        """Return columns Int[lines, 3] and coefficients of the equalities that remove a breakpoint."""
+        axis, three = self.axes[which], self.kept[which][at - 1 : at + 2]
+        left, middle, right = axis.points[three]
+        share = (middle - left) / (right - left)
+        return axis.columns[three].T, np.array([share - 1, 1.0, -share])
+
+    def _cost(self, which: int, at: int) -> tuple[float, float]:
+        """Return the least increase of the cost, and the distance of the neighbours to break ties."""
+        columns, coefficients = self._rows(which, at)
+        apart = float(np.ptp(self.axes[which].points[self.kept[which][at - 1 : at + 2]]))
+        # (A z)' (A C A')^-1 (A z)
+        bend = self.values[columns] @ coefficients
+        blocks = self.inverse[columns[:, None, :, None], columns[None, :, None, :]]
+        spread = np.einsum("abij,i,j->ab", blocks, coefficients, coefficients)
+        return float(bend @ _solve_ridged(spread, bend)), apart
+
+    def _straighten(self, columns: Int, coefficients: Float) -> None:
+        """Update values and covariance for additional equalities."""
+        # z -= C A' (A C A')^-1 A z,  C -= C A' (A C A')^-1 A C
+        reach: Float = np.einsum("naj,j->na", self.inverse[:, columns], coefficients)
+        spread = np.einsum("aib,i->ab", reach[columns], coefficients)
+        gain = _solve_ridged(spread, reach.T)
+        self.values -= gain.T @ (self.values[columns] @ coefficients)
+        self.inverse -= reach @ gain
+
+
+def _solve_ridged(spread: Float, right: Float) -> Float:
+    floor = ROUNDING * float(np.diag(spread).max(initial=0.0)) + 1e-300
+    return np.asarray(np.linalg.solve(spread + floor * np.eye(len(spread)), right), dtype=np.float64)

@@ -14,9 +14,8 @@ and a feasible point over an infeasible one (K. Deb: An efficient constraint han
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,16 +28,16 @@ from kennfeld.optimize.solver.gauss_newton_model import Objective
 from kennfeld.optimize.solver.levenberg_marquardt import (
     STOPPED,
     Iteration,
+    Report,
     SolverResult,
     SolverSettings,
+    StageReport,
     Status,
     Stop,
     levenberg_marquardt,
 )
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.strategies.augmented_lagrangian import descend_within
-from kennfeld.optimize.strategies.output_limits import FEASIBLE, OutputLimits
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.optimize.strategies.output_limits import FEASIBLE, AugmentedLagrangian, OutputLimits
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
@@ -49,8 +48,6 @@ PAUSE = 1.0  # s after which the best so far is reported within a generation
 SMALLEST = 1e-300  # of a cost, so that it has a logarithm
 REJECTED = 1e30  # in place of a cost that is not finite
 ABOVE = 1e200  # more than any cost
-
-Report = Callable[[Iteration, Float], None]
 
 
 class CostFunction(Protocol):
@@ -69,10 +66,6 @@ class GlobalSettings:
 
     max_evaluations: int = 0
     seed: int = 0
-
-    def budget(self, values: int) -> int:
-        """Return the evaluations of the cost for a number of values."""
-        return self.max_evaluations or 500 * (values + 4)
 
 
 def global_search(
@@ -98,24 +91,20 @@ def global_search(
 
 
 def polish(
-    objective: Objective,
-    found: SolverResult,
-    limits: LinearLimits,
-    settings: SolverSettings,
-    report: Report = lambda line, values: None,
+    objective: Objective, searched: SolverResult, limits: LinearLimits, settings: SolverSettings, report: Report
 ) -> SolverResult:
     """Descend from the end of a search; return the better of both ends."""
-    if found.status in ("stopped", "failed"):
-        return found
-    end = levenberg_marquardt(objective, found.values, limits, settings, report)
+    if searched.cut_short:
+        return searched
+    end = levenberg_marquardt(objective, searched.values, limits, settings, report)
     if end.status == "stopped":
         best = end
-    elif not end.cost < found.cost:
-        best = replace(found, message=f"{found.message} A final gradient-based descent did not lower the cost.")
+    elif not end.cost < searched.cost:
+        best = replace(searched, message=f"{searched.message} A final gradient-based descent did not lower the cost.")
     else:
-        remark = f"A final gradient-based descent lowered the cost by {1 - end.cost / found.cost:.2%}."
-        best = replace(found, values=end.values, cost=end.cost, message=f"{found.message} {remark}")
-    return best.with_effort_of([found, end])
+        remark = f"A final gradient-based descent lowered the cost by {1 - end.cost / searched.cost:.2%}."
+        best = replace(searched, values=end.values, cost=end.cost, message=f"{searched.message} {remark}")
+    return best.with_effort_of([searched, end])
 
 
 class _Search:
@@ -130,7 +119,7 @@ class _Search:
         self.lower = limits.lower[self.movable]
         self.span = limits.upper[self.movable] - self.lower
         self.random = np.random.default_rng(search.seed)
-        self.budget = search.budget(self.movable.size)
+        self.budget = search.max_evaluations or 500 * (self.movable.size + 4)
         self.cost = np.inf
         self.evaluations = self.generations = 0
         self.reported = time.monotonic()
@@ -169,23 +158,20 @@ class _Search:
             points = strategy.ask()
             strategy.tell(points, self._ranks(points, strategy.sigma))
             self.generations += 1
-            self._tell(strategy.sigma)
+            self._report_best(strategy.sigma)
         return bool(strategy.stop())
 
     def _ranks(self, points: Sequence[Float], spread: float) -> list[float]:
         """Return the logarithms of the costs, which make the tolerances of the strategy relative."""
         ranks = []
         for point in points:
-            cost = self._try(self._values(point))
+            values = self.start.copy()
+            values[self.movable] = self.lower + np.clip(point[: self.movable.size], 0.0, 1.0) * self.span
+            cost = self._try(values)
             ranks.append(float(np.log(max(cost, SMALLEST))) if np.isfinite(cost) else REJECTED)
             if time.monotonic() - self.reported > PAUSE:
-                self._tell(spread)
+                self._report_best(spread)
         return ranks
-
-    def _values(self, point: Float) -> Float:
-        values = self.start.copy()
-        values[self.movable] = self.lower + np.clip(point[: self.movable.size], 0.0, 1.0) * self.span
-        return values
 
     def _try(self, values: Float) -> float:
         """Evaluate the nearest values that keep the limits, and store them if they are the best."""
@@ -198,7 +184,7 @@ class _Search:
             self.cost, self.best = cost, kept
         return cost
 
-    def _tell(self, spread: float) -> None:
+    def _report_best(self, spread: float) -> None:
         self.reported = time.monotonic()
         if np.isfinite(self.cost):
             self.report(Iteration(self.generations, self.cost, spread, 0.0, 0), self.best)
@@ -221,7 +207,7 @@ def _strategy(origin: Float, population_factor: int, random: "np.random.Generato
         "tolfun": CONVERGED,
         "tolfunhist": CONVERGED / 10,
         "tolx": 1e-9,
-        "randn": partial(_normals, random),
+        "randn": lambda *shape: random.standard_normal(shape),
         "seed": np.nan,
         "signals_filename": "",
         "verb_log": 0,
@@ -231,50 +217,39 @@ def _strategy(origin: Float, population_factor: int, random: "np.random.Generato
     return CMAEvolutionStrategy(point, SPREAD, options)
 
 
-def _normals(random: "np.random.Generator", *shape: int) -> Float:
-    return random.standard_normal(shape)
-
-
 class FeasibilityFirstCost:
     """The cost of a problem with limits of outputs, for a search that compares costs."""
 
-    def __init__(
-        self, objective: LeastSquaresObjective, outputs: OutputLimits, parameters_of: Callable[[Float], ParameterSet]
-    ) -> None:
-        self._objective, self._outputs, self._parameters_of = objective, outputs, parameters_of
+    def __init__(self, objective: LeastSquaresObjective, outputs: OutputLimits) -> None:
+        self._objective, self._outputs = objective, outputs
 
     def cost(self, values: Float) -> float:
         """Return the cost if the limits are satisfied, else a number above any cost that grows with the violation."""
         cost = self._objective.cost(values)
         if not np.isfinite(cost):
             return cost
-        excess = self._outputs.excess(self._parameters_of(values))
+        excess = self._outputs.excess(values)
         return cost if self._outputs.largest(excess) <= FEASIBLE else ABOVE * sum(self._outputs.squares(excess))
 
     def search(self, start: Float, limits: LinearLimits, settings: GlobalSettings, report: Report) -> SolverResult:
         """Search for the lowest feasible cost, or else for the smallest violation."""
 
-        def told(line: Iteration, values: Float) -> None:
+        def report_cost(line: Iteration, values: Float) -> None:
             report(replace(line, cost=self._objective.cost(values)), values)
 
-        found = global_search(self, start, limits, settings, told)
-        return replace(found, cost=self._objective.cost(found.values)) if found.cost >= ABOVE else found
+        end = global_search(self, start, limits, settings, report_cost)
+        return replace(end, cost=self._objective.cost(end.values)) if end.cost >= ABOVE else end
 
     def polish(
-        self,
-        found: SolverResult,
-        limits: LinearLimits,
-        settings: SolverSettings,
-        report: Callable[[str, Iteration, Float], None],
+        self, searched: SolverResult, limits: LinearLimits, settings: SolverSettings, report: StageReport
     ) -> SolverResult:
         """Descend from the end of a search; return the better of both ends, within the output limits."""
-        if found.status in ("stopped", "failed") or not self._outputs.is_satisfied(self._parameters_of(found.values)):
-            return found
-        end = descend_within(
-            self._outputs, self._objective, found.values, limits, settings, self._parameters_of, report
-        )
-        lower = end.cost < found.cost and self._outputs.is_satisfied(self._parameters_of(end.values))
-        best = replace(found, values=end.values, cost=end.cost) if lower else found
+        if searched.cut_short or not self._outputs.is_satisfied(searched.values):
+            return searched
+        descent = AugmentedLagrangian(self._outputs, self._objective, limits, settings, report)
+        end = descent.descend(searched.values)
+        lower = end.cost < searched.cost and self._outputs.is_satisfied(end.values)
+        best = replace(searched, values=end.values, cost=end.cost) if lower else searched
         if end.status == "stopped":
             best = replace(best, status=end.status, message=end.message)
-        return best.with_effort_of([found, end])
+        return best.with_effort_of([searched, end])

@@ -5,7 +5,6 @@ depends on a free parameter is replaced by its convolution with a Gaussian, whos
 J. Fisher: A theoretical analysis of optimization by Gaussian continuation, 2015).
 """
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,11 +14,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.optimize.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-
-Report = Callable[[str, Iteration, Float], None]
 
 
 @dataclass(frozen=True)
@@ -37,15 +33,15 @@ LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(8)), 1e-5)
 class Continuation:
     """The smoothed form of a problem; `exact` is its compiled form without smoothing."""
 
-    def __init__(self, problem: Problem, exact: CompiledProblem) -> None:
+    def __init__(self, exact: CompiledProblem) -> None:
         self._exact = LeastSquaresObjective(exact)
-        self._smooth = CompiledProblem(problem, smooth_like=exact)
+        self._smooth = CompiledProblem(exact.problem, smooth_like=exact)
         self._objective = LeastSquaresObjective(self._smooth)
 
     @classmethod
-    def of(cls, problem: Problem, exact: CompiledProblem) -> "Continuation | None":
+    def of(cls, exact: CompiledProblem) -> "Continuation | None":
         """Return the smoothed form; None if no lookup can be smoothed."""
-        return cls(problem, exact) if smoothable(problem) else None
+        return cls(exact) if smoothable(exact.problem) else None
 
     def with_start(self, exact: CompiledProblem) -> "Continuation":
         """Return the smoothed form of `exact`, which differs in the start of the free parameters only."""
@@ -56,7 +52,12 @@ class Continuation:
         return other
 
     def descend(
-        self, schedule: SmoothingSchedule, start: Float, limits: LinearLimits, settings: SolverSettings, report: Report
+        self,
+        schedule: SmoothingSchedule,
+        start: Float,
+        limits: LinearLimits,
+        settings: SolverSettings,
+        report: StageReport,
     ) -> SolverResult:
         """Descend at each width, then on the exact model.
 
@@ -71,12 +72,10 @@ class Continuation:
             stage_report = partial(report, f"smooth {width:g}")
             stages.append(levenberg_marquardt(self._objective, values, limits, stage_settings, stage_report))
             values = stages[-1].values
-            if stages[-1].status in ("stopped", "failed"):
-                cost, values = min(((self._exact_cost(v), v) for v in (start, values)), key=lambda end: end[0])
-                return replace(stages[-1], values=values, cost=cost).with_effort_of(stages)
+            if stages[-1].cut_short:
+                costs = np.array([self._exact.cost(v) for v in (start, values)])
+                costs[~np.isfinite(costs)] = np.inf
+                best = start if costs[0] <= costs[1] else values
+                return replace(stages[-1], values=best, cost=float(costs.min())).with_effort_of(stages)
         last = levenberg_marquardt(self._exact, values, limits, settings, partial(report, "exact"))
         return last.with_effort_of([*stages, last])
-
-    def _exact_cost(self, values: Float) -> float:
-        cost = self._exact.cost(values)
-        return cost if np.isfinite(cost) else np.inf

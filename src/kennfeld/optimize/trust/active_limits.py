@@ -85,8 +85,7 @@ def _held(gram: Float, beyond: Float, axes: Float, units: Float) -> Float:
     ends = [excess - gram @ multipliers(gram, excess) for excess in beyond + noise]
     covariance = np.cov((np.array(ends) @ axes / units).T).reshape(units.size, units.size)
     variances, directions = np.linalg.eigh(covariance)
-    held: Float = directions[:, variances < MAX_HELD_VARIANCE]
-    return held
+    return directions[:, variances < MAX_HELD_VARIANCE]
 
 
 def _by_side(samples: Float, sides: Int, held: Float) -> tuple[Float, Int]:
@@ -110,8 +109,7 @@ def _by_side(samples: Float, sides: Int, held: Float) -> tuple[Float, Int]:
 def _span(rows: Float) -> Float:
     """Return an orthonormal basis of the row space, as columns."""
     _, sizes, right = np.linalg.svd(rows, full_matrices=False)
-    basis: Float = right[sizes > RANK_TOLERANCE**0.5 * sizes[:1]].T
-    return basis
+    return np.asarray(right[sizes > RANK_TOLERANCE**0.5 * sizes[:1]].T)
 
 
 def multipliers(gram: Float, beyond: Float) -> Float:
@@ -183,7 +181,7 @@ class ActiveLimit:
         return self.sentence
 
 
-def outputs_held(
+def describe_output_limits(
     pressed: ActiveOutputLimits,
     sides: Sequence[LimitSide],
     bounds: Sequence[BoundDataset],
@@ -207,16 +205,12 @@ def outputs_held(
         where = f"sample {touched.sample[first]} of {bounds[touched.data[first]].dataset.name}"
         where = f"at {count} samples, e.g. {where}" if count > 1 else f"at {where}"
         rows = pressed.rows[pressed.sides == number]
-        limit = str(sides[number])
-        if not len(rows):
-            sentence = f"The limit {limit} is reached {where}, but does not affect the result."
-            yield ActiveLimit(limit, sentence, count, 0)
-            continue
         names = _held_parameters(rows, columns, sizes)
         more = ", ..." if len(names) > MAX_NAMED else ""
         values = f"{combinations_of_values(len(rows))} of {', '.join(names[:MAX_NAMED])}{more}"
-        sentence = f"The limit {limit} is reached {where}. It, not the data, determines {values}."
-        yield ActiveLimit(limit, sentence, count, len(rows), names)
+        effect = f". It, not the data, determines {values}." if len(rows) else ", but does not affect the result."
+        limit = str(sides[number])
+        yield ActiveLimit(limit, f"The limit {limit} is reached {where}{effect}", count, len(rows), names)
 
 
 def combinations_of_values(count: int) -> str:
@@ -226,15 +220,15 @@ def combinations_of_values(count: int) -> str:
 
 def _held_parameters(rows: Float, columns: Mapping[str, Int], sizes: Float) -> tuple[str, ...]:
     """Return the parameters with a large part in the held directions, largest first."""
-    parts = np.where(sizes > 0, np.abs(rows).max(axis=0) / np.where(sizes > 0, sizes, 1.0), 0.0)
+    parts = np.where(sizes > 0, np.abs(rows).max(axis=0, initial=0.0) / np.where(sizes > 0, sizes, 1.0), 0.0)
     strength = {name: float(parts[at].max(initial=0.0)) for name, at in columns.items()}
     largest = max(strength.values(), default=0.0)
     # rounded, so that rounding errors decide no order
     ranked = sorted(strength, key=lambda name: -round(strength[name] / (largest or 1.0), 6))
-    return tuple(name for name in ranked if strength[name] >= MIN_STRENGTH * largest and largest > 0)
+    return tuple(name for name in ranked if strength[name] >= MIN_STRENGTH * largest > 0)
 
 
-def distances(
+def describe_distances(
     axes: Mapping[AxisKey, FreeAxis], values: ValueLayout, full: Float, names: Mapping[AxisKey, str]
 ) -> Iterator[ActiveLimit]:
     """Describe neighbouring breakpoints that are at their minimum distance."""

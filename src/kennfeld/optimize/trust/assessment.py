@@ -1,6 +1,6 @@
 """Assessment of the uncertainty at the end of a fit, computed when it is first used."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int, ignore_floating_errors
-from kennfeld.criteria import Criterion
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.optimize.strategies.output_limits import OutputLimits
-from kennfeld.optimize.trust.active_limits import ActiveLimit, distances, outputs_held
+from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
-from kennfeld.optimize.trust.noise import Group, groups
+from kennfeld.optimize.trust.noise import Group, groups, noise_of_criteria, persistence_of_criteria
 from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import table_changes, weak_directions
@@ -74,17 +73,14 @@ class TrustAssessment:
 
     def _trust(self) -> Trust:
         problem, compiled = self.problem, self.compiled
-        full = compiled.start.copy()
-        full[: self.values.size] = self.values
-        parameters = compiled.values.unpack(full, problem.parameters)
+        full, parameters = self._unpack(self.values)
         outputs = self.outputs()
-        touched = None if outputs is None else outputs.touched(self.values, parameters)
+        touched = None if outputs is None else outputs.near_active(self.values)
         limits = linear_limits(problem, compiled.values)
         local = estimate(compiled, limits, self.values, self._residual_groups, touched)
         if local is None:
             return Trust(informed=self.informed)
-        training, samples = local.groups, count_touching_samples(compiled, full)
-        deviation = local.deviation(error=True)
+        samples, deviation = count_touching_samples(compiled, full), local.deviation(error=True)
         split = _Split(problem, compiled)
         moved = self.values != compiled.start[: self.values.size]
         informed = {name: self.informed.get(name, also) for name, also in split(local.informed | moved).items()}
@@ -94,30 +90,39 @@ class TrustAssessment:
         axes = {name: axis.places[0] for name, axis in split.axes.items()}
         words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes)
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
+        holdings = [
+            *describe_distances(problem.free_axes, compiled.values, full, {a.key: n for n, a in split.axes.items()})
+        ]
+        if outputs is not None and local.pressed is not None:
+            sizes = np.sqrt(local.own)
+            holdings[:0] = describe_output_limits(local.pressed, outputs.sides, problem.training, split.columns, sizes)
         return Trust(
-            noise=_by_criterion(problem.criteria, _noises(problem.criteria, training, local.variances)),
-            persistence=_by_criterion(problem.criteria, _persistences(problem.criteria, training)),
+            noise=noise_of_criteria(problem.criteria, local.groups, local.variances),
+            persistence=persistence_of_criteria(problem.criteria, local.groups),
             freedom=local.freedom,
             informed=informed,
             samples=split(samples),
             deviation=split(deviation),
             scatter=split(local.deviation(error=False)),
-            by_smoothness=split(~local.met & known & np.isfinite(deviation) & (deviation > 0)),
+            by_smoothness=split(~(local.own > 0) & known & np.isfinite(deviation) & (deviation > 0)),
             directions=self._directions(local, split, informed, moved & ~local.informed, parameters, words),
             null_space=null_space(local, split.columns, parameters, moving, words),
-            holdings=(*self._active_output_limits(local, outputs, split), *self._distances(split, full)),
+            holdings=tuple(holdings),
             remark=self._remark(local),
             estimate=local,
             columns={name: int(columns[0]) for name, columns in split.columns.items()},
         )
 
-    def _residual_groups(self, values: Float) -> list[Group]:
-        problem, compiled = self.problem, self.compiled
-        full = compiled.start.copy()
+    def _unpack(self, values: Float) -> tuple[Float, ParameterSet]:
+        """Return the free values followed by the fixed ones, and the parameters with them."""
+        full = self.compiled.start.copy()
         full[: values.size] = values
-        parameters = compiled.values.unpack(full, problem.parameters)
+        return full, self.compiled.values.unpack(full, self.problem.parameters)
+
+    def _residual_groups(self, values: Float) -> list[Group]:
+        problem, (_, parameters) = self.problem, self._unpack(values)
         errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
-        return groups(problem.criteria, problem.training, errors, compiled.weighting)
+        return groups(problem.criteria, problem.training, errors, self.compiled.weighting)
 
     def _directions(
         self,
@@ -129,33 +134,23 @@ class TrustAssessment:
         words: Describer,
     ) -> tuple[Direction, ...]:
         """Describe undetermined values and those only `searched`, table by table; then the weak directions."""
-        held = split(local.reduction.held)
-        undetermined = {name: ~seen & ~held[name] for name, seen in informed.items()}
-        idle = [words.uninformed(name, where) for name, where in undetermined.items() if where.any()]
-        flat = {name: where & ~held[name] for name, where in split(searched).items() if name not in split.axes}
-        idle += [words.searched(name, where) for name, where in flat.items() if where.any()]
-        tables = {name: where for name, where in held.items() if name not in split.axes}
+        fixed = split(local.reduction.fixed)
+        tables = {name: where for name, where in fixed.items() if name not in split.axes}
+        idle = {name: ~known & ~fixed[name] for name, known in informed.items()}
+        flat = {name: split(searched)[name] & ~where for name, where in tables.items()}
+        directions = [words.uninformed(name, where) for name, where in idle.items() if where.any()]
+        directions += [words.searched(name, where) for name, where in flat.items() if where.any()]
+        if not local.seen.any():
+            return tuple(directions)
         candidates = table_changes(self.problem.model.graph, parameters, tables)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
-        weak = weak_directions(local, candidates, changes, MAX_DIRECTIONS) if local.seen.any() else []
-        described = [
-            words.named(w, split(w.change)) if w.amounts else words.by_points(w, split(w.change), split(w.weight))
-            for w in weak
-        ]
-        return (*idle, *described)
-
-    def _active_output_limits(
-        self, local: Estimate, outputs: OutputLimits | None, split: "_Split"
-    ) -> Iterator[ActiveLimit]:
-        if outputs is not None and local.pressed is not None:
-            bounds = self.problem.training
-            yield from outputs_held(local.pressed, outputs.sides, bounds, split.columns, np.sqrt(local.own))
-
-    def _distances(self, split: "_Split", full: Float) -> Iterator[ActiveLimit]:
-        names = {axis.key: name for name, axis in split.axes.items()}
-        return distances(self.problem.free_axes, self.compiled.values, full, names)
+        for weak in weak_directions(local, candidates, changes, MAX_DIRECTIONS):
+            parts = split(weak.change)
+            simple = bool(weak.amounts)
+            directions.append(words.named(weak, parts) if simple else words.by_points(weak, parts, split(weak.weight)))
+        return tuple(directions)
 
     def _remark(self, local: Estimate) -> str:
         if self.status == "converged":
@@ -176,8 +171,8 @@ def count_touching_samples(compiled: CompiledProblem, full: Float) -> Int:
     """
     bounds = compiled.problem.gathered
     averaged = any(bound.hold is not None and bound.hold.window > 1 for bound in bounds)
-    parts = averaged and compiled.accumulator.stateful
-    return compiled.accumulator.touched(full, _owners(compiled, bounds) if parts else None)
+    parts = averaged and compiled.sums.stateful
+    return compiled.sums.touched(full, _owners(compiled, bounds) if parts else None)
 
 
 def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
@@ -218,30 +213,3 @@ class _Split:
 
     def __call__(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
         return {name: array[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
-
-
-def _noises(criteria: Sequence[Criterion], training: Sequence[Group], variances: Sequence[float]) -> list[float]:
-    """Return the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
-    noises = []
-    for i, criterion in enumerate(criteria):
-        own = [(g, v / g.slope**2 / g.typical) for g, v in zip(training, variances, strict=True) if g.criterion == i]
-        total = sum(group.count for group, _ in own)
-        mean = sum(group.count * variance for group, variance in own) / total if total else float("nan")
-        noises.append(criterion.scale * float(np.sqrt(mean)))
-    return noises
-
-
-def _persistences(criteria: Sequence[Criterion], training: Sequence[Group]) -> list[float]:
-    persistences = []
-    for i in range(len(criteria)):
-        own = [group for group in training if group.criterion == i]
-        total = sum(group.count for group in own)
-        persistences.append(sum(group.count * group.persistence for group in own) / total if total else 1.0)
-    return persistences
-
-
-def _by_criterion(criteria: Sequence[Criterion], numbers: Sequence[float]) -> dict[str, float]:
-    """Key numbers by the node of the criterion, with its target if several criteria have the same node."""
-    nodes = [criterion.node for criterion in criteria]
-    names = [c.node if nodes.count(c.node) == 1 else f"{c.node} against {c.target}" for c in criteria]
-    return dict(zip(names, numbers, strict=True))

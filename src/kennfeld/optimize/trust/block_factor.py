@@ -39,9 +39,14 @@ class Layout:
     @classmethod
     def of(cls, pattern: Sparse) -> "Layout":
         """Return the blocks that a symmetric matrix with these non-zeros fills when it is factored."""
+        from scipy.sparse.csgraph import reverse_cuthill_mckee
+
         entries = pattern.tocoo()
-        found = [cls._ordered(order, entries.row, entries.col) for order in _orders(pattern)]
-        return min(found, key=lambda layout: layout.work)
+        layouts = []
+        for rest, last in split_busy(np.diff(pattern.indptr)):
+            inner = reverse_cuthill_mckee(part(pattern, rest), symmetric_mode=True)
+            layouts.append(cls._ordered(np.concatenate([rest[inner], last]), entries.row, entries.col))
+        return min(layouts, key=lambda layout: layout.work)
 
     @classmethod
     def _ordered(cls, order: Int, rows: Int, columns: Int) -> "Layout":
@@ -70,26 +75,19 @@ class Layout:
 
     def number(self, row: Int | int, column: Int | int) -> Int:
         """Return where a block is stored."""
-        found: Int = self.start[row] + column - self.first[row]
-        return found
+        return self.start[row] + column - self.first[row]
 
     @cached_property
     def below(self) -> list[Int]:
         """Block rows below the diagonal that reach each block column."""
-        reaching: list[list[int]] = [[] for _ in range(self.count)]
-        for row, column in enumerate(self.first.tolist()):
-            for each in range(column, row):
-                reaching[each].append(row)
-        return [np.array(rows, dtype=np.int64) for rows in reaching]
+        rows = np.arange(self.count)
+        return [np.flatnonzero((self.first <= column) & (rows > column)) for column in range(self.count)]
 
     @cached_property
     def squares(self) -> list[tuple[Int, Int, Int]]:
         """For each block column the positions of the blocks among the rows below it, and their pairs of rows."""
-        found = []
-        for rows in self.below:
-            high, low = np.tril_indices(rows.size)
-            found.append((self.number(rows[high], rows[low]), high, low))
-        return found
+        pairs = [(rows, *np.tril_indices(rows.size)) for rows in self.below]
+        return [(self.number(rows[high], rows[low]), high, low) for rows, high, low in pairs]
 
     def entries(self, matrix: Sparse) -> tuple[Int, Float]:
         """Return where the lower triangle of a matrix lies in the blocks, counted by entries, and its values."""
@@ -130,22 +128,12 @@ class Layout:
     def tall(self, blocks: Float, column: int) -> Float:
         """Return the blocks of a block column below the diagonal, stacked; shape (rows * BLOCK, BLOCK)."""
         rows = self.below[column]
-        found: Float = blocks[self.number(rows, column)].reshape(rows.size * BLOCK, BLOCK)
-        return found
+        return blocks[self.number(rows, column)].reshape(rows.size * BLOCK, BLOCK)
 
     def put(self, blocks: Float, column: int, tall: Float) -> None:
         """Replace the blocks of a block column below the diagonal, in place."""
         rows = self.below[column]
         blocks[self.number(rows, column)] = tall.reshape(rows.size, BLOCK, BLOCK)
-
-
-def _orders(pattern: Sparse) -> Iterator[Int]:
-    """Return candidate orders, as for an `Envelope`: with and without moving strongly coupled values to the end."""
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-    for rest, last in split_busy(np.diff(pattern.indptr)):
-        inner = reverse_cuthill_mckee(part(pattern, rest), symmetric_mode=True)
-        yield np.concatenate([rest[inner], last]).astype(np.int64)
 
 
 class BlockFactor:
@@ -163,6 +151,7 @@ class BlockFactor:
         self._roots = np.empty((layout.count, BLOCK, BLOCK))
         self._signs = np.empty((layout.count, BLOCK))
         for column in range(layout.count):
+            # S = R^-T diag(signs) R^-1, P = S_KJ R for the rows K below, S_KL -= P_K diag(signs) P_L'
             values, vectors = np.linalg.eigh(self._left[layout.number(column, column)])
             self._signs[column] = np.where(values > 0, 1.0, -1.0)
             self._roots[column] = vectors / np.sqrt(np.maximum(np.abs(values), TINY))
@@ -196,23 +185,22 @@ class BlockFactor:
         for column, left, root, signs in reversed(columns):
             below = work[layout.below[column]].reshape(len(left), count)
             work[column] = root @ (work[column] - signs[:, None] * (left.T @ below))
-        found: Float = whole[layout.place]
-        return found
+        return whole[layout.place]
 
     @cached_property
     @blas_threads(BLOCK)
     def inverse(self) -> Float:
         """The blocks of H^-1 at the positions of those of the factor."""
         layout = self.layout
-        found = np.zeros_like(self._left)
+        inverse = np.zeros_like(self._left)
         for column, left, root, signs in reversed(list(self._columns())):
             inner = np.diag(signs)
             if len(left):
-                reach = layout.square(found, column) @ (left * signs)
-                layout.put(found, column, -reach @ root.T)
+                reach = layout.square(inverse, column) @ (left * signs)
+                layout.put(inverse, column, -reach @ root.T)
                 inner = inner + (left * signs).T @ reach
-            found[layout.number(column, column)] = root @ inner @ root.T
-        return found
+            inverse[layout.number(column, column)] = root @ inner @ root.T
+        return inverse
 
     @property
     def diagonal(self) -> Float:
@@ -222,8 +210,7 @@ class BlockFactor:
     def _diagonal(self, blocks: Float) -> Float:
         rows = np.arange(self.layout.count)
         whole = np.einsum("kii->ki", blocks[self.layout.number(rows, rows)]).ravel()
-        found: Float = whole[self.layout.place]
-        return found
+        return np.asarray(whole[self.layout.place])
 
     def trace(self, matrix: Sparse) -> float:
         """Return the trace of H^-1 M, for a symmetric M inside the pattern."""
@@ -245,7 +232,7 @@ class BlockFactor:
             if len(left):
                 product = gain @ half.T
                 layout.subtract(slopes, column, product + product.T)
-        found = np.zeros_like(slopes)  # of the inverse
+        moved = np.zeros_like(slopes)  # change of the inverse
         for column, left, root, signs in reversed(list(self._columns())):
             where = layout.number(column, column)
             turned = (root * signs).T
@@ -253,8 +240,8 @@ class BlockFactor:
             if len(left):
                 gain, move = (left * signs) @ root.T, moves[column]
                 beside = layout.tall(self.inverse, column)
-                tall = -layout.square(found, column) @ gain - layout.square(self.inverse, column) @ move
-                layout.put(found, column, tall)
+                tall = -layout.square(moved, column) @ gain - layout.square(self.inverse, column) @ move
+                layout.put(moved, column, tall)
                 own = own - move.T @ beside - gain.T @ tall
-            found[where] = 0.5 * (own + own.T)
-        return -self._diagonal(found)
+            moved[where] = 0.5 * (own + own.T)
+        return -self._diagonal(moved)

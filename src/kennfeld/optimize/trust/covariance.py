@@ -23,24 +23,24 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native.accumulator import Accumulator
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import NearActiveSamples
+from kennfeld.optimize.sums import Sums
 from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits
 from kennfeld.optimize.trust.information_matrix import (
     ConstraintElimination,
     Spectrum,
     active_rows,
-    held,
+    mark_fixed,
     nullity,
     pivots,
     root,
 )
-from kennfeld.optimize.trust.matrices import Matrix, compressed, part, scaled, whole
-from kennfeld.optimize.trust.noise import Group, rescored, variances
+from kennfeld.optimize.trust.matrices import Matrix, part, rescale, should_be_sparse, whole
+from kennfeld.optimize.trust.noise import Group, rescore, variances
 
 PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
 # of the descent to the values that fit the data without output limits
@@ -70,33 +70,11 @@ class Estimate:
     informed: Bool  # Bool[values]: those of all values that data or smoothness inform
     pressed: ActiveOutputLimits | None = None  # where limits of outputs are met
 
-    @cached_property
-    def error(self) -> Float:
-        """Covariance of the errors of the values, H^-1 (M + phi S) H^-1."""
-        inverse = self.spectrum.inverse.array
-        if self.noise is None:
-            return self.dispersion * inverse
-        covariance: Float = inverse @ self._claimed @ inverse
-        return covariance
-
-    @cached_property
-    def scatter(self) -> Float:
-        """Covariance of the values over repeated measurements, H^-1 M H^-1."""
-        inverse = self.spectrum.inverse.array
-        covariance: Float = inverse @ self._noisy @ inverse
-        return covariance
-
-    @property
-    def met(self) -> Bool:
-        """True for values that influence the data."""
-        met: Bool = self.own > 0
-        return met
-
     @property
     def distance(self) -> float:
         """Largest step of a value to the minimum of the linearised cost, in standard deviations of that value."""
         step = np.abs(self.spectrum.inverse.times(self.gradient))
-        sure = np.sqrt(np.maximum(self._own_variances(error=True), 0.0))
+        sure = np.sqrt(np.maximum(self._error_variances, 0.0))
         known = np.isfinite(sure) & (sure > 0) & ~self.spectrum.loose
         return float(np.max(step[known] / sure[known], initial=0.0))
 
@@ -123,8 +101,7 @@ class Estimate:
 
     def narrow(self, changes: Float) -> Float:
         """Return the part of changes of all values that the matrices are over."""
-        part_seen: Float = changes[..., self.reduction.independent[self.seen]]
-        return part_seen
+        return changes[..., self.reduction.independent[self.seen]]
 
     @cached_property
     def undetermined(self) -> Bool:
@@ -161,45 +138,39 @@ class Estimate:
 
     def deviation(self, *, error: bool) -> Float:
         """Return the standard deviations of the error or of the scatter of all values; inf for undetermined ones."""
-        follow = self.reduction.follow[:, self.seen]
+        inverse, follow = self.spectrum.inverse, self.reduction.follow[:, self.seen]
+        rows = inverse.times(follow)
         variances = np.zeros(self.reduction.size)
-        variances[self.reduction.independent[self.seen]] = self._own_variances(error=error)
-        variances[self.reduction.dependent] = self._variances(follow, error=error)
+        if error and self.noise is None:
+            dependent = self.dispersion * (rows * follow).sum(axis=1)
+        else:
+            dependent = (rows @ (self._claimed if error else self._noisy) * rows).sum(axis=1)
+        own = self._error_variances if error else inverse.sandwich(self._noisy)
+        variances[self.reduction.independent[self.seen]] = own
+        variances[self.reduction.dependent] = dependent
         variances[self.undetermined] = np.inf
-        deviation: Float = np.sqrt(np.maximum(variances, 0.0))
-        return deviation
-
-    def _own_variances(self, *, error: bool) -> Float:
-        """Return the variances of the values that the matrices are over."""
-        return self._error_variances if error else self.spectrum.inverse.sandwich(self._noisy)
+        return np.sqrt(np.maximum(variances, 0.0))
 
     @cached_property
     def _error_variances(self) -> Float:
         inverse = self.spectrum.inverse
         return self.dispersion * inverse.diagonal if self.noise is None else inverse.sandwich(self._claimed)
 
-    def _variances(self, functions: Float, *, error: bool) -> Float:
-        """Return the variances of linear functions of the values, given as rows."""
-        rows = self.spectrum.inverse.times(functions)
-        if error and self.noise is None:
-            return np.asarray(self.dispersion * (rows * functions).sum(axis=1), dtype=np.float64)
-        matrix = self._claimed if error else self._noisy
-        return np.asarray((rows @ matrix * rows).sum(axis=1), dtype=np.float64)
-
     def covariance(self, *, scatter: bool) -> Float:
         """Return the covariance matrix of the scatter or of the error of all values, shape (values, values)."""
-        size = self.seen.size
-        independent = np.zeros((size, size))
-        independent[np.ix_(self.seen, self.seen)] = self.scatter if scatter else self.error
-        covariance: Float = self.reduction.expand(self.reduction.expand(independent).T)
-        return covariance
+        inverse = self.spectrum.inverse.array
+        if scatter or self.noise is not None:
+            known = inverse @ (self._noisy if scatter else self._claimed) @ inverse
+        else:
+            known = self.dispersion * inverse
+        return self.expand(self.expand(known).T)
 
     def covariance_of(self, functions: Float) -> Float:
         """Return the covariance of the errors of linear functions, given as rows over the values of the matrices."""
         rows = self.spectrum.inverse.times(functions)
         if self.noise is None:
-            return np.asarray(self.dispersion * (rows @ functions.T), dtype=np.float64)
-        return np.asarray(rows @ self._claimed @ rows.T, dtype=np.float64)
+            return np.asarray(self.dispersion * (rows @ functions.T))
+        return np.asarray(rows @ self._claimed @ rows.T)
 
     def leverage(self) -> Float:
         """Return the share of each value in the degrees of freedom: 1 if the data alone determine it, 0 if they do not.
@@ -209,8 +180,8 @@ class Estimate:
         """
         own = np.sqrt(self.data.diagonal())
         met = np.flatnonzero(own > 0)
-        half = root(whole(scaled(part(self.data, met), 1 / own[met])))
-        parts = np.einsum("ij,ij->i", half @ scaled(part(self.spectrum.inverse.array, met), own[met]), half)
+        half = root(whole(rescale(part(self.data, met), 1 / own[met])))
+        parts = np.einsum("ij,ij->i", half @ rescale(part(self.spectrum.inverse.array, met), own[met]), half)
         leverage = np.zeros(self.reduction.size)
         leverage[self.reduction.independent[self.seen][met]] = np.clip(parts, 0.0, 1.0)
         return leverage
@@ -243,8 +214,8 @@ def estimate(
     outputs = np.zeros((0, values.size)) if touched is None else touched.rows
     if not np.isfinite(outputs).all():
         return None
-    still = held(limits, values, measured.gradient, np.vstack([rows, outputs]))
-    local = _estimate(measured, ConstraintElimination.of(still, rows), groups)
+    fixed = mark_fixed(limits, values, measured.gradient, np.vstack([rows, outputs]))
+    local = _estimate(measured, ConstraintElimination.of(fixed, rows), groups)
     if touched is None or not local.seen.any():
         return local
     without_limits = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, DATA_ONLY).values
@@ -253,7 +224,7 @@ def estimate(
     pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
     if not pressed.rows.size:
         return replace(_estimate(measured, local.reduction, groups), pressed=pressed)
-    tied = ConstraintElimination.of(still, np.vstack([rows, pressed.rows]))
+    tied = ConstraintElimination.of(fixed, np.vstack([rows, pressed.rows]))
     return replace(_estimate(measured, tied, local.groups, local.variances), pressed=pressed)
 
 
@@ -307,39 +278,35 @@ class _Measured:
 
     def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
-        self._full = self.whole(values)
+        self._full = compiled.start.copy()
+        self._full[: values.size] = values
         objective = LeastSquaresObjective(compiled)
-        self.gradient = objective.normal(values)[0].copy()
         self._faint = objective.faint(values)
-        smoothness = np.zeros((values.size, values.size))
-        compiled.roughness.add(values, np.zeros(values.size), smoothness)
         self.rows: Float | None = None
-        self._sparse = False
-        accumulator = self._slope_weighted()
+        sums = self._slope_weighted()
+        smoothness = np.zeros((values.size, values.size))
         if objective.uses_qr:
-            _, jacobian = accumulator.rows(self._full)
+            residual, jacobian = sums.rows(self._full)
             jacobian[:, self._faint] = 0.0
-            data = jacobian.T @ jacobian
+            data, gradient = jacobian.T @ jacobian, jacobian.T @ residual
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
         else:
-            data = self._matrix(accumulator)
-            self._sparse = compressed(data, smoothness)
-        self.data, self.smoothness = self._kept(data), self._kept(smoothness)
+            data, gradient = self._normal(sums)
+        compiled.roughness.add(values, gradient, smoothness)
+        self._sparse = not objective.uses_qr and should_be_sparse(data, smoothness)
+        self.data, self.smoothness = self._copy(data), self._copy(smoothness)
+        # the weights of the slopes are those of the fit only without a robust loss
+        robust = any(group.slope != group.weight for group in groups)
+        self.gradient = objective.normal(values)[0].copy() if robust else gradient
 
-    def whole(self, values: Float) -> Float:
-        """Return the free values followed by the fixed ones."""
-        full = self._compiled.start.copy()
-        full[: values.size] = values
-        return full
-
-    def _slope_weighted(self) -> Accumulator:
+    def _slope_weighted(self) -> Sums:
         if all(group.slope == group.weight for group in self._groups):
-            return self._compiled.accumulator
+            return self._compiled.sums
         return self._rescored(self._groups)
 
-    def _rescored(self, groups: Sequence[Group]) -> Accumulator:
+    def _rescored(self, groups: Sequence[Group]) -> Sums:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
-        return Accumulator(self._compiled.kernel, rescored(self._compiled, factors))
+        return self._compiled.sums_over(rescore(self._compiled, factors))
 
     @property
     def finite(self) -> bool:
@@ -347,14 +314,14 @@ class _Measured:
         entries = self.data.data if self._sparse else self.data
         return bool(np.isfinite(entries).all() and np.isfinite(self.gradient).all())
 
-    def _matrix(self, accumulator: Accumulator) -> Float:
-        """Return the curvature of some data, valid until the next call."""
-        matrix = accumulator.normal(self._full).matrix
-        matrix[self._faint, :] = 0.0
-        matrix[:, self._faint] = 0.0
-        return matrix
+    def _normal(self, sums: Sums) -> tuple[Float, Float]:
+        """Return the curvature of some data, valid until the next call, and half the gradient."""
+        normal = sums.normal(self._full)
+        normal.matrix[self._faint, :] = 0.0
+        normal.matrix[:, self._faint] = 0.0
+        return normal.matrix, np.where(self._faint, 0.0, normal.gradient)
 
-    def _kept(self, matrix: Float) -> Matrix:
+    def _copy(self, matrix: Float) -> Matrix:
         """Return a copy of a matrix, sparse if all of them are."""
         if not self._sparse:
             return matrix.copy()
@@ -365,4 +332,4 @@ class _Measured:
     @cached_property
     def parts(self) -> list[Matrix]:
         """The curvature of the data of each group."""
-        return [self._kept(self._matrix(self._rescored([group]))) for group in self._groups]
+        return [self._copy(self._normal(self._rescored([group]))[0]) for group in self._groups]

@@ -10,7 +10,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
 from kennfeld.optimize.trust.weak_directions import TableChange, WeakDirection
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
+from kennfeld.parameters import AXIS_LETTERS, Parameter
 from kennfeld.rbf import RBF
 
 PERCENT = 0.01
@@ -64,25 +64,22 @@ class Describer:
         parameters: ParameterSet,
         start: ParameterSet,
         samples: Mapping[str, Int],
-        free_axes: Mapping[str, tuple[str, int]] | None = None,
+        free_axes: Mapping[str, tuple[str, int]],
     ) -> None:
         self._parameters, self._start, self._samples = parameters, start, samples
-        axes = {} if free_axes is None else free_axes
-        self._free_axes = {name: parameters[table].axes[which] for name, (table, which) in axes.items()}
-        self._axes = {name: _axes(graph, parameters[name]) for name in samples if name not in axes}
+        self._free_axes = {name: parameters[table].axes[number] for name, (table, number) in free_axes.items()}
+        self._axes = {name: _axes(graph, parameters[name]) for name in samples if name not in free_axes}
 
     def uninformed(self, name: str, where: Bool) -> Direction:
         """Describe values of one table that neither data nor smoothness determine."""
-        count = int(np.count_nonzero(where))
         if name in self._free_axes:
             return self._describe_idle_breakpoints(name, where)
-        values = self._some_values(name, where)
-        kept = "its start value" if count == 1 else "their start values"
-        remedies = ["Record samples there", "lock it" if count == 1 else "lock them"]
-        if self._samples[name].any() and max(where.shape, default=0) > 2:
-            remedies.insert(1, f"set a smoothness for {name}")
-        sentence = f"Not determined by data or smoothness, kept at {kept}: {values}."
-        return _undetermined(sentence, f"{listed(remedies, 'or')}.", name, where)
+        single = np.count_nonzero(where) == 1
+        start, lock = ("its start value", "lock it") if single else ("their start values", "lock them")
+        smooth = self._samples[name].any() and max(where.shape, default=0) > 2
+        remedies = ["Record samples there", *([f"set a smoothness for {name}"] if smooth else []), lock]
+        sentence = f"Not determined by data or smoothness, kept at {start}: {self._some_values(name, where)}."
+        return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where)
 
     def searched(self, name: str, where: Bool) -> Direction:
         """Describe values that a global search moved, although small changes of them have no effect."""
@@ -108,7 +105,7 @@ class Describer:
             return name if count == 1 else f"all {count} values of {name}"
         if count > MAX_LISTED:
             return f"{count} of the {where.size} values of {name}"
-        return f"{name} at {listed([self.place(name, at) for at in np.argwhere(where).tolist()])}"
+        return f"{name} at {join_items([self.place(name, at) for at in np.argwhere(where).tolist()])}"
 
     def _describe_idle_breakpoints(self, name: str, where: Bool) -> Direction:
         numbers = np.flatnonzero(where).tolist()
@@ -116,7 +113,7 @@ class Describer:
         breakpoints += ["..."] if len(numbers) > MAX_NAMED else []
         stays = "It stays where it is" if len(numbers) == 1 else "They stay where they are"
         sentence = (
-            f"The position of {listed(breakpoints)} of {name} is not determined: "
+            f"The position of {join_items(breakpoints)} of {name} is not determined: "
             f"the tables are flat there or have no data. {stays}."
         )
         return _undetermined(sentence, "Use fewer breakpoints on this axis, or fix them.", name, where)
@@ -124,33 +121,31 @@ class Describer:
     def named(self, weak: WeakDirection, parts: Mapping[str, Float]) -> Direction:
         """Describe a direction that consists of table changes; `parts` are its changes of each parameter."""
         ordered = sorted(weak.amounts, key=lambda pair: ORDER.index(pair[0].kind))
-        unit = self._round_amount(ordered[0][0]) / ordered[0][1]
+        first, first_amount = ordered[0]
+        unit = self._round_amount(first) / first_amount
         amounts = [(shape, amount * unit) for shape, amount in ordered]
-        deviation = weak.deviation / abs(unit)
-        message = _clauses([self._verb(shape, amount) for shape, amount in amounts])
-        effect = _effect(weak, self._size(amounts, deviation))
+        size = abs(amounts[0][1]) * weak.deviation / abs(unit)  # as an amount of the first table change
+        text = f"{100 * size:.2g} %" if first.kind in RELATIVE else f"{size:.2g}{self._unit_of(first)}"
+        clauses = _clauses([self._verb(shape, amount) for shape, amount in amounts])
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        return Direction(
-            f"{message} {effect}.", self._pin(amounts, changed), changed, weak.exact, weak.ratio, deviation
-        )
+        return _direction(weak, unit, f"{clauses} {_effect(weak, text)}.", self._pin(amounts, changed), changed)
 
     def by_points(self, weak: WeakDirection, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """Describe a direction by its strongest grid points; `weights` are the effect of each value on the data."""
         strongest = max(float(weight.max()) for weight in weights.values())
-        shares = {name: _rounded(weight / strongest) for name, weight in weights.items()}
+        # rounded, so that rounding errors decide no order
+        shares = {name: np.round(weight / strongest, 6) for name, weight in weights.items()}
         strength = {name: float(share.max()) for name, share in shares.items()}
         ranked = sorted(strength, key=lambda name: (-strength[name], name not in self._free_axes))
         names = [name for name in ranked if strength[name] >= MIN_TABLE_SHARE]
         first = int(shares[names[0]].argmax())
         unit = PERCENT * self._typical_size(names[0]) / float(parts[names[0]].ravel()[first])
         verbs = [v for name in names for v in self._points(name, parts[name] * unit, shares[name])]
-        deviation = weak.deviation / abs(unit)
         reference = "mean distance of breakpoints" if names[0] in self._free_axes else "largest value"
-        size = f"{100 * PERCENT * deviation:.2g} % of the {reference} of {names[0]}"
+        size = f"{100 * PERCENT * weak.deviation / abs(unit):.2g} % of the {reference} of {names[0]}"
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        together = " together" if len(verbs) > 1 else ""
-        sentence = f"{_clauses(verbs)}{together} {_effect(weak, size)}."
-        return Direction(sentence, self._separation_remedy(names), changed, weak.exact, weak.ratio, deviation)
+        sentence = f"{_clauses(verbs)}{' together' if len(verbs) > 1 else ''} {_effect(weak, size)}."
+        return _direction(weak, unit, sentence, self._separation_remedy(names), changed)
 
     def _typical_size(self, name: str) -> float:
         if name in self._free_axes:
@@ -167,7 +162,6 @@ class Describer:
         return _round(PERCENT * self._typical_size(shape.table))
 
     def _verb(self, shape: TableChange, amount: float) -> tuple[str, str]:
-        table = self._parameters[shape.table]
         more = "raising" if amount > 0 else "lowering"
         match shape.kind:
             case "scale":
@@ -177,19 +171,16 @@ class Describer:
             case "follow":
                 return more, f"{shape.table} by {abs(amount):.2g} times {shape.other}"
             case "shift":
-                unit = _unit(table.index_axes[shape.axis].unit)
-                return "shifting", f"{shape.table} along {self._axes[shape.table][shape.axis]} by {amount:.2g}{unit}"
+                axis = self._axes[shape.table][shape.axis]
+                return "shifting", f"{shape.table} along {axis} by {amount:.2g}{self._unit_of(shape)}"
             case "offset":
-                return more, f"{shape.table} by {abs(amount):.2g}{_unit(table.unit)}"
+                return more, f"{shape.table} by {abs(amount):.2g}{self._unit_of(shape)}"
 
-    def _size(self, amounts: Amounts, deviation: float) -> str:
-        """Return the standard deviation along the direction, as an amount of its first table change."""
-        shape, amount = amounts[0]
-        size = abs(amount) * deviation
-        if shape.kind in RELATIVE:
-            return f"{100 * size:.2g} %"
+    def _unit_of(self, shape: TableChange) -> str:
+        """Return the unit of the amount of an offset or a shift, after a blank; empty without unit."""
         table = self._parameters[shape.table]
-        return f"{size:.2g}{_unit(table.index_axes[shape.axis].unit if shape.kind == 'shift' else table.unit)}"
+        unit = table.index_axes[shape.axis].unit if shape.kind == "shift" else table.unit
+        return f" {unit}" if unit not in ("", "-") else ""
 
     def _points(self, name: str, part: Float, weight: Float) -> list[tuple[str, str]]:
         """Return verb and object for the strongest grid points of a table: those raised, those lowered."""
@@ -207,7 +198,7 @@ class Describer:
                 self.place(name, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign
             ]
             if places:
-                at = f" at {listed([p for p in places if p])}" if any(places) else ""
+                at = f" at {join_items([p for p in places if p])}" if any(places) else ""
                 clauses.append((verb, f"{name}{' around' if some else at}{at.removeprefix(' at') if some else ''}"))
         return clauses
 
@@ -245,9 +236,9 @@ class Describer:
             return "Use fewer breakpoints on this axis, or fix them."
         parameters = [name for name in names if name not in self._free_axes]
         if all(self._parameters[name].kind == "rbf" for name in parameters):
-            return f"Record more samples, or use fewer centres for {listed(parameters)}."
+            return f"Record more samples, or use fewer centres for {join_items(parameters)}."
         tables = [name for name in parameters if max(self._parameters[name].values.shape, default=0) > 2]
-        last = f"increase the smoothness of {listed(tables, 'or')}" if tables else "lock one of them"
+        last = f"increase the smoothness of {join_items(tables, 'or')}" if tables else "lock one of them"
         remedies = ["Record samples that distinguish them", *(f"use fewer breakpoints for {name}" for name in axes)]
         return f"{', '.join(remedies)}, or {last}."
 
@@ -256,22 +247,18 @@ def _undetermined(sentence: str, remedy: str, name: str, where: Bool) -> Directi
     return Direction(sentence, remedy, {name: where.astype(np.float64)}, True, 0.0, float("inf"))
 
 
+def _direction(weak: WeakDirection, unit: float, sentence: str, remedy: str, changed: Mapping[str, Float]) -> Direction:
+    return Direction(sentence, remedy, changed, weak.exact, weak.ratio, weak.deviation / abs(unit))
+
+
 def _effect(weak: WeakDirection, size: str) -> str:
-    if weak.exact and not np.isfinite(weak.deviation):
-        return "has no effect on the fit"
+    some = "no" if weak.exact else "almost no"
     if not np.isfinite(weak.deviation):
-        return "has almost no effect on the fit"
+        return f"has {some} effect on the fit"
     if weak.exact:
         return f"has no effect on the data; it is determined by smoothness alone (standard deviation {size})"
-    if weak.seen < 0.1 * weak.ratio:
-        return f"has almost no effect on the fit; it is determined mainly by smoothness (standard deviation {size})"
-    return f"has almost no effect on the fit (standard deviation {size})"
-
-
-def _rounded(shares: Float) -> Float:
-    """Round shares to so few digits that rounding errors decide no order."""
-    rounded: Float = np.round(shares, 6)
-    return rounded
+    mainly = "; it is determined mainly by smoothness" if weak.seen < 0.1 * weak.ratio else ""
+    return f"has almost no effect on the fit{mainly} (standard deviation {size})"
 
 
 def _ordinal(number: int) -> str:
@@ -290,7 +277,7 @@ def _ordinal(number: int) -> str:
 def _clauses(verbs: Sequence[tuple[str, str]]) -> str:
     """Join clauses of verb and object, without repeating a verb."""
     clauses = [rest if i and verbs[i - 1][0] == verb else f"{verb} {rest}" for i, (verb, rest) in enumerate(verbs)]
-    text = listed(clauses)
+    text = join_items(clauses)
     return f"{text[0].upper()}{text[1:]}"
 
 
@@ -314,23 +301,19 @@ def _factor(amount: float) -> str:
     return text if amount > 0 else f"1/{text}" if amount > -0.1 else f"{1 + amount:.3g}"
 
 
-def _unit(unit: str) -> str:
-    return f" {unit}" if unit not in ("", "-") else ""
-
-
 def _axes(graph: Graph, table: Parameter) -> tuple[str, ...]:
     """Name the axes of a table: by the table itself, else by the coordinates of its lookup, else x, y, z, w."""
     lookup = next((n.args for n in graph.nodes if n.op == "lookup" and n.payload == table.name), ())
     names = {at: name for name, at in graph.names.items()}
     names |= {at: graph.nodes[at].payload for at in lookup if graph.nodes[at].op == "input"}
-    coordinates = [names.get(at, letter) for at, letter in zip(lookup, "xyzw", strict=False)]
+    coordinates = [names.get(at, letter) for at, letter in zip(lookup, AXIS_LETTERS, strict=False)]
     return tuple(axis.input or axis.name or name for axis, name in zip(table.index_axes, coordinates, strict=False))
 
 
-def listed(items: Sequence[str], word: str = "and") -> str:
+def join_items(items: Sequence[str], word: str = "and") -> str:
     """Join items as in a sentence.
 
-    >>> listed(["A", "B", "C"])
+    >>> join_items(["A", "B", "C"])
     'A, B and C'
     """
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {word} {items[-1]}"

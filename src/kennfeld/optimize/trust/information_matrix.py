@@ -12,7 +12,7 @@ from kennfeld.arrays import Bool, Float, Int, Sparse
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
-from kennfeld.optimize.trust.matrices import Matrix, part, scaled, whole
+from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
 
 TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
@@ -31,14 +31,13 @@ MANY = 4  # share of values, one in so many, up to which open directions are loo
 ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
 
 
-def held(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> Bool:
+def mark_fixed(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> Bool:
     """Return True for values fixed by a lock, or by an active bound while `rows` are kept with equality."""
     low, high = values <= limits.lower, values >= limits.upper
     inside = limits.movable & ~low & ~high
     multipliers = np.linalg.lstsq(rows[:, inside].T, -gradient[inside], rcond=None)[0]
     slope = gradient + multipliers @ rows
-    found: Bool = (low & (slope >= 0)) | (high & (slope <= 0)) | ~limits.movable
-    return found
+    return (low & (slope >= 0)) | (high & (slope <= 0)) | ~limits.movable
 
 
 def active_rows(limits: LinearLimits, values: Float) -> Float:
@@ -53,7 +52,7 @@ def active_rows(limits: LinearLimits, values: Float) -> Float:
 class ConstraintElimination:
     """Values p of which some are fixed, and others follow the `independent` ones through linear equalities.
 
-    A change q of the independent values changes the `dependent` ones by `follow @ q`, and the held ones not at all.
+    A change q of the independent values changes the `dependent` ones by `follow @ q`, and the fixed ones not at all.
 
     >>> reduction = ConstraintElimination.of(np.array([False, False, True]), np.array([[1.0, 2.0, 0.0]]))
     >>> reduction.independent, reduction.expand(np.array([2.0]))
@@ -66,18 +65,18 @@ class ConstraintElimination:
     follow: Float  # Float[dependent, independent]
 
     @classmethod
-    def of(cls, held: Bool, rows: Float) -> "ConstraintElimination":
+    def of(cls, fixed: Bool, rows: Float) -> "ConstraintElimination":
         """Eliminate one value per row, that of the largest coefficient; redundant rows are dropped."""
-        moving = np.flatnonzero(~held)
+        moving = np.flatnonzero(~fixed)
         work = np.array(rows[:, moving], dtype=np.float64)
         typical = np.abs(work).max(axis=1, initial=0.0)
         pivots: list[int] = []
         used: list[int] = []
-        for _ in range(len(work)):
-            left = np.abs(work) / np.where(typical > 0, typical, 1.0)[:, None]
-            left[used] = 0.0
-            row, column = np.unravel_index(int(left.argmax()), left.shape) if left.size else (0, 0)
-            if not left.size or left[row, column] <= REDUNDANT:
+        for _ in range(len(work) if work.size else 0):
+            shares = np.abs(work) / np.where(typical > 0, typical, 1.0)[:, None]
+            shares[used] = 0.0
+            row, column = np.unravel_index(int(shares.argmax()), shares.shape)
+            if shares[row, column] <= REDUNDANT:
                 break
             work[row] /= work[row, column]
             others = np.arange(len(work)) != row
@@ -85,15 +84,15 @@ class ConstraintElimination:
             used.append(int(row))
             pivots.append(int(column))
         rest = np.setdiff1d(np.arange(moving.size), pivots)
-        return cls(held.size, moving[rest], moving[pivots], -work[used][:, rest])
+        return cls(fixed.size, moving[rest], moving[pivots], -work[used][:, rest])
 
     @property
-    def held(self) -> Bool:
+    def fixed(self) -> Bool:
         """True for values that never change."""
-        found = np.ones(self.size, dtype=bool)
-        found[self.independent] = False
-        found[self.dependent] = ~self.follow.any(axis=1)
-        return found
+        fixed = np.ones(self.size, dtype=bool)
+        fixed[self.independent] = False
+        fixed[self.dependent] = ~self.follow.any(axis=1)
+        return fixed
 
     def expand(self, changes: Float) -> Float:
         """Return changes of all values, given those of the independent ones in the last dimension."""
@@ -104,29 +103,24 @@ class ConstraintElimination:
 
     def matrix(self, matrix: Matrix) -> Matrix:
         """Return Z'MZ, where Z expands changes of the independent values; M itself if all values are independent."""
-        found = part(matrix, self.independent)
+        own = part(matrix, self.independent)
         if not self.dependent.size:
-            return found
-        if isinstance(matrix, np.ndarray):
-            cross = self.follow.T @ matrix[np.ix_(self.dependent, self.independent)]
-            found = found + cross + cross.T
-            found += self.follow.T @ matrix[np.ix_(self.dependent, self.dependent)] @ self.follow
-            return found
-        from scipy.sparse import csr_array
+            return own
+        follow = self.follow
+        if not isinstance(matrix, np.ndarray):
+            from scipy.sparse import csr_array
 
-        follow = csr_array(self.follow)
+            follow = csr_array(follow)
         cross = follow.T @ matrix[self.dependent][:, self.independent]
-        return csr_array(found + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow)
+        return own + cross + cross.T + follow.T @ part(matrix, self.dependent) @ follow
 
     def vector(self, vector: Float) -> Float:
         """Return Z'v."""
-        found: Float = vector[self.independent] + self.follow.T @ vector[self.dependent]
-        return found
+        return vector[self.independent] + self.follow.T @ vector[self.dependent]
 
     def rows(self, rows: Float) -> Float:
         """Convert rows over all values to rows over the independent ones."""
-        found: Float = rows[:, self.independent]
-        return found + rows[:, self.dependent] @ self.follow if self.dependent.size else found
+        return rows[:, self.independent] + rows[:, self.dependent] @ self.follow
 
 
 def pivots(basis: Float, preference: Float | None = None) -> Int:
@@ -150,12 +144,9 @@ def pivots(basis: Float, preference: Float | None = None) -> Int:
         return np.zeros(0, dtype=np.int64)
     from scipy.linalg import qr
 
-    weight = 1.0 - TIE * np.arange(size) / size
-    if preference is not None:
-        weight = weight * preference
-    _, order = qr((basis * weight[:, None]).T, mode="r", pivoting=True)
-    found: Int = order[:dimension].astype(np.int64)
-    return found
+    weight = (1.0 - TIE * np.arange(size) / size) * (1.0 if preference is None else preference)
+    order: Int = qr((basis * weight[:, None]).T, mode="r", pivoting=True)[1]
+    return order[:dimension].astype(np.int64)
 
 
 def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
@@ -165,8 +156,7 @@ def echelon(basis: Float, pivots: Int, most: int | None = None) -> Float:
     [[1.0], [1.333]]
     """
     count = pivots.size if most is None else min(most, pivots.size)
-    found: Float = basis @ np.linalg.solve(basis[pivots], np.eye(pivots.size)[:, :count])
-    return found
+    return basis @ np.linalg.solve(basis[pivots], np.eye(pivots.size)[:, :count])
 
 
 def nullity(matrix: Matrix) -> int:
@@ -175,7 +165,7 @@ def nullity(matrix: Matrix) -> int:
     >>> nullity(np.array([[1.0, 2.0], [2.0, 4.0]]))
     1
     """
-    units = scaled(matrix, 1 / np.sqrt(matrix.diagonal()))
+    units = rescale(matrix, 1 / np.sqrt(matrix.diagonal()))
     if not isinstance(units, np.ndarray):
         from scipy.sparse import csr_array, eye_array
 
@@ -207,7 +197,7 @@ class Spectrum:
     def of_matrix(cls, matrix: Float) -> "Spectrum":
         """Analyse H; by its eigenvalues only if it is nearly singular, since these cost five times an inverse."""
         scale = np.sqrt(np.diag(matrix))
-        units = scaled(matrix, 1 / scale)
+        units = rescale(matrix, 1 / scale)
         inverse = _sound_inverse(units)
         if inverse is None:
             values, vectors = np.linalg.eigh(units)
@@ -229,9 +219,9 @@ class Spectrum:
         if inverse.factor.negative == 0 and bool(np.all(inverse.factor.diagonal < SOUND)):
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
-        found = _lowest(scaled(matrix, 1 / scale))
-        if found is not None:
-            values, vectors, null = found
+        lowest = _lowest(rescale(matrix, 1 / scale))
+        if lowest is not None:
+            values, vectors, null = lowest
             loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
             inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
             if inverse.factor.negative == 0:
@@ -258,8 +248,8 @@ class Spectrum:
     @property
     def loose(self) -> Bool:
         """True for values that take part in an undetermined direction."""
-        found: Bool = np.sum(self.null**2, axis=1) > PART
-        return found
+        shares: Float = np.sum(self.null**2, axis=1)
+        return shares > PART
 
     @property
     def directions(self) -> Float:
@@ -267,8 +257,7 @@ class Spectrum:
 
         Undetermined ones come first, at most `WEAKEST`, each the only one with a part in some value.
         """
-        found: Float = np.vstack([_spread(self.null, WEAKEST), _settled(self.weak, self.weakness).T]) / self.scale
-        return found
+        return np.vstack([_separate(self.null, WEAKEST), _settle_equal(self.weak, self.weakness).T]) / self.scale
 
 
 def _sound_inverse(matrix: Float) -> Float | None:
@@ -277,15 +266,13 @@ def _sound_inverse(matrix: Float) -> Float | None:
         inverse = _inverse_by_factor(matrix) if len(matrix) > LARGE else _inverse(matrix)
     except np.linalg.LinAlgError:
         return None
-    sound = bool(np.all(np.abs(np.diag(inverse)) < SOUND))  # False for NaN, too
-    return inverse if sound else None
+    return inverse if np.all(np.abs(np.diag(inverse)) < SOUND) else None  # None for NaN, too
 
 
 def _inverse(matrix: Float) -> Float:
     np.linalg.cholesky(matrix)
     inverse = np.linalg.inv(matrix)
-    found: Float = 0.5 * (inverse + inverse.T)
-    return found
+    return 0.5 * (inverse + inverse.T)
 
 
 def _inverse_by_factor(matrix: Float) -> Float:
@@ -293,17 +280,16 @@ def _inverse_by_factor(matrix: Float) -> Float:
     from scipy.linalg.lapack import dpotrf, dpotri
 
     factor, failed = dpotrf(matrix.T, lower=1, clean=0)
+    if not failed:
+        transposed, failed = dpotri(factor, lower=1, overwrite_c=1)
     if failed:
         raise np.linalg.LinAlgError
-    inverse, failed = dpotri(factor, lower=1, overwrite_c=1)
-    if failed:
-        raise np.linalg.LinAlgError
-    found: Float = inverse.T  # its upper triangle is right, the other one is filled below in blocks
-    for first in range(0, len(found), BLOCK):
+    inverse: Float = transposed.T  # its upper triangle is right, the other one is filled below in blocks
+    for first in range(0, len(inverse), BLOCK):
         block = slice(first, first + BLOCK)
-        found[block, :first] = found[:first, block].T
-        found[block, block] = np.triu(found[block, block]) + np.triu(found[block, block], 1).T
-    return found
+        inverse[block, :first] = inverse[:first, block].T
+        inverse[block, block] = np.triu(inverse[block, block]) + np.triu(inverse[block, block], 1).T
+    return inverse
 
 
 def _weakest(solve: Callable[[Float], Float], size: int) -> tuple[Float, Float]:
@@ -343,24 +329,23 @@ def _lowest(matrix: Sparse) -> tuple[Float, Float, int] | None:
     return None
 
 
-def _spread(basis: Float, most: int) -> Float:
+def _separate(basis: Float, most: int) -> Float:
     """Return unit vectors of the space of orthonormal columns, as rows, each with a pivot value of its own."""
-    found = echelon(basis, pivots(basis), most).T
-    found[np.abs(found) < PART] = 0.0
-    unit: Float = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
-    return unit
+    rows = echelon(basis, pivots(basis), most).T
+    rows[np.abs(rows) < PART] = 0.0
+    length: Float = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.maximum(length, 1e-300)
 
 
-def _settled(vectors: Float, values: Float) -> Float:
+def _settle_equal(vectors: Float, values: Float) -> Float:
     """Replace eigenvectors of equal eigenvalues by a basis of their space that is unique."""
     edges = np.flatnonzero(np.diff(values) > ALIKE * np.abs(values[1:])) + 1
     groups = np.split(np.arange(values.size), edges)
-    parts = [vectors[:, g] if g.size == 1 else _spread(vectors[:, g], g.size).T for g in groups]
+    parts = [vectors[:, g] if g.size == 1 else _separate(vectors[:, g], g.size).T for g in groups]
     return np.hstack(parts) if values.size else vectors
 
 
 def root(matrix: Float) -> Float:
     """Return the symmetric square root of a positive semidefinite matrix."""
     values, vectors = np.linalg.eigh(matrix)
-    found: Float = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return found
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int, Sparse
 from kennfeld.optimize.trust.block_factor import BlockFactor
-from kennfeld.optimize.trust.matrices import Matrix, part, scaled
+from kennfeld.optimize.trust.matrices import Matrix, part, rescale
 
 
 class Inverse(Protocol):
@@ -40,23 +40,17 @@ class DenseInverse:
 
     @property
     def diagonal(self) -> Float:
-        """Its diagonal."""
         return self.array.diagonal()
 
     def times(self, rows: Float) -> Float:
-        """Return rows @ H^-1."""
-        found: Float = rows @ self.array
-        return found
+        return np.asarray(rows @ self.array)
 
     def trace(self, matrix: Matrix) -> float:
-        """Return the trace of H^-1 M."""
         products = self.array * matrix if isinstance(matrix, np.ndarray) else matrix.multiply(self.array)
         return float(np.sum(products))
 
     def sandwich(self, matrix: Matrix) -> Float:
-        """Return the diagonal of H^-1 M H^-1."""
-        found: Float = np.einsum("ij,ij->i", self.array @ matrix, self.array)
-        return found
+        return np.asarray(np.einsum("ij,ij->i", self.array @ matrix, self.array))
 
 
 class SparseInverse:
@@ -70,66 +64,59 @@ class SparseInverse:
         pattern: the non-zeros of H and of the matrices in `trace` and `sandwich`.
         scale: units of the values, the root of the diagonal of H.
         null: N, shape (values, dimension).
-        held: numbers of the fixed values, as many as N has columns.
+        fixed: numbers of the fixed values, as many as N has columns.
     """
 
-    def __init__(self, matrix: Sparse, pattern: Sparse, scale: Float, null: Float, held: Int) -> None:
+    def __init__(self, matrix: Sparse, pattern: Sparse, scale: Float, null: Float, fixed: Int) -> None:
         self.scale, self.null = scale, null
         free = np.ones(scale.size, dtype=bool)
-        free[held] = False
+        free[fixed] = False
         self.free = np.flatnonzero(free)
         self.factor = BlockFactor(self._own(matrix), part(pattern, self.free))
 
     @cached_property
     def array(self) -> Float:
-        """All of it."""
         return self.times(np.eye(self.scale.size))
 
     @cached_property
     def diagonal(self) -> Float:
-        """Its diagonal."""
-        return self._spread(self.factor.diagonal, self._reach) / self.scale**2
+        return self._diagonal_of(self.factor.diagonal, self._reach) / self.scale**2
 
     def times(self, rows: Float) -> Float:
-        """Return rows @ H^-1."""
-        columns = self._projected(np.atleast_2d(rows).T / self.scale[:, None])
-        found: Float = self._projected(self._solved(columns)).T / self.scale
-        return found.reshape(rows.shape)
+        columns = self._project(np.atleast_2d(rows).T / self.scale[:, None])
+        result: Float = self._project(self._solve(columns)).T / self.scale
+        return result.reshape(rows.shape)
 
     def trace(self, matrix: Matrix) -> float:
-        """Return the trace of H^-1 M."""
         return self.factor.trace(self._own(matrix))
 
     def sandwich(self, matrix: Matrix) -> Float:
-        """Return the diagonal of H^-1 M H^-1."""
         own = self._own(matrix)
         reach = np.zeros_like(self.null)
         reach[self.free] = self.factor.solve(own @ self._reach[self.free])
-        return self._spread(self.factor.sandwich(own), reach) / self.scale**2
+        return self._diagonal_of(self.factor.sandwich(own), reach) / self.scale**2
 
     @cached_property
     def _reach(self) -> Float:
         """G N."""
-        return self._solved(self.null)
+        return self._solve(self.null)
 
-    def _solved(self, columns: Float) -> Float:
+    def _solve(self, columns: Float) -> Float:
         """Return G times columns, in units of the scale."""
-        found = np.zeros_like(columns)
-        found[self.free] = self.factor.solve(columns[self.free])
-        return found
+        result = np.zeros_like(columns)
+        result[self.free] = self.factor.solve(columns[self.free])
+        return result
 
-    def _projected(self, columns: Float) -> Float:
-        """Return P times columns."""
-        found: Float = columns - self.null @ (self.null.T @ columns)
-        return found
+    def _project(self, columns: Float) -> Float:
+        return columns - self.null @ (self.null.T @ columns)
 
-    def _spread(self, own: Float, reach: Float) -> Float:
+    def _diagonal_of(self, own: Float, reach: Float) -> Float:
         """Return the diagonal of P A P, from that of A over the values that are free, and A N."""
-        found = np.zeros(self.scale.size)
-        found[self.free] = own
-        found += np.einsum("ij,ij->i", self.null @ (self.null.T @ reach) - 2 * reach, self.null)
-        return found
+        result = np.zeros(self.scale.size)
+        result[self.free] = own
+        result += np.einsum("ij,ij->i", self.null @ (self.null.T @ reach) - 2 * reach, self.null)
+        return result
 
     def _own(self, matrix: Sparse) -> Sparse:
         """Return the part of a matrix over the values that are free, in units of the scale."""
-        return scaled(part(matrix, self.free), 1 / self.scale[self.free])
+        return rescale(part(matrix, self.free), 1 / self.scale[self.free])

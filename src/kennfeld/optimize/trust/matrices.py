@@ -8,7 +8,7 @@ Matrix = Float | Sparse
 LARGE, FEW = 1000, 0.1  # rows above which a matrix may be sparse, and share of non-zeros up to which it is
 
 
-def compressed(matrix: Float, *others: Float) -> bool:
+def should_be_sparse(matrix: Float, *others: Float) -> bool:
     """Return True if matrices with these non-zeros should be sparse."""
     filled = sum(np.count_nonzero(each) for each in (matrix, *others))
     return bool(len(matrix) > LARGE and filled <= FEW * matrix.size)
@@ -16,8 +16,7 @@ def compressed(matrix: Float, *others: Float) -> bool:
 
 def whole(matrix: Matrix) -> Float:
     """Return the matrix as an array."""
-    array: Float = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
-    return array
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
 def part(matrix: Matrix, which: Int | Bool) -> Matrix:
@@ -28,7 +27,7 @@ def part(matrix: Matrix, which: Int | Bool) -> Matrix:
     return matrix[np.ix_(numbers, numbers)] if isinstance(matrix, np.ndarray) else matrix[numbers][:, numbers]
 
 
-def scaled(matrix: Matrix, units: Float) -> Matrix:
+def rescale(matrix: Matrix, units: Float) -> Matrix:
     """Return diag(units) M diag(units)."""
     if isinstance(matrix, np.ndarray):
         result = matrix * units

@@ -10,10 +10,11 @@ Regression, Annals of Statistics 1, 1973): the variance of a value is E[psi^2] /
 The loss is applied before the weight, so each group has its own moments as well.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,8 +53,7 @@ class Group:
 
     def contains(self, weights: Float) -> Bool:
         """Return True for the weights of samples in this group."""
-        inside: Bool = (weights > self.above) & (weights <= self.most)
-        return inside
+        return (weights > self.above) & (weights <= self.most)
 
 
 def groups(
@@ -67,36 +67,25 @@ def groups(
         errors: model minus target for each dataset, NaN if not scored; shape (criteria, samples).
         weighting: sample weights.
     """
-    result = []
+    result: list[Group] = []
     for i, criterion in enumerate(criteria):
-        for weight in dict.fromkeys(bound.dataset.weight for bound in bounds) if criterion.weight > 0 else ():
-            members = [
-                _Member(b, e[i] / criterion.scale, _own(weighting, i, b))
-                for b, e in zip(bounds, errors, strict=True)
-                if b.dataset.weight == weight
-            ]
-            result += _split(i, criterion, weight, members)
-    return [group for group in result if group.count]
+        members: dict[float, list[_Member]] = {}  # by the weight of the dataset
+        for bound, error in zip(bounds, errors, strict=True) if criterion.weight > 0 else ():
+            name = weighting.inputs.get(i)
+            weights = np.ones(bound.count) if name is None else weighting.columns(bound)[name]
+            residual = np.where(weights > 0, error[i] / criterion.scale, np.nan)
+            steady = bound.dataset.time is None
+            length = (1.0, 0) if steady else persistence(residual * np.sqrt(weights), bound.starts)
+            members.setdefault(bound.dataset.weight, []).append(_Member(residual, weights, length))
+        for weight, datasets in members.items():
+            result += _split(i, criterion, weight, datasets)
+    return result
 
 
-class _Member:
-    """Scaled residuals of one dataset, NaN if they do not count, and the sample weights."""
-
-    def __init__(self, bound: BoundDataset, residual: Float, weights: Float) -> None:
-        self.bound, self.weights = bound, weights
-        self.residual = np.where(weights > 0, residual, np.nan)
-
-    @property
-    def persistence(self) -> tuple[float, int]:
-        """Persistence of the errors of a recording and number of known samples; (1, 0) for steady-state points."""
-        if self.bound.dataset.time is None:
-            return 1.0, 0
-        return persistence(self.residual * np.sqrt(self.weights), self.bound.starts)
-
-
-def _own(weighting: SampleWeights, criterion: int, bound: BoundDataset) -> Float:
-    name = weighting.inputs.get(criterion)
-    return np.ones(bound.count) if name is None else weighting.columns(bound)[name]
+class _Member(NamedTuple):
+    residual: Float  # of one dataset, in units of the scale of the criterion; NaN if it does not count
+    weights: Float  # of the samples
+    persistence: tuple[float, int]  # and the number of known samples; (1, 0) for steady-state points
 
 
 def _split(number: int, criterion: Criterion, weight: float, members: Sequence[_Member]) -> list[Group]:
@@ -104,23 +93,25 @@ def _split(number: int, criterion: Criterion, weight: float, members: Sequence[_
     own = np.concatenate([member.weights for member in members])
     known = np.isfinite(whole)
     whole, own = whole[known], own[known]
-    length = _mean([member.persistence for member in members])
+    length = _mean((member.persistence for member in members), 1.0)
     result = []
     for above, most in classes(own):
-        here = (own > above) & (own <= most)
-        r, w = whole[here], own[here]
+        inside = (own > above) & (own <= most)
+        r, w = whole[inside], own[inside]
+        if not r.size:
+            continue
         ratios, slopes = _influence(r, criterion)
-        total = float(w.sum()) or 1.0
+        total = float(w.sum())
         result.append(
             Group(
                 criterion=number,
                 score=criterion.weight * weight,
                 count=r.size,
                 squares=float(w @ (r * ratios) ** 2),
-                weight=float(w @ ratios) / total if r.size else 1.0,
-                slope=max(float(w @ slopes) / total, 1e-3) if r.size else 1.0,
+                weight=float(w @ ratios) / total,
+                slope=max(float(w @ slopes) / total, 1e-3),
                 persistence=length,
-                typical=total / max(r.size, 1),
+                typical=total / r.size,
                 above=above,
                 most=most,
             )
@@ -186,16 +177,61 @@ def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
             return above, above
 
 
-def _mean(persistences: Sequence[tuple[float, int]]) -> float:
-    total = sum(count for _, count in persistences)
-    return sum(length * count for length, count in persistences) / total if total else 1.0
+def noise_of_criteria(
+    criteria: Sequence[Criterion], groups: Sequence[Group], variances: Sequence[float]
+) -> dict[str, float]:
+    """Return the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
+    numbers = [v / g.slope**2 / g.typical for g, v in zip(groups, variances, strict=True)]
+    means = _means(criteria, groups, numbers, float("nan"))
+    return _by_criterion(criteria, [c.scale * float(np.sqrt(mean)) for c, mean in zip(criteria, means, strict=True)])
 
 
-def rescored(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
-    """Return the samples of some groups with weights multiplied by a factor; all other weights are 0."""
-    samples = _with_weights(compiled, factors)
-    own = compiled.weighting.inputs
-    scores = {(g.criterion, g.score): g.score * (1.0 if g.criterion in own else f) for g, f in factors.items()}
+def persistence_of_criteria(criteria: Sequence[Criterion], groups: Sequence[Group]) -> dict[str, float]:
+    """Return the persistence of the errors of each criterion, over all its groups."""
+    return _by_criterion(criteria, _means(criteria, groups, [group.persistence for group in groups], 1.0))
+
+
+def _by_criterion(criteria: Sequence[Criterion], numbers: Sequence[float]) -> dict[str, float]:
+    """Key numbers by the node of the criterion, with its target if several criteria have the same node."""
+    nodes = [criterion.node for criterion in criteria]
+    names = [c.node if nodes.count(c.node) == 1 else f"{c.node} against {c.target}" for c in criteria]
+    return dict(zip(names, numbers, strict=True))
+
+
+def _means(
+    criteria: Sequence[Criterion], groups: Sequence[Group], numbers: Sequence[float], empty: float
+) -> list[float]:
+    """Return the mean over the samples of each criterion."""
+    pairs = [(group.criterion, number, group.count) for group, number in zip(groups, numbers, strict=True)]
+    return [_mean(((x, n) for c, x, n in pairs if c == i), empty) for i in range(len(criteria))]
+
+
+def _mean(pairs: Iterable[tuple[float, int]], empty: float) -> float:
+    """Return the mean of numbers with their counts."""
+    counted = [*pairs]
+    total = sum(count for _, count in counted)
+    return sum(number * count for number, count in counted) / total if total else empty
+
+
+def rescore(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
+    """Return the samples of some groups with weights multiplied by a factor; all other weights are 0.
+
+    The factor goes into the samples' own weights, if they have any, else into the weights of their piece.
+    """
+    samples, weighting = copy(compiled.samples), compiled.weighting
+    rows = list(samples.inputs.parts)
+    for number, name in weighting.inputs.items():
+        criterion = compiled.problem.criteria[number]
+        own = [(group, factor) for group, factor in factors.items() if group.criterion == number]
+        rows[compiled.kernel.layout.inputs[name]] = [
+            _scale_weights(criterion, bound, weighting.columns(bound)[name], own) for bound in compiled.problem.gathered
+        ]
+    samples.inputs = ColumnTable(rows, samples.inputs.count)
+    samples.data = samples.inputs.headed(samples.order)
+    scores = {
+        (g.criterion, g.score): g.score * (1.0 if g.criterion in weighting.inputs else factor)
+        for g, factor in factors.items()
+    }
     samples.pieces = tuple(
         replace(piece, scores=np.array([scores.get((c, float(s)), 0.0) for c, s in enumerate(piece.scores)]))
         for piece in samples.pieces
@@ -203,22 +239,9 @@ def rescored(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Sampl
     return samples
 
 
-def _with_weights(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
-    """Return the samples with their own weights replaced, if they have any."""
-    samples = copy(compiled.samples)
-    rows = list(samples.inputs.parts)
-    for criterion, name in compiled.weighting.inputs.items():
-        mine = [(group, factor) for group, factor in factors.items() if group.criterion == criterion]
-        rows[compiled.kernel.layout.inputs[name]] = [
-            _scaled(compiled.problem.criteria[criterion], bound, compiled.weighting.columns(bound)[name], mine)
-            for bound in compiled.problem.gathered
-        ]
-    samples.inputs = ColumnTable(rows, samples.inputs.count)
-    samples.data = samples.inputs.headed(samples.order)
-    return samples
-
-
-def _scaled(criterion: Criterion, bound: BoundDataset, weights: Float, factors: Sequence[tuple[Group, float]]) -> Float:
+def _scale_weights(
+    criterion: Criterion, bound: BoundDataset, weights: Float, factors: Sequence[tuple[Group, float]]
+) -> Float:
     score = criterion.weight * bound.dataset.weight
     result = np.zeros(weights.size)
     for group, factor in factors:

@@ -1,6 +1,6 @@
 """Combinations of values that nothing determines: their number, and a smallest set of values to fix."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,9 +10,8 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.constraints import Pin
 from kennfeld.optimize.trust.active_limits import combinations_of_values
 from kennfeld.optimize.trust.covariance import Estimate
-from kennfeld.optimize.trust.direction_text import Describer, listed
+from kennfeld.optimize.trust.direction_text import Describer, join_items
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 
 PREFERENCE_PER_SIZE = 0.1  # weight of the values of a table, relative to those of the next smaller table
 MIN_PREFERENCE = 1e-4  # relative to the smallest table
@@ -72,11 +71,7 @@ class NullSpace:
 
 
 def null_space(
-    estimate: Estimate,
-    columns: Mapping[str, Int],
-    parameters: ParameterSet,
-    moving: Collection[str],
-    words: Describer,
+    estimate: Estimate, columns: Mapping[str, Int], parameters: ParameterSet, moving: Collection[str], words: Describer
 ) -> NullSpace:
     """Return the undetermined combinations of values at the end of a fit, with a smallest set of values to fix.
 
@@ -93,11 +88,16 @@ def null_space(
     pinned, locked, axes = _values_to_fix(columns, parameters, moving, (idle, chosen))
     dimension, by_smoothness = idle.size + chosen.size, estimate.by_smoothness
     changed = [name for name, at in columns.items() if estimate.undetermined[at].any()]
-    pins = tuple(pin for name, where in pinned.items() for pin in _pins(parameters[name], where))
+    pins = []
+    for name, where in pinned.items():
+        table = parameters[name]
+        for at in np.argwhere(where).tolist():
+            places = tuple(float(axis.breakpoints[i]) for axis, i in zip(table.index_axes, at, strict=True))
+            pins.append(Pin(name, places, float(table.values[tuple(at)])))
     return NullSpace(
         dimension=dimension,
         by_smoothness=by_smoothness,
-        remedy=Remedy(pins, locked, axes),
+        remedy=Remedy(tuple(pins), locked, axes),
         sentence=_sentence(dimension, idle.size, by_smoothness, changed),
         advice=_advice(dimension, pinned, locked, axes, words),
     )
@@ -106,12 +106,10 @@ def null_space(
 def _preference(columns: Mapping[str, Int], parameters: ParameterSet, size: int) -> Float:
     """Return weights that prefer values of small tables to those of large ones, and all of them to breakpoints."""
     sizes = sorted({at.size for name, at in columns.items() if name in parameters})
-    preference = np.zeros(size)
+    preference = np.full(size, MIN_PREFERENCE * PREFERENCE_PER_SIZE)
     for name, at in columns.items():
         if name in parameters:
             preference[at] = max(PREFERENCE_PER_SIZE ** sizes.index(at.size), MIN_PREFERENCE)
-        else:
-            preference[at] = MIN_PREFERENCE * PREFERENCE_PER_SIZE
     return preference
 
 
@@ -131,19 +129,12 @@ def _values_to_fix(
         if name not in parameters:
             axes += [name] if (idle | chosen).any() else []
             continue
-        table = parameters[name]
-        if name in moving or table.kind == "rbf":
+        if name in moving or parameters[name].kind == "rbf":
             idle, chosen = idle | chosen, np.zeros(at.size, dtype=bool)
         for marks, where in ((pinned, chosen), (locked, idle)):
             if where.any():
-                marks[name] = where.reshape(table.values.shape)
+                marks[name] = where.reshape(parameters[name].values.shape)
     return pinned, locked, tuple(axes)
-
-
-def _pins(table: Parameter, where: Bool) -> Iterator[Pin]:
-    for at in np.argwhere(where).tolist():
-        places = tuple(float(axis.breakpoints[i]) for axis, i in zip(table.index_axes, at, strict=True))
-        yield Pin(table.name, places, float(table.values[tuple(at)]))
 
 
 def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[str]) -> str:
@@ -151,7 +142,7 @@ def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[s
     if dimension:
         some = f", {idle} of them single values without data" if 0 < idle < dimension else ""
         count = combinations_of_values(dimension).capitalize()
-        parts.append(f"{count} of {listed(changed)} {'is' if dimension == 1 else 'are'} undetermined{some}.")
+        parts.append(f"{count} of {join_items(changed)} {'is' if dimension == 1 else 'are'} undetermined{some}.")
     if by_smoothness:
         others = f"{by_smoothness} more" if dimension else combinations_of_values(by_smoothness)
         parts.append(f"Smoothness alone determines {others}.")

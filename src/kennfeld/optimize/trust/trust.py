@@ -84,11 +84,16 @@ class Trust:
         Raises:
             ArgumentError: a name is not a free parameter.
         """
-        columns = self._chosen(names)
+        own = self._columns()
+        for name in names or ():
+            if name not in own:
+                raise ArgumentError(f"{name} is not a free parameter of this result. {nearest(name, own)}".strip())
         if self.estimate is None:
             return np.zeros((0, 0))
+        chosen = [own[name] for name in (own if names is None else names)]
+        columns = np.concatenate([np.zeros(0, dtype=np.int64), *chosen])
         with blas_threads(self.estimate.seen.size):
-            covariance = self.estimate.covariance(scatter=scatter)[np.ix_(columns, columns)]
+            covariance: Float = self.estimate.covariance(scatter=scatter)[np.ix_(columns, columns)]
         undetermined = self.estimate.undetermined[columns]
         covariance[undetermined] = np.nan
         covariance[:, undetermined] = np.nan
@@ -119,10 +124,10 @@ class Trust:
     def __str__(self) -> str:
         values = 0 if self.estimate is None else self.estimate.reduction.size  # free breakpoints among them
         noise = [f"The noise of {name} is {value:.4g}." for name, value in self.noise.items()]
-        freedom = [f"The data determine {self.freedom:.1f} of {values} values."] if values else []
-        remark = [self.remark] if self.remark else []
-        null_space = [str(self.null_space)] if self.null_space.sentence else []
-        return "\n".join([*remark, *noise, *freedom, *map(str, self.holdings), *null_space, *map(str, self.directions)])
+        freedom = f"The data determine {self.freedom:.1f} of {values} values." if values else ""
+        null_space = str(self.null_space) if self.null_space.sentence else ""
+        lines = [self.remark, *noise, freedom, *map(str, self.holdings), null_space, *map(str, self.directions)]
+        return "\n".join(line for line in lines if line)
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry `trust` of `result.json`; numbers that are unknown or not finite are None."""
@@ -150,14 +155,6 @@ class Trust:
 
     def _columns(self) -> dict[str, Int]:
         return {name: at + np.arange(self.deviation[name].size) for name, at in self.columns.items()}
-
-    def _chosen(self, names: Sequence[str] | None) -> Int:
-        columns = self._columns()
-        for name in names or ():
-            if name not in columns:
-                raise ArgumentError(f"{name} is not a free parameter of this result. {nearest(name, columns)}".strip())
-        parts = [columns[name] for name in (columns if names is None else names)]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
 
 def _count_true(marks: Iterable[Bool]) -> int:

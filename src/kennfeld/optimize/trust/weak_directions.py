@@ -63,41 +63,34 @@ class TableChange:
 
 def table_changes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[TableChange]:
     """Return the distinct simple changes of all tables in `held`, which marks values that cannot change."""
-    places = _places(graph)
+    places, fed = _lookups(graph)
     changes = []
-    fed = _fed(graph)
     tables = [name for name in held if parameters[name].kind != "rbf"]
     for name in tables:
         changes += _own_changes(parameters[name], held[name], fed.get(name, []))
         for other in tables:
             if other != name and places.get(name) and places.get(name) == places.get(other):
-                change = _resampled(parameters[other], parameters[name].index_axes)
+                change = _resample(parameters[other], parameters[name].index_axes)
                 if np.ptp(change) > FLAT * np.abs(change).max():
                     changes.append(TableChange("follow", name, change, other=other))
     return changes
 
 
-def _places(graph: Graph) -> Mapping[str, set[tuple[int, ...]]]:
-    """Return the coordinates with which each table is looked up."""
-    places: dict[str, set[tuple[int, ...]]] = {}
-    for node in graph.nodes:
-        if node.op == "lookup" and node.args:
-            places.setdefault(node.payload, set()).add(node.args)
-    return places
-
-
-def _fed(graph: Graph) -> Mapping[str, list[frozenset[str]]]:
-    """Return for each axis of each table the tables on which its coordinate depends within a step."""
+def _lookups(graph: Graph) -> tuple[Mapping[str, set[tuple[int, ...]]], Mapping[str, list[frozenset[str]]]]:
+    """Return for each table the coordinates of its lookups, and the tables on which each depends within a step."""
     above: list[frozenset[str]] = []
-    by_table: dict[str, list[frozenset[str]]] = {}
+    places: dict[str, set[tuple[int, ...]]] = {}
+    fed: dict[str, list[frozenset[str]]] = {}
     for node in graph.nodes:
         reached = frozenset[str]().union(*(above[at] for at in node.args))
         if node.op == "lookup":
-            axes = by_table.setdefault(node.payload, [frozenset()] * len(node.args))
-            by_table[node.payload] = [a | above[at] for a, at in zip(axes, node.args, strict=True)]
+            if node.args:
+                places.setdefault(node.payload, set()).add(node.args)
+            axes = fed.get(node.payload, [frozenset()] * len(node.args))
+            fed[node.payload] = [axis | above[at] for axis, at in zip(axes, node.args, strict=True)]
             reached |= {node.payload}
         above.append(reached)
-    return by_table
+    return places, fed
 
 
 def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) -> list[TableChange]:
@@ -117,7 +110,7 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
     return changes
 
 
-def _resampled(table: Parameter, axes: Sequence[Axis]) -> Float:
+def _resample(table: Parameter, axes: Sequence[Axis]) -> Float:
     """Interpolate the values of a table at the grid points of other axes."""
     values = np.nan_to_num(table.values)
     for i, (own, wanted) in enumerate(zip(table.index_axes, axes, strict=True)):
@@ -216,6 +209,9 @@ class _DirectionSearch:
         self.tables = [shapes[i].table for i in self.numbers]
         self.kinds = [shapes[i].kind for i in self.numbers]
         self.fed = [shapes[i].fed for i in self.numbers]
+        single = np.count_nonzero(self.rows, axis=1) == 1
+        # changes that are the same for all values of a table
+        self.raised = [kind == "offset" or bool(lone) for kind, lone in zip(self.kinds, single, strict=True)]
         self.gram, self.whole_gram = (self.rows @ matrix @ self.rows.T for matrix in (self.data, self.total))
 
     def new_share(self, known: Sequence[_TrialDirection], change: Float) -> float:
@@ -237,51 +233,46 @@ class _DirectionSearch:
             return []
         functions = np.stack([trial.change * self.diagonal for trial in trials])
         functions /= np.einsum("ij,ij->i", functions, [trial.change for trial in trials])[:, None]
-        open_ones = self._settle(functions)
+        undetermined = self._settle(functions)
         covariance = self.covariance(functions)
         size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         scaled = covariance / np.outer(size, size) + 1e-10 * np.eye(len(trials))
         if not np.isfinite(scaled).all():
             return [float("nan")] * len(trials)
-        given: Float = np.where(open_ones, np.inf, np.diag(np.linalg.cholesky(scaled)) * size)
-        return [float(deviation) for deviation in given]
+        deviations: list[float] = np.where(undetermined, np.inf, np.diag(np.linalg.cholesky(scaled)) * size).tolist()
+        return deviations
 
     def _settle(self, functions: Float) -> Bool:
         """Mark undetermined functions, set them to 0, and subtract them from those that follow, in place."""
         basis = self.null / self.scale[:, None]
-        found = np.zeros(len(functions), dtype=bool)
+        undetermined = np.zeros(len(functions), dtype=bool)
         for i, function in enumerate(functions):
             moved = function @ basis
             if np.linalg.norm(moved) > OPEN * np.linalg.norm(function / self.scale):
-                found[i] = True
+                undetermined[i] = True
                 shares = functions[i + 1 :] @ (basis @ moved) / (moved @ moved)
                 functions[i + 1 :] -= np.outer(shares, function)
                 functions[i] = 0.0
-        return found
+        return undetermined
 
     def others(self, directions: Float) -> Iterator[_TrialDirection]:
         """Return poorly determined directions that are no combination of table changes."""
-        trials = (self._rate(change) for change in directions)
-        return (trial for trial in trials if trial.ratio < MAX_OTHER_RATIO)
+        return (trial for trial in map(self._rate, directions) if trial.ratio < MAX_OTHER_RATIO)
 
     def named(self) -> Iterator[_TrialDirection]:
         """Return poorly determined combinations of one to three changes of different tables."""
         for count in range(1, (len(MAX_RATIOS) if len(self.tables) <= MANY else 2) + 1):
             nearly: dict[tuple[str, ...], list[_TrialDirection]] = {}
-            for group, weights in self._soft(count):
-                trial = self._rate_combination(group, weights)
+            for group, weights in self._soft_combinations(count):
+                own = np.ix_(group, group)
+                both, data = (float(weights @ gram[own] @ weights) for gram in (self.whole_gram, self.gram))
+                trial = self._trial(weights @ self.rows[group], both, data, group, weights)
                 if trial.seen <= EXACT or trial.ratio < self._max_ratio(group):
                     yield trial
                 elif count == 2:
                     nearly.setdefault(tuple(self.tables[i] for i in group), []).append(trial)
             for names, trials in nearly.items():
-                yield from self._adapted(names, trials)
-
-    def _rate_combination(self, group: Int, weights: Float) -> _TrialDirection:
-        """Rate a combination of table changes."""
-        part = np.ix_(group, group)
-        both, data = (float(weights @ gram[part] @ weights) for gram in (self.whole_gram, self.gram))
-        return self._trial(weights @ self.rows[group], both, data, group, weights)
+                yield from self._adapt(names, trials)
 
     def _rate(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _TrialDirection:
         """Rate any change, perhaps one adapted from a combination of table changes."""
@@ -301,14 +292,10 @@ class _DirectionSearch:
     def _max_ratio(self, group: Sequence[int] | Int) -> float:
         """Return the ratio below which a combination counts as poorly determined."""
         pairs = permutations(group, 2) if len(group) == 2 else ()
-        moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self._raised(j) for i, j in pairs)
+        moved = any(self.kinds[i] == "shift" and self.tables[j] in self.fed[i] and self.raised[j] for i, j in pairs)
         return MAX_SHIFT_RATIO if moved else MAX_RATIOS[len(group) - 1]
 
-    def _raised(self, shape: int) -> bool:
-        """Return True if a table change is the same for all values."""
-        return self.kinds[shape] == "offset" or np.count_nonzero(self.rows[shape]) == 1
-
-    def _soft(self, count: int) -> Iterator[tuple[Int, Float]]:
+    def _soft_combinations(self, count: int) -> Iterator[tuple[Int, Float]]:
         """Return for each group of table changes the combination of lowest ratio, if that is low.
 
         Changes of different tables are orthogonal, so the ratios are eigenvalues.
@@ -320,7 +307,7 @@ class _DirectionSearch:
         for k in np.flatnonzero(ratios[:, 0] < (MAX_ADAPTABLE_RATIO if count == 2 else MAX_RATIOS[count - 1])):
             yield groups[k], vectors[k][:, 0]
 
-    def _adapted(self, names: Sequence[str], trials: Sequence[_TrialDirection]) -> Iterator[_TrialDirection]:
+    def _adapt(self, names: Sequence[str], trials: Sequence[_TrialDirection]) -> Iterator[_TrialDirection]:
         """Return the combinations that are poorly determined once the other values of these tables adapt.
 
         The adapted change w minimises w'Hw for the same amount w'D s of each table change s of the combination.
@@ -330,7 +317,7 @@ class _DirectionSearch:
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
         parts = (self.rows[used] * self.diagonal)[:, where]
-        reach = _adapted(part(self.total, where), parts.T)
+        reach = _solve_singular(part(self.total, where), parts.T)
         for trial, group in zip(best, groups, strict=True):
             at = np.searchsorted(used, group)
             weights = np.array(trial.amounts) * self.length[group]
@@ -342,7 +329,7 @@ class _DirectionSearch:
                 yield adapted
 
 
-def _adapted(matrix: Matrix, right: Float) -> Float:
+def _solve_singular(matrix: Matrix, right: Float) -> Float:
     """Solve with a matrix that may be singular."""
     ridge = RIDGE * matrix.diagonal()
     if isinstance(matrix, np.ndarray):

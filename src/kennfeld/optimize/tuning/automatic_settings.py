@@ -19,7 +19,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.holdout_blocks import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
-from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, select_factors
+from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
 from kennfeld.threads import blas_threads
 
 Search = Callable[[Problem], Result]
@@ -44,7 +44,12 @@ def resolve_automatic(
     if problem.unknown_shifts:
         with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
             ready, shifts, sentences = estimate_shifts(problem)
-    result = _smoothed(ready, options, progress, search) if ready.automatic_names else search(ready)
+    if ready.automatic_names:
+        plain = FitRun(ready, replace(options, continuation="off"), progress, Seconds())
+        with blas_threads(plain.exact.values.free):
+            result = _Smoothing(plain, options, search).result()
+    else:
+        result = search(ready)
     total = time.perf_counter() - began + read
     compiling = result.seconds.compile
     spent = Seconds(total, read, compiling, total - read - compiling)
@@ -61,20 +66,13 @@ def choose_smoothness(
         return independent_samples(run.problem, run.scorer.errors, run.parameters(values))
 
     steady = all(bound.dataset.time is None for bound in run.problem.training)
-    return select_factors(
-        run.exact, start, limits, run.options.settings, run.record, known, None if steady else independent
-    )
+    samples = None if steady else independent
+    return SmoothnessSelection(run.exact, limits, run.options.settings, run.record, samples).run(start, known)
 
 
 def with_choice(problem: Problem, choice: SmoothnessChoice) -> Problem:
     """Return the problem with the chosen factors."""
     return replace(problem, smoothness={**problem.smoothness, **choice.factors}, restraints=choice.restraints)
-
-
-def _smoothed(problem: Problem, options: Options, progress: Progress | None, search: Search) -> Result:
-    plain = FitRun(problem, replace(options, continuation="off"), progress, Seconds())
-    with blas_threads(plain.exact.values.free):
-        return _Smoothing(plain, options, search).result()
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,9 @@ class _Smoothing:
         plain, options = self.plain, self.options
         limits = linear_limits(plain.problem, plain.exact.values)
         start, _ = plain.feasible_start(limits)
-        if start is None:
-            return self.search(_without_automatic(plain.problem))
+        if start is None:  # it cannot be fitted with any factors
+            problem = plain.problem
+            return self.search(replace(problem, smoothness={n: problem.factors(n) for n in problem.smoothness}))
         choice = choose_smoothness(plain, start, limits)
         if choice.fit.status == "stopped":
             stopped = replace(choice.fit, iterations=0, evaluations=0)
@@ -105,17 +104,12 @@ class _Smoothing:
         elif options.continuation == "off":
             return self._merge(result, choice)
         last = choose_smoothness(plain, end, limits, choice)
-        return self._merge(self._polish(last), last, result)
-
-    def _polish(self, choice: SmoothnessChoice) -> Result:
-        """Descend with the factors chosen last, from the fit on which they were chosen."""
-        settings = self.options.settings
 
         def descend(start: Float, limits: LinearLimits) -> SolverResult:
-            report = partial(self.plain.record, "plain")
-            return levenberg_marquardt(self.plain.objective, choice.fit.values, limits, settings, report)
+            report = partial(plain.record, "plain")
+            return levenberg_marquardt(plain.objective, last.fit.values, limits, options.settings, report)
 
-        return self._run_last(choice, descend)
+        return self._merge(self._run_last(last, descend), last, result)
 
     def _run_last(self, choice: SmoothnessChoice, search: Callable[[Float, LinearLimits], SolverResult]) -> Result:
         """The result of a last search with the factors of a choice, which the compiled problem has."""
@@ -124,19 +118,18 @@ class _Smoothing:
     def _merge(self, result: Result, choice: SmoothnessChoice, before: Result | None = None) -> Result:
         """Add the choice, and the trace and the effort of all searches, to a result."""
         own = [line for line in result.trace if line not in self.plain.trace]
-        trace = (*self.plain.trace, *(() if before is None else before.trace), *own)
-        iterations = choice.fit.iterations + result.iterations + (0 if before is None else before.iterations)
-        evaluations = choice.fit.evaluations + result.evaluations + (0 if before is None else before.evaluations)
+        efforts: list[SolverResult | Result] = [choice.fit, result, *([before] if before else [])]
+        search = before or result
         merged = replace(
             result,
-            trace=trace,
-            iterations=iterations,
-            evaluations=evaluations,
+            trace=(*self.plain.trace, *(before.trace if before else ()), *own),
+            iterations=sum(effort.iterations for effort in efforts),
+            evaluations=sum(effort.evaluations for effort in efforts),
             smoothness={**choice.by_direction, **result.smoothness},
             message=f"{result.message} {choice.words}".strip(),
-            seconds=result.seconds if before is None else before.seconds,
-            starts=result.starts if before is None else before.starts,
-            resumed=result.resumed if before is None else before.resumed,
+            seconds=search.seconds,
+            starts=search.starts,
+            resumed=search.resumed,
         )
         return merged if len(merged.starts) > 1 else replace(merged, starts=(single_start(merged),))
 
@@ -145,8 +138,3 @@ def single_start(result: Result) -> StartResult:
     """Return the row of a result with a single start."""
     costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
     return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
-
-
-def _without_automatic(problem: Problem) -> Problem:
-    """Return the problem without automatic smoothness, for a start that cannot be fitted."""
-    return replace(problem, smoothness={name: problem.factors(name) for name in problem.smoothness})

@@ -12,7 +12,6 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
@@ -55,20 +54,15 @@ def independent_samples(
     Samples of data with time are divided by their correlation time. `errors` returns the errors of a bound dataset,
     shape (criteria, samples).
     """
-    return sum(
-        _independent(bound, row)
-        for bound in problem.training
-        for row, criterion in zip(errors(bound, parameters), problem.criteria, strict=True)
-        if criterion.weight > 0
-    )
-
-
-def _independent(bound: BoundDataset, errors: Float) -> float:
-    count = float(np.isfinite(errors).sum())
-    if bound.dataset.time is None or bound.hold is not None:
-        return count
-    edges = [*bound.starts.tolist(), errors.size]
-    return count / correlation_time([errors[a:b] for a, b in pairwise(edges)])
+    total = 0.0
+    for bound in problem.training:
+        in_time = bound.dataset.time is not None and bound.hold is None
+        pieces = list(pairwise([*bound.starts.tolist(), bound.count]))
+        for row, criterion in zip(errors(bound, parameters), problem.criteria, strict=True):
+            if criterion.weight > 0:
+                count = float(np.isfinite(row).sum())
+                total += count / correlation_time([row[a:b] for a, b in pieces]) if in_time else count
+    return total
 
 
 @dataclass(frozen=True)
@@ -98,32 +92,26 @@ class HoldoutBlocks:
         """
         most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1))
         problem = compiled.problem
-        known = np.concatenate([_scored(problem, bound) for bound in problem.gathered])
+        known = np.concatenate([_mark_scored(problem, bound) for bound in problem.gathered])
         places = [(a, b) for a, b in _recordings(problem) if known[a:b].any()]
         numbers = np.full(known.size, NEVER, dtype=np.int64)
         if len(places) > most:
             _number_groups(numbers, known, places, most)
         elif places:
             _number_parts(numbers, known, places, max(most // len(places), 1))
-        held = numbers[known & (numbers != NEVER)]
-        used, sizes = np.unique(held, return_counts=True)
+        used, sizes = np.unique(numbers[known & (numbers != NEVER)], return_counts=True)
         if used.size < FEWEST:
             return None
         numbers = np.where(numbers == NEVER, NEVER, np.searchsorted(used, numbers))
         return cls(compiled, numbers, sizes)
 
-    @property
-    def count(self) -> int:
-        """Number of blocks."""
-        return self.sizes.size
-
-    def linearised(self, full: Float) -> Iterator[HoldoutBlock]:
+    def linearise(self, full: Float) -> Iterator[HoldoutBlock]:
         """Return the contribution of each block at the values `full`, fixed ones included."""
         shares = self.sizes / self.sizes.sum()
-        held = self._in_time if self.compiled.kernel.line.states else self._anywhere
+        samples_of = self._in_time if self.compiled.kernel.line.states else self._anywhere
         for number, share in enumerate(shares):
-            accumulator = Accumulator(self.compiled.kernel, held(number))
-            misfit, equations = accumulator.cost(full), accumulator.normal(full)
+            sums = self.compiled.sums_over(samples_of(number))
+            misfit, equations = sums.cost(full), sums.normal(full)
             yield HoldoutBlock(misfit, equations.gradient.copy(), equations.matrix.copy(), float(share))
 
     def _in_time(self, number: int) -> Samples:
@@ -156,13 +144,10 @@ def _recordings(problem: Problem) -> Iterator[tuple[int, int]]:
         end += bound.count
 
 
-def _scored(problem: Problem, bound: BoundDataset) -> Bool:
+def _mark_scored(problem: Problem, bound: BoundDataset) -> Bool:
     """Return the samples at which a criterion counts."""
-    known = np.zeros(bound.count, dtype=bool)
-    for criterion in problem.criteria:
-        if criterion.weight > 0:
-            known |= np.isfinite(problem.target(criterion, bound))
-    return known
+    targets = [problem.target(criterion, bound) for criterion in problem.criteria if criterion.weight > 0]
+    return np.asarray(np.isfinite(targets).any(axis=0)) if targets else np.zeros(bound.count, dtype=bool)
 
 
 def _number_parts(numbers: Int, known: Bool, places: list[tuple[int, int]], parts: int) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.native.cholesky import Cholesky, Factor
-from kennfeld.optimize.roughness import Roughness
+from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
 GAMMA = 1.2
@@ -37,31 +37,19 @@ Misfit = tuple[float, Float, Float]  # its value, slope and curvature
 
 @dataclass(frozen=True)
 class Linearised:
-    """A linearised fit: misfit(p + d) = misfit + 2 gradient'd + d'matrix d, without roughness.
+    """A linearised fit: misfit(p + d) = misfit + 2 gradient'd + d'matrix d, without roughness."""
 
-    Attributes:
-        values: p.
-        misfit: cost of the data at p.
-        gradient: half the gradient of the misfit.
-        matrix: Gauss-Newton matrix of the misfit.
-        movable: values that may change.
-        rows: directions fixed by equalities.
-        samples: number of independent samples.
-        blocks: parts of the data to be held out in turn.
-        pull: weights of a quadratic penalty on p - toward that does not depend on the factors.
-        toward: its target.
-    """
-
-    values: Float  # Float[values]
-    misfit: float
-    gradient: Float  # Float[values]
-    matrix: Float  # Float[values, values]
-    movable: Bool  # Bool[values]
-    rows: Float  # Float[equalities, values]
-    samples: float
-    blocks: tuple[HoldoutBlock, ...] = ()
-    pull: Float | float = 0.0  # Float[values], weights of the squares of values - toward
-    toward: Float | float = 0.0  # Float[values]
+    values: Float  # p, Float[values]
+    misfit: float  # cost of the data at p
+    gradient: Float  # half the gradient of the misfit, Float[values]
+    matrix: Float  # Gauss-Newton matrix of the misfit, Float[values, values]
+    movable: Bool  # values that may change, Bool[values]
+    rows: Float  # directions fixed by equalities, Float[equalities, values]
+    samples: float  # number of independent samples
+    blocks: tuple[HoldoutBlock, ...] = ()  # parts of the data to be held out in turn
+    # weights and target of a quadratic penalty on p - toward that does not depend on the factors, Float[values]
+    pull: Float | float = 0.0
+    toward: Float | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -79,17 +67,17 @@ class Prediction:
     Args:
         fit: the linearised fit.
         blocks: roughnesses with unit factor, whose factors are the variables.
-        given: roughnesses with fixed factors.
+        fixed: roughnesses with fixed factors.
     """
 
-    def __init__(self, fit: Linearised, blocks: Sequence[Roughness], given: Sequence[Roughness] = ()) -> None:
+    def __init__(self, fit: Linearised, blocks: Sequence[Roughness], fixed: Sequence[Roughness] = ()) -> None:
         touched = np.diag(fit.matrix) > 0
-        for block in (*blocks, *given):
+        for block in (*blocks, *fixed):
             touched[block.columns] = True
         self._fit, self._free = fit, np.flatnonzero(fit.movable & touched)
         self._blocks = [_PenaltyRows(block, fit.movable) for block in blocks]
-        self._given = [_PenaltyRows(block, fit.movable) for block in given]
-        self._held = fit.rows[(fit.rows[:, self._free] != 0).any(axis=1)][:, self._free]
+        self._fixed = [_PenaltyRows(block, fit.movable) for block in fixed]
+        self._equalities = fit.rows[(fit.rows[:, self._free] != 0).any(axis=1)][:, self._free]
         self._data = fit.matrix[np.ix_(self._free, self._free)]
         self._cholesky = Cholesky(self._free.size) if fit.blocks else None
 
@@ -110,20 +98,27 @@ class Prediction:
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
         curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
         point = Point(float(value), slope, samples * curvature)
-        return point if self._cholesky is None else _mean(point, self._held_out(factors, self._cholesky), HOLDOUT_SHARE)
+        if self._cholesky is None:
+            return point
+        held_out, share = self._held_out(factors, self._cholesky), HOLDOUT_SHARE
+        return Point(
+            (1 - share) * point.value + share * held_out.value,
+            (1 - share) * point.slope + share * held_out.slope,
+            (1 - share) * point.curvature + share * held_out.curvature,
+        )
 
     def _held_out(self, factors: Float, cholesky: Cholesky) -> Point:
         """Return the samples times the mean of log D_b, with D_b the misfit of a block by the fit to the others."""
         count = len(self._blocks)
         value, slope, curvature = 0.0, np.zeros(count), np.zeros((count, count))
-        matrix = self._penalised(factors)
+        matrix = self._add_penalty(factors)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         for block in self._fit.blocks:
             rest = matrix - block.matrix[np.ix_(self._free, self._free)]
             factor = cholesky.factor(rest * scale[:, None] * scale, np.full(scale.size, RIDGE))
             if factor is None:
                 return Point(np.inf, slope, curvature)
-            solve = _constrained(partial(_solved, factor, scale), self._held)
+            solve = _constrained(partial(_solve, factor, scale), self._equalities)
             misfit, first, second = self._misfit(factors, self._fit.gradient - block.gradient, block, solve)
             value += block.share * np.log(misfit)
             slope += block.share * first / misfit
@@ -135,27 +130,27 @@ class Prediction:
         """Return the effective number of values that the data determine."""
         return float(np.trace(self._inverse(np.exp(logarithms)) @ self._data))
 
-    def _penalised(self, factors: Float) -> Float:
+    def _add_penalty(self, factors: Float) -> Float:
         """Return matrix plus penalty over the free values."""
         matrix = self._fit.matrix.copy()
         for rows, factor in zip(self._blocks, factors, strict=True):
             rows.add(factor, matrix)
-        for rows in self._given:
+        for rows in self._fixed:
             rows.add(1.0, matrix)
         matrix[np.diag_indices_from(matrix)] += self._fit.pull
         return matrix[np.ix_(self._free, self._free)]
 
     def _inverse(self, factors: Float) -> Float:
         """Return the inverse of matrix plus penalty in the directions that equalities leave free."""
-        matrix = self._penalised(factors)
+        matrix = self._add_penalty(factors)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         matrix *= scale[:, None] * scale
         matrix[np.diag_indices_from(matrix)] += RIDGE
         inverse = np.linalg.inv(matrix) * (scale[:, None] * scale)
         inverse = (inverse + inverse.T) / 2
-        if len(self._held):
-            across = inverse @ self._held.T
-            inverse = inverse - across @ np.linalg.pinv(self._held @ across) @ across.T
+        if len(self._equalities):
+            across = inverse @ self._equalities.T
+            inverse = inverse - across @ np.linalg.pinv(self._equalities @ across) @ across.T
         return inverse
 
     def _misfit(self, factors: Float, fitted: Float, scored: HoldoutBlock, solve: Solve) -> Misfit:
@@ -167,7 +162,7 @@ class Prediction:
         fit, free = self._fit, self._free
         data = self._data if scored.matrix is fit.matrix else scored.matrix[np.ix_(free, free)]
         pull = fitted + fit.pull * (fit.values - fit.toward)
-        weighted = [*zip(self._blocks, factors, strict=True), *((rows, 1.0) for rows in self._given)]
+        weighted = [*zip(self._blocks, factors, strict=True), *((rows, 1.0) for rows in self._fixed)]
         for rows, factor in weighted:
             pull += factor * rows.transposed(rows.of(fit.values), fit.values.size)
         step = -solve(pull[free])
@@ -204,31 +199,18 @@ class Prediction:
         return extended
 
 
-def _solved(factor: Factor, scale: Float, rows: Float) -> Float:
+def _solve(factor: Factor, scale: Float, rows: Float) -> Float:
     return factor.solve(rows * scale) * scale
 
 
-def _constrained(solve: Solve, held: Float) -> Solve:
+def _constrained(solve: Solve, equalities: Float) -> Solve:
     """Return the product with the inverse in the directions that equalities leave free."""
-    if not len(held):
+    if not len(equalities):
         return solve
-    across = solve(held)
-    middle = np.linalg.pinv(across @ held.T)
+    across = solve(equalities)
+    middle = np.linalg.pinv(across @ equalities.T)
 
-    def solve_constrained(rows: Float) -> Float:
-        solution: Float = solve(rows) - rows @ across.T @ middle @ across
-        return solution
-
-    return solve_constrained
-
-
-def _mean(first: Point, second: Point, share: float) -> Point:
-    """Return the mean of two points; `share` is the weight of the second."""
-    return Point(
-        (1 - share) * first.value + share * second.value,
-        (1 - share) * first.slope + share * second.slope,
-        (1 - share) * first.curvature + share * second.curvature,
-    )
+    return lambda rows: solve(rows) - rows @ across.T @ middle @ across
 
 
 class _PenaltyRows:
@@ -242,8 +224,7 @@ class _PenaltyRows:
         """Return D v for a vector or for each column of a matrix."""
         shape = (-1, *[1] * (values.ndim - 1))
         first, second, third = (self.coefficients[:, i].reshape(shape) * values[self.columns[:, i]] for i in range(3))
-        result: Float = first + second + third
-        return result
+        return np.asarray(first + second + third)
 
     def transposed(self, weights: Float, size: int) -> Float:
         """Return D' w."""

@@ -10,15 +10,15 @@ best three costs gives the fraction of a sample. Recorded values are not interpo
 averages noise and so favours lags between samples.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, Location
 from kennfeld.formatting import nearest
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
@@ -46,29 +46,17 @@ Shifts = Mapping[str, Mapping[str, float]]  # by dataset and channel; s, for ste
 
 @dataclass(frozen=True)
 class Minimum:
-    """The estimated lag of a channel, and the mean costs of the fits at all lags of the window.
-
-    Attributes:
-        channel: name of the channel.
-        dataset: name of its dataset.
-        shift: estimated shift in `unit`.
-        step: length of a sample in `unit`.
-        unit: s, or samples for steady-state data.
-        lag: estimated shift in samples.
-        most: half the width of the window in samples.
-        costs: mean cost by lag in samples.
-        scored: number of scored samples.
-    """
+    """The estimated lag of a channel, and the mean costs of the fits at all lags of the window."""
 
     channel: str
     dataset: str
-    shift: float
-    step: float
-    unit: Literal["s", "samples"]
-    lag: float
-    most: int
-    costs: Mapping[float, float]
-    scored: int
+    shift: float  # in `unit`
+    step: float  # length of a sample in `unit`
+    unit: Literal["s", "samples"]  # samples for steady-state data
+    lag: float  # the shift in samples
+    most: int  # half the width of the window in samples
+    costs: Mapping[float, float]  # mean cost by lag in samples
+    scored: int  # number of scored samples
 
     @property
     def at_the_end(self) -> bool:
@@ -133,13 +121,14 @@ def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, floa
     Raises:
         InputError: a channel is not used by the problem, or its shift is automatic in test data only.
     """
-    sought = _checked(problem)
+    sought = _find_channels(problem)
     search = _ShiftSearch(problem, sought)
     lags = search.run()
     shifts: dict[str, dict[str, float]] = {}
     for at, lag in zip(sought, lags, strict=True):
         data = problem.datasets[at.dataset]
-        shifts.setdefault(data.name, {})[at.channel] = _tidy(lag * _step(data))
+        # rounds off the noise of the last digits; -0 becomes 0
+        shifts.setdefault(data.name, {})[at.channel] = float(f"{lag * _step(data):.6g}") + 0.0
     for data in problem.datasets:
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in shifts.get(data.name, {}):
@@ -151,48 +140,44 @@ def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, floa
 
 @dataclass(frozen=True)
 class _Sought:
-    """A channel of a dataset whose lag is to be found."""
-
     dataset: int
     channel: str
 
 
-def _checked(problem: Problem) -> list[_Sought]:
+def _find_channels(problem: Problem) -> list[_Sought]:
     """Return the channels whose lags are estimated on training data."""
     inputs = {problem.channels.get(name, name) for name in problem.model.graph.inputs}
     targets = {c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.name}
-    used, findings, sought = inputs | targets, _same_names(problem), []
-    for number, data in enumerate(problem.datasets):
-        for channel in problem.unknown_shifts.get(data.name, ()):
-            if channel not in used or channel not in data:
-                remedy = nearest(channel, used) or f"Name one of {', '.join(sorted(used))}."
-                message = f"{channel} is neither an input of the function nor a target"
-                findings.append(Finding(f"shift of dataset {data.name}", message, remedy))
-            elif data.use == "training" and data.weight > 0:
-                sought.append(_Sought(number, channel))
+    used, sought = inputs | targets, []
+    findings = [*_ambiguous_names(problem)]
+    shifts = [
+        (i, data, channel)
+        for i, data in enumerate(problem.datasets)
+        for channel in problem.unknown_shifts.get(data.name, ())
+    ]
+    for number, data, channel in shifts:
+        if channel not in used or channel not in data:
+            remedy = nearest(channel, used) or f"Name one of {', '.join(sorted(used))}."
+            message = f"{channel} is neither an input of the function nor a target"
+            findings.append(Finding(Location(f"shift of dataset {data.name}"), message, remedy))
+        elif data.use == "training" and data.weight > 0:
+            sought.append(_Sought(number, channel))
     estimated = {at.channel for at in sought}
-    for data in problem.datasets:
-        for channel in problem.unknown_shifts.get(data.name, ()):
-            if channel not in estimated and channel in used and channel in data:
-                message = f'shift = "auto" for {channel} must be set on a training dataset'
-                findings.append(Finding(f"shift of dataset {data.name}", message, "Set it there, or use a number."))
-    if findings:
-        raise InputError(list(dict.fromkeys(findings)))
+    for _, data, channel in shifts:
+        if channel not in estimated and channel in used and channel in data:
+            message = f'shift = "auto" for {channel} must be set on a training dataset'
+            location = Location(f"shift of dataset {data.name}")
+            findings.append(Finding(location, message, "Set it there, or use a number."))
+    Findings(dict.fromkeys(findings)).finish()
     return sought
 
 
-def _same_names(problem: Problem) -> list[Finding]:
-    """Return findings on training datasets of one name whose shifts could not be distinguished."""
-    names = [d.name for d in problem.datasets if d.use == "training" and problem.unknown_shifts.get(d.name)]
-    return [
-        Finding(
-            f"dataset {name}",
-            f"{names.count(name)} training datasets of this name have an automatic shift",
-            "Give each dataset a unique name.",
-        )
-        for name in dict.fromkeys(names)
-        if names.count(name) > 1
-    ]
+def _ambiguous_names(problem: Problem) -> Iterator[Finding]:
+    names = Counter(d.name for d in problem.datasets if d.use == "training" and problem.unknown_shifts.get(d.name))
+    for name, count in names.items():
+        if count > 1:
+            message = f"{count} training datasets of this name have an automatic shift"
+            yield Finding(Location(f"dataset {name}"), message, "Give each dataset a unique name.")
 
 
 class _ShiftSearch:
@@ -200,20 +185,15 @@ class _ShiftSearch:
 
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
-        self.most = [_widest(problem.datasets[at.dataset]) for at in sought]
+        self.most = [_half_width(problem.datasets[at.dataset]) for at in sought]
         self.fits: dict[tuple[SolverSettings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
         self.scans: dict[int, dict[float, float]] = {}
-        data = self._data([0.0] * len(sought))
-        self.compiled = CompiledProblem(replace(problem, datasets=data))
-        self.begin = self._begin()
-
-    def _begin(self) -> ParameterSet:
-        """Return the start values, moved off a saddle point."""
-        limits = linear_limits(self.problem, self.compiled.values)
-        objective = LeastSquaresObjective(self.compiled)
-        projected, _ = project(objective.start, limits)
+        self.compiled = CompiledProblem(replace(problem, datasets=self._shift_data([0.0] * len(sought))))
+        limits = linear_limits(problem, self.compiled.values)
+        projected, _ = project(LeastSquaresObjective(self.compiled).start, limits)
         off = None if projected is None else departure(self.compiled, projected, limits)
-        return self.problem.parameters if off is None else self._parameters(off.values, self.problem.parameters)
+        # the start values, moved off a saddle point
+        self.begin = problem.parameters if off is None else self.compiled.parameters(off.values)
 
     def run(self) -> list[float]:
         """Return the lags of all channels."""
@@ -221,54 +201,58 @@ class _ShiftSearch:
         for _ in range(ROUNDS):
             before = list(lags)
             for which in range(len(lags)):
-                lags = self._best(which, lags)
+                lags = self._find_best(which, lags)
             if lags == before or len(lags) == 1:
                 break
         for i in range(len(lags)):
             lags = self._descend(i, lags)
-        return [self._vertex(i, lags) for i in range(len(lags))]
+        return [self._interpolate_lag(i, lags) for i in range(len(lags))]
 
-    def _best(self, which: int, lags: Sequence[float]) -> list[float]:
+    def _find_best(self, which: int, lags: Sequence[float]) -> list[float]:
         """Return the lags with one of them at its best within the window."""
         costs = self._scan(which, lags)
         self.scans[which] = costs
         candidates = sorted(costs, key=lambda lag: (costs[lag], abs(lag)))[:CANDIDATES]
         for lag in candidates:
-            trial = _at(lags, which, lag)
+            trial = _with_lag(lags, which, lag)
             costs[lag] = min(costs[lag], self._fit(trial, self.begin, ROUGH)[0])
-        return _at(lags, which, min(candidates, key=lambda lag: (costs[lag], abs(lag))))
+        return _with_lag(lags, which, min(candidates, key=lambda lag: (costs[lag], abs(lag))))
 
     def _scan(self, which: int, lags: Sequence[float]) -> dict[float, float]:
         """Return the cost of a fit at every whole lag of the window, from the current lag outwards."""
         here, most = round(lags[which]), self.most[which]
-        cost, parameters = self._fitted(_at(lags, which, here), self.begin, SCAN)
+        cost, parameters = self._cached_fit(_with_lag(lags, which, here), self.begin, SCAN)
         costs = {float(here): cost}
         for side in (range(here + 1, most + 1), range(here - 1, -most - 1, -1)):
             near = parameters
             for lag in side:
-                costs[float(lag)], near = self._fitted(_at(lags, which, lag), near, SCAN)
+                costs[float(lag)], near = self._cached_fit(_with_lag(lags, which, lag), near, SCAN)
         return costs
 
     def _descend(self, which: int, lags: list[float]) -> list[float]:
         """Return the lags with one of them moved until no neighbour gives a better fit."""
-        parameters = self._fitted(lags, self.begin, ROUGH)[1]
+        parameters = self._cached_fit(lags, self.begin, ROUGH)[1]
         for _ in range(WINDOW):
-            sides = [_at(lags, which, lags[which] + step) for step in (-1.0, 1.0)]
-            costs = [self._fitted(side, parameters, ROUGH)[0] for side in sides]
+            sides = [_with_lag(lags, which, lags[which] + step) for step in (-1.0, 1.0)]
+            costs = [self._cached_fit(side, parameters, ROUGH)[0] for side in sides]
             best = int(np.argmin(costs))
-            if costs[best] >= self._fitted(lags, parameters, ROUGH)[0] or abs(sides[best][which]) > self.most[which]:
+            if (
+                costs[best] >= self._cached_fit(lags, parameters, ROUGH)[0]
+                or abs(sides[best][which]) > self.most[which]
+            ):
                 break
-            lags, parameters = sides[best], self._fitted(sides[best], parameters, ROUGH)[1]
+            lags, parameters = sides[best], self._cached_fit(sides[best], parameters, ROUGH)[1]
         return lags
 
-    def _vertex(self, which: int, lags: list[float]) -> float:
+    def _interpolate_lag(self, which: int, lags: list[float]) -> float:
         """Return the vertex of the parabola through the costs at a lag and its neighbours; whole lags without time."""
         if self.problem.datasets[self.sought[which].dataset].time is None:
             return lags[which]
-        parameters = self._fitted(lags, self.begin, ROUGH)[1]
-        near = [_at(lags, which, lags[which] + step) for step in (-1.0, 0.0, 1.0)]
-        before, here, after = (self._fitted(at, parameters, ROUGH)[0] for at in near)
+        parameters = self._cached_fit(lags, self.begin, ROUGH)[1]
+        near = [_with_lag(lags, which, lags[which] + step) for step in (-1.0, 0.0, 1.0)]
+        before, here, after = (self._cached_fit(at, parameters, ROUGH)[0] for at in near)
         bend = before - 2 * here + after
+        # the parabola c(s) through c(-1), c(0) and c(1) has its vertex at s = (c(-1) - c(1)) / (2 c'')
         fraction = float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
         return lags[which] + (fraction if abs(fraction) > WHOLE_LAG_TOLERANCE else 0.0)
 
@@ -276,21 +260,19 @@ class _ShiftSearch:
         """Return the minimum of the scan of a channel."""
         at = self.sought[which]
         data = self.problem.datasets[at.dataset]
-        shift = shifts[data.name][at.channel]
-        scored = int(np.count_nonzero(self._data([0.0] * len(self.sought))[at.dataset].counting))
         return Minimum(
             channel=at.channel,
             dataset=data.name,
-            shift=shift,
+            shift=shifts[data.name][at.channel],
             step=_step(data),
             unit="samples" if data.time is None else "s",
             lag=lag,
             most=self.most[which],
             costs=self.scans[which],
-            scored=scored,
+            scored=int(np.count_nonzero(self._shift_data([0.0] * len(self.sought))[at.dataset].counting)),
         )
 
-    def _fitted(
+    def _cached_fit(
         self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings
     ) -> tuple[float, ParameterSet]:
         """Return the mean cost and the values of a short fit, from a cache by settings and lags."""
@@ -300,7 +282,7 @@ class _ShiftSearch:
         return self.fits[key]
 
     def _fit(self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings) -> tuple[float, ParameterSet]:
-        problem = replace(self.problem, datasets=self._data(lags), parameters=start)
+        problem = replace(self.problem, datasets=self._shift_data(lags), parameters=start)
         compiled = self.compiled.over(problem)
         limits = linear_limits(problem, compiled.values)
         objective = LeastSquaresObjective(compiled, by_rows=settings is not SCAN)
@@ -308,29 +290,23 @@ class _ShiftSearch:
         if begin is None or not compiled.samples.count:
             return np.inf, start
         end = levenberg_marquardt(objective, begin, limits, settings)
-        return end.cost / compiled.weights, self._parameters(end.values, start)
+        return end.cost / compiled.weights, compiled.parameters(end.values)
 
-    def _parameters(self, values: Float, start: ParameterSet) -> ParameterSet:
-        full = self.compiled.values.pack(start)
-        full[: values.size] = values
-        return self.compiled.values.unpack(full, start)
-
-    def _data(self, lags: Sequence[float]) -> tuple[Dataset, ...]:
+    def _shift_data(self, lags: Sequence[float]) -> tuple[Dataset, ...]:
         """Return the datasets with shifted channels; only samples that every lag leaves available are scored."""
         data = list(self.problem.datasets)
         for at, lag, most in zip(self.sought, lags, self.most, strict=True):
             own = data[at.dataset]
-            data[at.dataset] = _without_ends(shift_channels(own, {at.channel: lag * _step(own)}), most)
+            data[at.dataset] = _exclude_ends(shift_channels(own, {at.channel: lag * _step(own)}), most)
         return tuple(data)
 
 
-def _widest(data: Dataset) -> int:
-    """Return the half width of the search window in samples."""
+def _half_width(data: Dataset) -> int:
     longest = int(np.diff([*data.starts, data.samples]).max())
     return min(WINDOW, max(longest // 4, 1))
 
 
-def _without_ends(data: Dataset, margin: int) -> Dataset:
+def _exclude_ends(data: Dataset, margin: int) -> Dataset:
     """Exclude the ends of the pieces of a dataset from scoring, at most half of each piece."""
     inside = np.zeros(data.samples, dtype=bool)
     for piece in data.pieces:
@@ -339,7 +315,7 @@ def _without_ends(data: Dataset, margin: int) -> Dataset:
     return replace(data, scored=inside if data.scored is None else inside & data.scored)
 
 
-def _at(lags: Sequence[float], which: int, lag: float) -> list[float]:
+def _with_lag(lags: Sequence[float], which: int, lag: float) -> list[float]:
     return [float(lag) if i == which else other for i, other in enumerate(lags)]
 
 
@@ -348,8 +324,3 @@ def _step(data: Dataset) -> float:
     if data.time is None or data.samples < 2:
         return 1.0
     return float(np.median(np.delete(np.diff(data.time), data.starts[1:] - 1)))
-
-
-def _tidy(seconds: float) -> float:
-    """Round off the noise of the last digits."""
-    return float(f"{seconds:.6g}") + 0.0

@@ -16,12 +16,12 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
-from kennfeld.optimize.restraint import Restrained, Restraint, penalty_of
-from kennfeld.optimize.roughness import Roughness
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.table_penalties import Restrained, Restraint, Roughness, penalty_of
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
 from kennfeld.optimize.tuning.prediction_error import Linearised, Prediction, minimise_prediction
+from kennfeld.parameters import AXIS_LETTERS
 
 RANGE = 1e7  # largest factor, and reciprocal of the smallest one, relative to the data
 MIN_CHANGE = 0.1  # of a logarithm, for another fit
@@ -38,41 +38,26 @@ MAX_STRIDE = float(np.log(1e4))  # rise of the lowest level of smoothness from o
 ACTIVE_TOLERANCE = 1e-9  # relative to the size of a linear row
 ROUGH = SolverSettings(max_iterations=40, tolerance=1e-5, patience=2)
 
-Report = Callable[[str, Iteration, Float], None]
 Samples = Callable[[Float], float]
 
 
 @dataclass(frozen=True)
 class Round:
-    """A fit with certain factors, the criterion there, and the linearised problem that proposes the next factors.
+    """A fit with certain factors, the criterion there, and the linearised problem that proposes the next factors."""
 
-    Attributes:
-        logarithms: logarithms of all factors.
-        fit: the fit.
-        value: n times the logarithm of the criterion.
-        prediction: the criterion of the linearised problem.
-        live: factors whose tables have data.
-        middle: logarithms of the live factors at which roughness and data have equal weight.
-    """
-
-    logarithms: Float
+    logarithms: Float  # of all factors
     fit: SolverResult
-    value: float = np.inf
-    prediction: Prediction | None = None
-    live: Bool = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    middle: Float = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def cut_short(self) -> bool:
-        """True if the fit was stopped or failed."""
-        return self.fit.status in ("stopped", "failed")
+    value: float = np.inf  # n times the logarithm of the criterion
+    prediction: Prediction | None = None  # the criterion of the linearised problem
+    live: Bool = field(default_factory=lambda: np.zeros(0, dtype=bool))  # factors whose tables have data
+    middle: Float = field(default_factory=lambda: np.zeros(0))  # live logarithms at equal weight of roughness and data
 
     @property
     def stopped(self) -> bool:
         """True if the user stopped the fit."""
         return self.fit.status == "stopped"
 
-    def proposed(self, radius: float) -> tuple[Float, float]:
+    def propose(self, radius: float) -> tuple[Float, float]:
         """Return the best factors of the linearised problem within a radius, and their predicted gain."""
         if self.prediction is None:
             return self.logarithms, 0.0
@@ -81,7 +66,7 @@ class Round:
         best = minimise_prediction(self.prediction, here, lower, upper)
         return self._with(best), self.value - self.prediction.at(best).value
 
-    def raised(self, allowed: float, stride: float) -> tuple[Float, float]:
+    def raise_lowest(self, allowed: float, stride: float) -> tuple[Float, float]:
         """Raise the lowest factors to the highest common level that the linearised criterion allows.
 
         Levels are relative to the data: at 0, roughness and data have equal weight. Factors above the level stay.
@@ -112,7 +97,6 @@ class Round:
         return self._with(np.maximum(here, self.middle + low)), low - lowest
 
     def _with(self, live: Float) -> Float:
-        """Return all logarithms, with those of the live factors replaced."""
         logarithms = self.logarithms.copy()
         logarithms[self.live] = live
         return logarithms
@@ -141,30 +125,7 @@ class SmoothnessChoice:
     @property
     def by_direction(self) -> dict[str, dict[str, float]]:
         """The factors by table and axis."""
-        return {name: dict(zip("xyzw", factors, strict=False)) for name, factors in self.factors.items()}
-
-
-def select_factors(
-    compiled: CompiledProblem,
-    start: Float,
-    limits: LinearLimits,
-    settings: SolverSettings,
-    report: Report,
-    known: SmoothnessChoice | None = None,
-    samples: Samples | None = None,
-) -> SmoothnessChoice:
-    """Choose the automatic factors of a compiled problem, which has the chosen factors afterwards.
-
-    Args:
-        compiled: the compiled problem.
-        start: free values within the limits; shape (values,).
-        limits: bounds and linear limits of the free values.
-        settings: settings of the solver.
-        report: called after every accepted step.
-        known: an earlier choice from which to continue.
-        samples: returns the number of independent samples for some values; by default that of the scored ones.
-    """
-    return SmoothnessSelection(compiled, limits, settings, report, samples).run(start, known)
+        return {name: dict(zip(AXIS_LETTERS, factors, strict=False)) for name, factors in self.factors.items()}
 
 
 @dataclass(frozen=True)
@@ -174,12 +135,7 @@ class _Block:
     name: str
     axis: int
     unit: Roughness
-    given: float | None
-
-    @property
-    def weighted(self) -> Roughness:
-        """The roughness with its given factor."""
-        return replace(self.unit, coefficients=self.unit.coefficients * (self.given or 0.0) ** 0.5)
+    factor: float | None
 
     def scale(self, matrix: Float) -> float:
         """Return the factor at which roughness and data have about equal weight; 0 for a table without data."""
@@ -187,32 +143,42 @@ class _Block:
         return float(np.diag(matrix)[columns].sum() / np.sum(self.unit.coefficients**2))
 
 
+@dataclass
 class SmoothnessSelection:
-    """Running state of the choice of smoothness factors."""
+    """Chooses the automatic factors of a compiled problem, which has the chosen factors afterwards.
 
-    def __init__(
-        self,
-        compiled: CompiledProblem,
-        limits: LinearLimits,
-        settings: SolverSettings,
-        report: Report,
-        samples: Samples | None,
-    ) -> None:
-        self.compiled, self.limits, self.report = compiled, limits, report
-        self.problem = compiled.problem
-        self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, settings.max_iterations))
-        self.independent = samples
+    Args:
+        compiled: the compiled problem.
+        limits: bounds and linear limits of the free values.
+        settings: settings of the solver.
+        report: called after every accepted step.
+        independent: returns the number of independent samples for some values; by default that of the scored ones.
+    """
+
+    compiled: CompiledProblem
+    limits: LinearLimits
+    settings: SolverSettings
+    report: StageReport
+    independent: Samples | None
+
+    def __post_init__(self) -> None:
+        self.problem = self.compiled.problem
+        self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, self.settings.max_iterations))
         self.restraints: Mapping[str, Restraint] = {}
-        self.samples = count_scored(compiled)  # the same for all rounds, so that these are comparable
-        self.held: HoldoutBlocks | None = None
-        self.objective = LeastSquaresObjective(compiled)
-        blocks = list(_blocks(compiled))
-        self.sought = [block for block in blocks if block.given is None]
-        self.given = [block.weighted for block in blocks if block.given is not None]
+        self.samples = count_scored(self.compiled)  # the same for all rounds, so that these are comparable
+        self.holdout: HoldoutBlocks | None = None
+        self.objective = LeastSquaresObjective(self.compiled)
+        blocks = list(_blocks(self.compiled))
+        self.automatic = [block for block in blocks if block.factor is None]
+        self.fixed = [
+            replace(block.unit, coefficients=block.unit.coefficients * block.factor**0.5)
+            for block in blocks
+            if block.factor is not None
+        ]
         self.rounds = self.iterations = self.evaluations = 0
 
     def run(self, start: Float, known: SmoothnessChoice | None) -> SmoothnessChoice:
-        """Choose the factors, starting from an earlier choice if there is one."""
+        """Choose the factors, from free values within the limits, and from an earlier choice if there is one."""
         if known is None:
             best = self._search(start)
         else:
@@ -223,15 +189,14 @@ class SmoothnessSelection:
         self._use(best.logarithms)
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
-        blocks = self.held.count if self.held else 0
-        return SmoothnessChoice(
-            self._factors(best.logarithms), best.logarithms, fit, self.samples, blocks, self.restraints
-        )
+        blocks = self.holdout.sizes.size if self.holdout else 0
+        factors = self._factors(best.logarithms)
+        return SmoothnessChoice(factors, best.logarithms, fit, self.samples, blocks, self.restraints)
 
     def _set_samples(self, samples: float) -> None:
         """Set the number of independent samples; hold out blocks if the samples are correlated."""
         if count_scored(self.compiled) >= MIN_CORRELATION * samples:
-            self.held = HoldoutBlocks.of(self.compiled)
+            self.holdout = HoldoutBlocks.of(self.compiled)
         self.samples = samples
 
     def _search(self, start: Float) -> Round:
@@ -241,14 +206,14 @@ class SmoothnessSelection:
             # a lightly smoothed fit: the errors of a smoother one are correlated by the smoothness itself
             self._set_samples(self.independent(self._fit(reference + LIGHT * np.log(10), start).fit.values))
         first = self._fit(reference, start)
-        if first.cut_short:
+        if first.fit.cut_short:
             return first
         self.restraints = self._restraints(first)
         best = self._improve(self._fit(reference, first.fit.values))
-        if best.cut_short:
+        if best.fit.cut_short:
             return best
         other = self._path(reference, start)
-        if other.value < best.value and not other.cut_short:
+        if other.value < best.value and not other.fit.cut_short:
             other = self._improve(other)
         return other if other.value < best.value or other.stopped else best
 
@@ -270,26 +235,22 @@ class SmoothnessSelection:
 
         With large factors tables are almost straight, which keeps a chain of tables from starting at a fit of noise.
         """
-        best = None
+        trials: list[Round] = []
         for decade in PATH:
-            trial = self._fit(reference + decade * np.log(10), start)
-            start = trial.fit.values
-            if best is None or trial.value < best.value or trial.stopped:
-                best = trial
-            if trial.cut_short:
+            trials.append(self._fit(reference + decade * np.log(10), start))
+            start = trials[-1].fit.values
+            if trials[-1].fit.cut_short:
                 break
-        assert best is not None
-        return best
+        return trials[-1] if trials[-1].stopped else min(trials, key=lambda trial: trial.value)
 
     def _improve(self, best: Round) -> Round:
-        """Improve the factors of a fit in a trust region until the predicted gain is small."""
         radius, last = np.inf, self.rounds + MAX_ROUNDS
         while np.isfinite(best.value) and self.rounds < last and radius > MIN_CHANGE:
-            proposal, gain = best.proposed(radius)
+            proposal, gain = best.propose(radius)
             if gain < MIN_GAIN:
                 break
             trial = self._fit(proposal, best.fit.values)
-            if trial.cut_short:
+            if trial.fit.cut_short:
                 return trial if trial.stopped else best
             moved = np.abs(proposal[best.live] - best.logarithms[best.live]).max()
             ratio = (best.value - trial.value) / gain
@@ -298,13 +259,11 @@ class SmoothnessSelection:
         return best
 
     def _restraints(self, fit: Round) -> dict[str, Restraint]:
-        """Return the restraints of all tables with an automatic factor, from their values and weights in a fit."""
-        values = fit.fit.values
+        values, restraints = fit.fit.values, {}
         weights, offsets = np.diag(self._data(values)[1]), self.compiled.values.offsets
-        variance = self.compiled.accumulator.cost(self._full(values)) / self.samples
-        restraints = {}
+        variance = self.compiled.sums.cost(self.compiled.full(values)) / self.samples
         for name in self.problem.automatic_names:
-            table = self.compiled.problem.parameters[name]
+            table = self.problem.parameters[name]
             part = slice(offsets[name], offsets[name] + table.size)
             restraints[name] = Restraint.of(table, values[part], weights[part], variance)
         return restraints
@@ -323,11 +282,11 @@ class SmoothnessSelection:
         for _ in range(MAX_SMOOTHER_FITS):
             if not np.isfinite(smoothest.value):
                 break
-            proposal, rise = smoothest.raised(allowed, stride)
+            proposal, rise = smoothest.raise_lowest(allowed, stride)
             if rise == 0:
                 break
             trial = self._fit(proposal, smoothest.fit.values)
-            if trial.cut_short:
+            if trial.fit.cut_short:
                 return trial if trial.stopped else smoothest
             if trial.value <= allowed:
                 smoothest = trial
@@ -346,7 +305,7 @@ class SmoothnessSelection:
         gradient, matrix = self._data(fit.values)
         scales = self._scales(matrix)
         live = (scales > 0) & np.isfinite(logarithms)
-        if not live.any() or fit.status in ("stopped", "failed"):
+        if not live.any() or fit.cut_short:
             return Round(logarithms, fit)
         prediction = self._prediction(fit.values, gradient, matrix, live)
         return Round(logarithms, fit, prediction.at(logarithms[live]).value, prediction, live, np.log(scales[live]))
@@ -355,36 +314,32 @@ class SmoothnessSelection:
         """Return the criterion of the problem linearised at these values; values at an active bound are fixed."""
         total = gradient.copy()
         self.compiled.roughness.add(values, total, np.zeros_like(matrix))
-        limits = self.limits
-        held = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
-        misfit = self.compiled.accumulator.cost(self._full(values))
-        active, parts = _active_rows(limits, values), self.held.linearised(self._full(values)) if self.held else ()
-        free, given = limits.movable & ~held, list(self.given)
+        limits, full = self.limits, self.compiled.full(values)
+        active = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
+        misfit = self.compiled.sums.cost(full)
+        parts = self.holdout.linearise(full) if self.holdout else ()
+        free, fixed = limits.movable & ~active, list(self.fixed)
         penalty, pull = self.compiled.roughness, {}
         if isinstance(penalty, Restrained):
-            given.append(penalty.steps)
+            fixed.append(penalty.steps)
             pull = {"pull": penalty.weights, "toward": penalty.toward}
-        fit = Linearised(values, misfit, gradient, matrix, free, active, self.samples, tuple(parts), **pull)
-        blocks = [block.unit for block, good in zip(self.sought, live, strict=True) if good]
-        return Prediction(fit, blocks, given)
+        rows = _active_rows(limits, values)
+        fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, tuple(parts), **pull)
+        blocks = [block.unit for block, good in zip(self.automatic, live, strict=True) if good]
+        return Prediction(fit, blocks, fixed)
 
     def _data(self, values: Float) -> tuple[Float, Float]:
         """Return half the gradient and the Gauss-Newton matrix of the data alone."""
-        data = self.compiled.accumulator.normal(self._full(values))
+        data = self.compiled.sums.normal(self.compiled.full(values))
         return data.gradient.copy(), data.matrix.copy()
 
     def _scales(self, matrix: Float) -> Float:
-        return np.array([block.scale(matrix) for block in self.sought])
-
-    def _full(self, values: Float) -> Float:
-        full = self.compiled.start.copy()
-        full[: values.size] = values
-        return full
+        return np.array([block.scale(matrix) for block in self.automatic])
 
     def _factors(self, logarithms: Float) -> dict[str, tuple[float, ...]]:
         """Return the factors of the tables with an automatic one; 0 for axes with too few breakpoints for roughness."""
         by_table = {name: list(self.problem.factors(name)) for name in self.problem.automatic_names}
-        for block, logarithm in zip(self.sought, logarithms, strict=True):
+        for block, logarithm in zip(self.automatic, logarithms, strict=True):
             by_table[block.name][block.axis] = float(np.exp(logarithm))
         return {name: tuple(factors) for name, factors in by_table.items()}
 
@@ -408,8 +363,6 @@ def _blocks(compiled: CompiledProblem) -> Iterator[_Block]:
 def _active_rows(limits: LinearLimits, values: Float) -> Float:
     """Return the active linear rows, shape (rows, values)."""
     rows = limits.rows
-    if not rows.count:
-        return np.zeros((0, values.size))
     product, slack = rows.times(values), ACTIVE_TOLERANCE * rows.size(values)
     return rows.matrix(np.flatnonzero((product <= rows.lower + slack) | (product >= rows.upper - slack)), values.size)
 

@@ -1,7 +1,11 @@
-"""Roughness of tables: the mean square of second differences along each axis.
+"""Penalties on tables: roughness, and restraints of values that neither data nor smoothness determine.
 
-It is quadratic in the values if the breakpoints are fixed. If they are free, the same differences depend on values and
-breakpoints, with exact derivatives for both.
+Roughness is the mean square of second differences along each axis. It is quadratic in the values if the breakpoints are
+fixed. If they are free, the same differences depend on values and breakpoints, with exact derivatives for both.
+
+If only the product of two tables is measured, one can grow while the other shrinks: a slight pull towards the start
+resolves that. Grid points without data follow a straight line or a twisted plane through the others, however steep: a
+penalty on differences between neighbours flattens them. Both are too weak to matter at grid points with data.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +19,9 @@ from kennfeld.free_axes import key_of
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
+
+PULL = 1e-4  # of the curvature of the data
+EMPTY = 1e-2  # of the mean curvature of a table: a value below it has no data
 
 Factors = Mapping[str, Sequence[float]]
 
@@ -39,13 +46,11 @@ def second_differences(breakpoints: Float) -> Float:
     return np.stack([2 / (left * both), -2 / (left * right), 2 / (right * both)], axis=1)
 
 
-def _along(parameter: Parameter, axis: int) -> tuple[Int, Float]:
-    """Return grid points and coefficients of the second differences along an axis, divided by sqrt(points)."""
-    count = parameter.values.shape[axis]
-    lines = np.moveaxis(np.arange(parameter.size).reshape(parameter.values.shape), axis, 0).reshape(count, -1)
-    points = np.stack([lines[i : max(count - 2, 0) + i] for i in range(3)], axis=-1)
-    coefficients = second_differences(parameter.axes[axis].breakpoints)[:, None, :] / np.sqrt(float(count))
-    return points.reshape(-1, 3), np.broadcast_to(coefficients, points.shape).reshape(-1, 3)
+def _triples(table: Parameter, axis: int) -> Int:
+    """Return the flat numbers of three neighbours along an axis, Int[points - 2, lines, 3]."""
+    count = table.values.shape[axis]
+    lines = np.moveaxis(np.arange(table.size).reshape(table.values.shape), axis, 0).reshape(count, -1)
+    return np.stack([lines[i : max(count - 2, 0) + i] for i in range(3)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -60,23 +65,21 @@ class Roughness:
     coefficients: Float  # Float[rows, 3]
 
     @classmethod
-    def of(
-        cls, parameters: ParameterSet, values: ValueLayout, smoothness: Mapping[str, Sequence[float]]
-    ) -> "Roughness":
+    def of(cls, parameters: ParameterSet, values: ValueLayout, smoothness: Factors) -> "Roughness":
         """Return the penalty of the free parameters with these factors, one per axis."""
         columns, coefficients = [np.zeros((0, 3), dtype=np.int64)], [np.zeros((0, 3))]
         for name, factors in smoothness.items():
             at = values.offsets.get(name, values.free)
             for axis, factor in enumerate(factors):
                 if factor > 0 and at < values.free:
-                    points, rows = _along(parameters[name], axis)
-                    columns.append(at + points)
-                    coefficients.append(rows * factor**0.5)
+                    points, breakpoints = _triples(parameters[name], axis), parameters[name].axes[axis].breakpoints
+                    rows = second_differences(breakpoints)[:, None, :] / np.sqrt(float(breakpoints.size))
+                    columns.append(at + points.reshape(-1, 3))
+                    coefficients.append(np.broadcast_to(rows, points.shape).reshape(-1, 3) * factor**0.5)
         return cls(values.free, np.concatenate(columns), np.concatenate(coefficients))
 
     def _differences(self, values: Float) -> Float:
-        found: Float = np.einsum("ij,ij->i", self.coefficients, values[self.columns])
-        return found
+        return np.asarray(np.einsum("ij,ij->i", self.coefficients, values[self.columns]))
 
     def cost(self, values: Float) -> float:
         differences = self._differences(values)
@@ -94,9 +97,9 @@ class Roughness:
         """Rows, columns and values of the non-zero entries of the matrix of the penalty."""
         places = self.columns[:, :, None] * self.size + self.columns[:, None, :]
         products = self.coefficients[:, :, None] * self.coefficients[:, None, :]
-        where, at = np.unique(places, return_inverse=True)
-        entries = np.bincount(at.ravel(), products.ravel(), minlength=where.size).astype(np.float64)
-        rows, columns = np.divmod(where.astype(np.int64), max(self.size, 1))
+        distinct, at = np.unique(places, return_inverse=True)
+        entries = np.bincount(at.ravel(), products.ravel(), minlength=distinct.size).astype(np.float64)
+        rows, columns = np.divmod(distinct.astype(np.int64), max(self.size, 1))
         return rows, columns, entries
 
     def rows(self, values: Float) -> tuple[Float, Float]:
@@ -145,8 +148,11 @@ class MovingRoughness:
         for name, factors in smoothness.items():
             for axis, factor in enumerate(factors):
                 if factor > 0 and _moves(parameters, values, name, axis):
-                    rows = _columns(parameters, values, name, axis)
-                    count = parameters[name].values.shape[axis]
+                    grid = _triples(parameters[name], axis) + values.offsets[name]
+                    count, inner = parameters[name].values.shape[axis], len(grid)
+                    points = np.hstack([np.arange(inner)[:, None] + [0, 1, 2], np.tile([0, count - 1], (inner, 1))])
+                    points = points[:, None, :] + values.moving[key_of(parameters[name], axis)]
+                    rows = np.concatenate([grid, np.broadcast_to(points, (*grid.shape[:2], 5))], axis=2).reshape(-1, 8)
                     columns.append(rows)
                     weights.append(np.full(len(rows), (factor / count) ** 0.5))
                     counts.append(np.full(len(rows), count - 1.0))
@@ -194,14 +200,97 @@ class MovingRoughness:
         return np.concatenate([residual, row]), np.vstack([above, jacobian])
 
 
-def _columns(parameters: ParameterSet, values: ValueLayout, name: str, axis: int) -> Int:
-    """Return the columns of the rows of all lines of a table along one axis."""
-    table = parameters[name]
-    count = table.values.shape[axis]
-    lines = np.moveaxis(np.arange(table.size).reshape(table.values.shape), axis, 0).reshape(count, -1)
-    inner = max(count - 2, 0)
-    grid = np.stack([lines[i : inner + i] for i in range(3)], axis=-1) + values.offsets[name]
-    points = np.arange(inner)[:, None] + [0, 1, 2]
-    ends = np.broadcast_to([0, count - 1], (inner, 2))
-    place = np.hstack([points, ends])[:, None, :] + values.moving[key_of(table, axis)]
-    return np.concatenate([grid, np.broadcast_to(place, (*grid.shape[:2], 5))], axis=2).reshape(-1, 8)
+@dataclass(frozen=True, eq=False)
+class Restraint:
+    """The cost sum weights (z - toward)^2 + sum stiffness (z_i - z_j)^2 over the values z of a table.
+
+    `edges` are the pairs (i, j) of neighbouring grid points, as numbers in the flat table, at least one without data.
+    """
+
+    weights: Float  # Float[values]
+    toward: Float  # Float[values]
+    edges: Int  # Int[edges, 2]
+    stiffness: Float  # Float[edges]
+
+    @classmethod
+    def of(cls, start: Parameter, values: Float, curvature: Float, variance: float) -> "Restraint":
+        """Return the restraint of a table.
+
+        A difference next to a grid point without data counts as one sample of the value 0, whose standard deviation is
+        the range of the values with data over the cells of the axis.
+
+        Args:
+            start: the table with the values towards which it is pulled.
+            values: its values at a fit, Float[values].
+            curvature: the diagonal of the Gauss-Newton matrix there, Float[values].
+            variance: the noise, as the cost of one independent sample.
+        """
+        empty = curvature <= EMPTY * curvature.mean()
+        with_data = values[~empty]
+        edges, stiffness = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
+        if with_data.size:
+            span = np.ptp(with_data) ** 2 + variance / curvature[~empty].mean()
+            numbers = np.arange(start.size).reshape(start.values.shape)
+            for axis, count in enumerate(start.values.shape):
+                lines = np.moveaxis(numbers, axis, 0)
+                pairs = np.stack([lines[:-1].ravel(), lines[1:].ravel()], axis=-1)
+                pairs = pairs[empty[pairs].any(axis=1)]
+                edges.append(pairs)
+                stiffness.append(np.full(len(pairs), variance * (count - 1) ** 2 / max(span, 1e-300)))
+        return cls(PULL * curvature, start.values.ravel(), np.concatenate(edges), np.concatenate(stiffness))
+
+
+@dataclass(frozen=True, eq=False)
+class Restrained:
+    """Roughness, and the restraints of all tables together."""
+
+    roughness: Roughness | MovingRoughness
+    steps: Roughness  # rows of the first differences
+    weights: Float  # Float[values], 0 where there is no pull
+    toward: Float  # Float[values]
+
+    def cost(self, values: Float) -> float:
+        pull = float(self.weights @ (values - self.toward) ** 2)
+        return self.roughness.cost(values) + self.steps.cost(values) + pull
+
+    def add(self, values: Float, gradient: Float, matrix: Float) -> None:
+        """Add half the gradient and the matrix of the penalty, in place."""
+        self.roughness.add(values, gradient, matrix)
+        self.steps.add(values, gradient, matrix)
+        gradient += self.weights * (values - self.toward)
+        matrix[np.diag_indices_from(matrix)] += self.weights
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Return residuals and Jacobian rows whose squares are the penalty."""
+        pulled = np.flatnonzero(self.weights)
+        roots = self.weights[pulled] ** 0.5
+        jacobian = np.zeros((pulled.size, values.size))
+        jacobian[np.arange(pulled.size), pulled] = roots
+        pull = roots * (values - self.toward)[pulled], jacobian
+        residuals, jacobians = zip(self.roughness.rows(values), self.steps.rows(values), pull, strict=True)
+        return np.concatenate(residuals), np.vstack(jacobians)
+
+
+Penalty = Roughness | MovingRoughness | Restrained
+
+
+def penalty_of(
+    parameters: ParameterSet,
+    values: ValueLayout,
+    smoothness: Factors,
+    restraints: Mapping[str, Restraint],
+) -> Penalty:
+    """Return the roughness of the free parameters with these factors, and the restraints by table."""
+    roughness = roughness_of(parameters, values, smoothness)
+    if not restraints:
+        return roughness
+    weights, toward = np.zeros(values.free), np.zeros(values.free)
+    columns, coefficients = [], []
+    for name, restraint in restraints.items():
+        at = values.offsets[name]
+        part = slice(at, at + restraint.weights.size)
+        weights[part], toward[part] = restraint.weights, restraint.toward
+        columns.append(at + restraint.edges[:, [0, 1, 1]])
+        coefficients.append(restraint.stiffness[:, None] ** 0.5 * [1.0, -1.0, 0.0])
+    steps = Roughness(values.free, np.concatenate(columns), np.concatenate(coefficients))
+    return Restrained(roughness, steps, weights, toward)

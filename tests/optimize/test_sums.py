@@ -1,0 +1,127 @@
+"""The search knows sums over samples by their protocol alone: another implementation gives the same results."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.native import Accumulator, Samples
+from kennfeld.native.samples import Piece
+from kennfeld.optimize import Problem, run
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.options import Options
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.sums import Sums
+
+TORQUE = "torque = MapOptimum(n, rl) * CurveIgnition(angle + MapBase(n, rl)) - CurveFriction(n)"
+SMOOTHNESS = {"MapOptimum": (0.1, 0.1), "MapBase": (0.1, 0.1), "CurveIgnition": (0.1,), "CurveFriction": (0.1,)}
+
+
+@dataclass
+class Equations:
+    gradient: np.ndarray
+    matrix: np.ndarray
+
+
+class TwoHalves:
+    """Sums over the first and the second half of each piece, as two machines would compute them."""
+
+    def __init__(self, kernel, samples):
+        self.parts = [Accumulator(kernel, half) for half in halves(samples)]
+        self.widths = np.zeros_like(self.parts[0].widths)
+        self.stateful = self.parts[0].stateful
+        self.calls = 0
+
+    def _each(self):
+        self.calls += 1
+        for part in self.parts:
+            part.widths[:] = self.widths
+        return self.parts
+
+    def prepare(self):
+        for part in self.parts:
+            part.prepare()
+
+    def cost(self, values):
+        return sum(part.cost(values) for part in self._each())
+
+    def normal(self, values):
+        first, second = (part.normal(values) for part in self._each())
+        return Equations(first.gradient + second.gradient, first.matrix + second.matrix)
+
+    def rows(self, values):
+        (residual, jacobian), (further, below) = (part.rows(values) for part in self._each())
+        return residual + further, jacobian + below
+
+    def rows_at(self, values, visits):
+        return sum(part.rows_at(values, visits) for part in self._each())
+
+    def touched(self, values, owners=None):
+        return sum(part.touched(values, owners) for part in self._each())
+
+
+def halves(samples):
+    cuts = [(piece, (piece.first + piece.last) // 2) for piece in samples.pieces]
+    first = [Piece(piece.first, middle, piece.scores) for piece, middle in cuts]
+    second = [Piece(middle, piece.last, piece.scores) for piece, middle in cuts]
+    return [Samples(samples.inputs.parts, samples.wanted.parts, pieces, samples.order) for pieces in (first, second)]
+
+
+def torque_problem(count=600, size=4):
+    random = np.random.default_rng(0)
+    n, rl, angle = random.uniform(800, 6000, count), random.uniform(10, 100, count), random.uniform(-10, 40, count)
+    ideal = 2 * rl * (1 - ((n - 3500) / 6000) ** 2)
+    efficiency = 1 - ((angle - 20 + rl / 10) / 60) ** 2
+    data = {"n": n, "rl": rl, "angle": angle, "Torque": ideal * efficiency - n / 200 + random.normal(0, 0.5, count)}
+    speed, load = kf.Axis(np.linspace(800, 6000, size)), kf.Axis(np.linspace(10, 100, size))
+    parameters = kf.ParameterSet(
+        [
+            kf.Map("MapOptimum", speed, load, np.full((size, size), 50.0)),
+            kf.Map("MapBase", speed, load, np.zeros((size, size))),
+            kf.Curve("CurveIgnition", np.linspace(-20, 50, 5), np.linspace(0.7, 1.0, 5)),
+            kf.Curve("CurveFriction", np.linspace(800, 6000, size), np.linspace(4.0, 30.0, size)),
+        ]
+    )
+    dataset = kf.Dataset.of("bench", data)
+    criteria = (kf.Criterion("torque", "Torque"),)
+    return Problem(kf.formula(TORQUE), (dataset,), parameters, criteria, smoothness=SMOOTHNESS)
+
+
+def descend(compiled):
+    objective, limits = LeastSquaresObjective(compiled), linear_limits(compiled.problem, compiled.values)
+    return levenberg_marquardt(objective, objective.start, limits, SolverSettings())
+
+
+def test_native_code_meets_the_protocol():
+    compiled = CompiledProblem(torque_problem())
+    sums: Sums = compiled.sums
+    names = [name for name in vars(Sums) if not name.startswith("_")]
+    assert sorted(names) == sorted(["stateful", "prepare", "cost", "normal", "rows", "rows_at", "touched"])
+    assert all(hasattr(sums, name) for name in [*names, "widths"])
+
+
+@pytest.mark.parametrize("size", [3, 7], ids=["rows", "normal equations"])
+def test_another_implementation_fits_the_same_values(size):
+    problem = torque_problem(size=size)
+    native, divided = CompiledProblem(problem), CompiledProblem(problem, sums_of=TwoHalves)
+    expected, end = descend(native), descend(divided)
+    assert divided.sums.calls > 0
+    assert end.status == expected.status == "converged"
+    assert end.cost == pytest.approx(expected.cost, rel=1e-9)
+    assert end.values == pytest.approx(expected.values, rel=1e-5, abs=1e-5)
+
+
+def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
+    """Continuation, output limits and the uncertainty of the values are included."""
+    limited = replace(torque_problem(), limits=(kf.Limit("torque", upper=190.0),))
+    expected = run(limited, Options())
+    monkeypatch.setattr("kennfeld.optimize.compiled.Accumulator", TwoHalves)
+    result = run(limited, Options())
+    assert isinstance(CompiledProblem(limited).sums, TwoHalves)
+    assert result.status == expected.status
+    assert result.cost_after == pytest.approx(expected.cost_after, rel=1e-4)
+    for name, deviation in expected.trust.deviation.items():
+        assert result.trust.deviation[name] == pytest.approx(deviation, rel=0.05, abs=1e-3, nan_ok=True)
