@@ -1,8 +1,10 @@
 """Small A2L files and images, for tests."""
 
-from kennfeld.calfiles.a2l import parse_a2l, read_parameters, write_values
+from kennfeld.calfiles.a2l.parser import parse_a2l
+from kennfeld.calfiles.a2l.reader import read_parameters
+from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.flash.records import read_image
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 
 COMMON = '/begin MOD_COMMON "" BYTE_ORDER MSB_LAST /end MOD_COMMON'
 ADDRESS = 0x1000
@@ -66,14 +68,14 @@ def s_file(memory, width=16, newline="\n"):
 
 
 def image_of(memory):
-    findings = Findings("ecu.hex")
+    findings = FileFindings("ecu.hex")
     image = read_image(hex_file(memory if isinstance(memory, dict) else {ADDRESS: memory}), "ecu.hex", findings)
     assert findings.finish() == ()
     return image
 
 
 def parsed(raw, include=None):
-    findings = Findings("ecu.a2l")
+    findings = FileFindings("ecu.a2l")
     a2l = parse_a2l(raw, "ecu.a2l", findings, include)
     return a2l, [str(one) for one in findings.finish()]
 
@@ -81,7 +83,7 @@ def parsed(raw, include=None):
 def read(raw, memory):
     """The parameters, and the remarks."""
     a2l, remarks = parsed(raw)
-    findings = Findings("ecu.a2l")
+    findings = FileFindings("ecu.a2l")
     found = read_parameters(a2l, image_of(memory), findings)
     return found, remarks + [str(one) for one in findings.finish()]
 
@@ -90,9 +92,9 @@ def write(raw, memory, change):
     """The image after writing what `change` makes of the parameters, and the remarks; raises `InputError`."""
     a2l, _ = parsed(raw)
     image = image_of(memory)
-    given = change(read_parameters(a2l, image, Findings("")))
-    findings = Findings("new.hex")
+    given = change(read_parameters(a2l, image, FileFindings("")))
+    findings = FileFindings("new.hex")
     content = write_values(a2l, image, given, findings)
     remarks = [str(one) for one in findings.finish()]
-    again = Findings("")
+    again = FileFindings("")
     return read_image(content, "new.hex", again), remarks

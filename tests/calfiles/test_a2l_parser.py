@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from a2l_files import COMMON, label, layout, method, module, parsed, shared_axis
 
-from kennfeld.calfiles.a2l import summarise_labels
+from kennfeld.calfiles.a2l.objects import summarise_labels
 from kennfeld.errors import InputError
 
 SCALAR = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 
-from kennfeld.calfiles.a2l import parse_a2l, read_parameters, summarise_labels, write_values
+from kennfeld.calfiles.a2l.objects import summarise_labels
+from kennfeld.calfiles.a2l.parser import parse_a2l
+from kennfeld.calfiles.a2l.reader import read_parameters
+from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.flash.records import read_image
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError
 
 TABLE = ["NO_AXIS_PTS_X 1 UBYTE", "NO_AXIS_PTS_Y 2 UBYTE", "AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT"]
@@ -81,16 +84,16 @@ def damaged(raw, draw):
 
 def used(a2l_raw, image_raw):
     """Read and write everything there is; gives how many labels were read."""
-    findings = Findings("ecu.a2l")
+    findings = FileFindings("ecu.a2l")
     a2l = parse_a2l(a2l_raw, "ecu.a2l", findings, lambda _: None)
     image = read_image(image_raw, "ecu.hex", findings)
     findings.finish()
     summarise_labels(a2l)
     found = read_parameters(a2l, image, findings)
     findings.finish()
-    assert write_values(a2l, image, found, Findings("")) == image.raw
+    assert write_values(a2l, image, found, FileFindings("")) == image.raw
     changed = found.with_parameters(*(one.with_values(one.values * 1.1 + 1) for one in found.parameters))
-    write_values(a2l, image, changed, Findings(""))
+    write_values(a2l, image, changed, FileFindings(""))
     return len(found)
 
 
@@ -139,7 +142,7 @@ def test_absurd_sizes_take_no_memory():
     ],
 )
 def test_hostile_texts_end_at_once(text):
-    findings = Findings("ecu.a2l")
+    findings = FileFindings("ecu.a2l")
     parse_a2l(text, "ecu.a2l", findings, lambda *_: (Path("a"), text))
     with pytest.raises(InputError):
         findings.finish()
@@ -148,9 +151,9 @@ def test_hostile_texts_end_at_once(text):
 def test_numbers_that_no_float_holds_stay_apart():
     text = module(layout("FNC_VALUES 1 A_UINT64 ROW_DIR DIRECT"), label("VAL_BLK", "NUMBER 2"))
     raw = hex_file({ADDRESS: b"\xff" * 16})
-    findings = Findings("")
+    findings = FileFindings("")
     a2l, image = parse_a2l(text, "", findings), read_image(raw, "", findings)
     found = read_parameters(a2l, image, findings)
     changed = found["L"].with_values(np.array([found["L"].values[0], 5.0]))
-    again = read_image(write_values(a2l, image, found.with_parameters(changed), Findings("")), "", findings)
+    again = read_image(write_values(a2l, image, found.with_parameters(changed), FileFindings("")), "", findings)
     assert again.read(ADDRESS, 16) == b"\xff" * 8 + (5).to_bytes(8, "little")

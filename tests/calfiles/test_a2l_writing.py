@@ -8,8 +8,9 @@ from a2l_files import ADDRESS, axis, hex_file, image_of, label, layout, method, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.calfiles.a2l import read_parameters, write_values
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.a2l.reader import read_parameters
+from kennfeld.calfiles.a2l.writer import write_values
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Map, Scalar, Text
@@ -63,7 +64,7 @@ def test_of_two_numbers_as_near_the_even_one_is_stored():
 def test_a_value_beyond_what_is_allowed_is_an_error(limits, entries, number, span):
     text = module(BYTE, TENTH, label("VAL_BLK", f"NUMBER 2 {entries}", conversion="CM", limits=limits))
     [found] = errors(text, bytes(2), values(0.0, number))
-    assert found == f"new.hex (L): the value [2] is {number:g} bar, outside the storable and allowed range {span}"
+    assert found == f"new.hex L: the value [2] is {number:g} bar, outside the storable and allowed range {span}"
 
 
 def test_limits_printed_with_few_digits_do_not_forbid_what_can_be_stored():
@@ -101,20 +102,20 @@ def test_two_labels_may_share_a_byte_but_no_bit():
         return given.with_parameters(given["Low"].with_values(3), given["Whole"].with_values(4))
 
     found = errors(module(BYTE, low, whole), b"\x00", clash)
-    assert "(Whole): shares memory with Low at 0x1000, which is set to another value" in found[0]
+    assert "new.hex Whole: shares memory with Low at 0x1000, which is set to another value" in found[0]
 
 
 def test_a_label_that_changes_along_with_another_is_an_error_where_it_was_given():
     text = module(BYTE, label("VALUE", name="One"), label("VALUE", name="Other"))
     found = errors(text, b"\x01", values(5, name="One"))
-    assert "(Other): changes unintentionally" in found[0]
+    assert "new.hex Other: changes unintentionally" in found[0]
 
     def alone(given):
         return ParameterSet([given["One"].with_values(5)])
 
     image, remarks = write(text, b"\x01", alone)
     assert image.read(ADDRESS, 1) == b"\x05"
-    assert any("(Other): changes unintentionally" in one for one in remarks)
+    assert any("new.hex Other: changes unintentionally" in one for one in remarks)
 
 
 MAP = layout(
@@ -156,7 +157,7 @@ def test_a_table_without_a_number_of_points_keeps_it():
     )
     made = Curve("L", [1, 2, 3], [4, 5, 6])
     found = errors(text, bytes([1, 2, 3, 4]), lambda given: given.with_parameters(made))
-    assert "(L): has 3 points, but 2 in the image, which stores no point count" in found[0]
+    assert "new.hex L: has 3 points, but 2 in the image, which stores no point count" in found[0]
 
 
 COMMON = (
@@ -196,7 +197,7 @@ def test_a_table_with_other_breakpoints_than_its_common_axis_is_an_error():
         return ParameterSet([Curve("L", [10, 25, 30], [1, 2, 3])])
 
     found = errors(module(*COMMON), MEMORY, change)
-    assert "(L): has the X breakpoint 25, where the common axis A has 20" in found[0]
+    assert "new.hex L: has the X breakpoint 25, where the common axis A has 20" in found[0]
 
 
 def test_fixed_breakpoints_cannot_change():
@@ -234,7 +235,7 @@ def test_what_is_read_only_stays_and_is_told():
     text = module(BYTE, label("VALUE", "READ_ONLY"))
     image, remarks = write(text, b"\x01", values(2))
     assert image.read(ADDRESS, 1) == b"\x01"
-    assert remarks == ["new.hex (L): is READ_ONLY: 1 changed value not written"]
+    assert remarks == ["new.hex L: is READ_ONLY: 1 changed value not written"]
 
 
 def test_a_conversion_without_an_inverse_cannot_be_changed():
@@ -276,7 +277,7 @@ def test_a_word_of_another_kind_is_written_and_told():
     text = module(BYTE, words, method("CM", "TAB_VERB", "COMPU_TAB_REF W"), label("VALUE", conversion="CM"))
     image, remarks = write(text, b"\x01", lambda given: ParameterSet([], [Text("L", "off")]))
     assert image.read(ADDRESS, 1) == b"\x02"
-    assert remarks == ["new.hex (L): is of kind text, but enumeration in the control unit", CHECKSUMS]
+    assert remarks == ["new.hex L: is of kind text, but enumeration in the control unit", CHECKSUMS]
 
 
 def test_labels_that_the_description_does_not_have_are_told():
@@ -314,13 +315,13 @@ def test_another_unit_is_told():
 
 def test_another_kind_is_an_error():
     found = errors(module(BYTE, label("VALUE")), b"\x01", lambda given: ParameterSet([Curve("L", [1, 2], [1, 2])]))
-    assert "(L): is a curve, but a scalar in the control unit" in found[0]
+    assert "new.hex L: is a curve, but a scalar in the control unit" in found[0]
 
 
 def test_a_label_outside_the_image_is_told():
     text = module(BYTE, label("VALUE"), label("VALUE", name="Far", address=0x9000))
     _, remarks = write(text, b"\x01", lambda given: ParameterSet([Scalar("Far", 3.0)]))
-    assert remarks == ["new.hex (Far): cannot be written: 0x9000 is not in ecu.hex"]
+    assert remarks == ["new.hex Far: cannot be written: 0x9000 is not in ecu.hex"]
 
 
 KINDS = {
@@ -371,7 +372,7 @@ def test_what_is_written_is_read_again_in_every_layout(table):
     assert [one.breakpoints.tolist() for one in found["L"].axes] == [one.breakpoints.tolist() for one in made.axes]
     a2l, _ = parsed(text)
     memory = image_of(image.read(ADDRESS, len(start)))
-    assert write_values(a2l, memory, read_parameters(a2l, memory, Findings("")), Findings("")) == memory.raw
+    assert write_values(a2l, memory, read_parameters(a2l, memory, FileFindings("")), FileFindings("")) == memory.raw
 
 
 @given(st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans())

@@ -48,7 +48,7 @@ def cdfx(written):
 
 
 def remarks(path):
-    return [str(warning) for warning in describe(path).remarks]
+    return [str(warning) for warning in describe(path).findings]
 
 
 def refused(path):
@@ -85,7 +85,7 @@ class TestReading:
         path = cdfx(instance("K", "BOOLEAN", numbers("1")), instance("L", "BOOLEAN", numbers("0")))
         assert list(read(path)) == ["K", "L"]
         said = "BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK: 2 labels (K, L)"
-        assert said in "\n".join(map(str, describe(path).remarks))
+        assert said in "\n".join(map(str, describe(path).findings))
 
     def test_hexadecimal_and_float_numbers(self, cdfx):
         values = "<SW-VALUES-PHYS><VH>0x1F</VH><VF>.5</VF></SW-VALUES-PHYS>"
@@ -289,11 +289,10 @@ class TestWriting:
         with pytest.raises(InputError) as caught:
             write(parameters, tmp_path / "a.cdfx")
         assert [str(finding) for finding in caught.value.findings] == [
-            "a.cdfx (' C'): ".replace("' C'", " C")
-            + "' C' is not a valid CDFX name: it has surrounding blanks or control characters. Rename it.",
-            "a.cdfx (K): is defined twice; parameters, texts and group axes share one namespace. Rename one.",
-            "a.cdfx (K): CDFX cannot store non-finite values. Write it as .json.",
-            "a.cdfx (T): XML cannot store a text with control characters. Write it as .json.",
+            "a.cdfx K: is defined twice; parameters, texts and group axes share one namespace. Rename one.",
+            "a.cdfx  C: ' C' is not a valid CDFX name: it has surrounding blanks or control characters. Rename it.",
+            "a.cdfx K: CDFX cannot store non-finite values. Write it as .json.",
+            "a.cdfx T: XML cannot store a text with control characters. Write it as .json.",
         ]
         assert not list(tmp_path.iterdir())
 

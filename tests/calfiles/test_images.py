@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.flash.records import read_image, recognises_image
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, InputError
 
 END = hex_record(1, 0)
 
 
 def image(*lines, newline="\n"):
-    findings = Findings("ecu.hex")
+    findings = FileFindings("ecu.hex")
     made = read_image(newline.join(lines).encode("latin-1"), "ecu.hex", findings)
     return made, [str(one) for one in findings.finish()]
 
@@ -155,7 +155,7 @@ pieces = st.dictionaries(
 )
 def test_only_the_digits_of_changed_bytes_and_their_checksums_change(memory, file, width, newline, data):
     memory = {address % 2**32: content for address, content in memory.items()}
-    raw, findings = file(memory, width, newline), Findings("")
+    raw, findings = file(memory, width, newline), FileFindings("")
     made = read_image(raw, "ecu", findings)
     findings.finish()
     assert {one.address: one.content for one in made.segments} == memory

@@ -69,10 +69,10 @@ def test_what_people_save_is_read(tmp_path, packed):
     assert found["curve"] == Curve("curve", [1, 2], [3, 4], unit="Nm")
     assert (found["gov.Kp"].value, found["gov.Ki"].value) == (0.1, 0.2)
     assert found.texts == (Text("word", "abc"),)
-    remarks = "\n".join(map(str, describe(path).remarks))
-    assert "(mixed): is a cell array" in remarks
-    assert "(empty): is empty" in remarks
-    assert "(phase): is a complex number" in remarks
+    remarks = "\n".join(map(str, describe(path).findings))
+    assert "start.mat mixed: is a cell array" in remarks
+    assert "start.mat empty: is empty" in remarks
+    assert "start.mat phase: is a complex number" in remarks
 
 
 def test_what_we_write_is_what_scipy_reads(tmp_path):
@@ -140,7 +140,7 @@ def test_version_7_3_is_read(newest):
     assert found["MapX"] == Curve("MapX", [1, 2], [7, 8])
     assert found["LUT"] == Map("LUT", [1, 2], [1, 2, 3], np.ones((2, 3)))
     assert found.texts == (Text("word", "ab"),)
-    assert any("(object): is a Simulink.Parameter, which only MATLAB" in str(one) for one in describe(path).remarks)
+    assert any(" object: is a Simulink.Parameter, which only MATLAB" in str(one) for one in describe(path).findings)
 
 
 def test_a_file_of_7_3_that_claims_gigabytes_is_refused(newest):
@@ -256,7 +256,7 @@ def test_objects_of_parameters_are_read(tmp_path):
     found = read(tmp_path / "a.mat")
     assert found["P"] == Scalar("P", 3.0, unit="Nm", description="gain")
     assert found["L"] == Curve("L", Axis([700, 1500], unit="rpm"), [1, 2], unit="Nm")
-    assert describe(tmp_path / "a.mat").remarks == ()
+    assert describe(tmp_path / "a.mat").findings == ()
 
 
 def test_a_stream_is_the_same_as_a_file():

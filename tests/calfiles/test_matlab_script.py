@@ -70,7 +70,7 @@ def test_what_people_write_is_read(script):
 
 
 def test_what_is_left_aside_is_told_with_its_line(script):
-    remarks = "\n".join(str(warning) for warning in describe(script(PEOPLE)).remarks)
+    remarks = "\n".join(str(warning) for warning in describe(script(PEOPLE)).findings)
     assert "clear" not in remarks
     assert "unknown fields skipped: Min, y_is" in remarks
     assert "(Turned): has one row per y breakpoint (3); read transposed" in remarks
@@ -81,8 +81,8 @@ def test_nothing_is_executed_and_what_it_would_change_is_forgotten(script):
     found = describe(script(text))
     assert [summary.name for summary in found.parameters] == ["L", "M", "M2"]
     assert read(script(text))["L"].value == 5
-    assert [str(remark.location) for remark in found.remarks] == ["start.m line 4 column 5"]
-    assert "unknown function system; K remains undefined" in str(found.remarks[0])
+    assert [str(remark.location) for remark in found.findings] == ["start.m line 4, column 5"]
+    assert "unknown function system; K remains undefined" in str(found.findings[0])
 
 
 def test_loops_and_files_beside_are_followed(tmp_path, script):
@@ -91,7 +91,7 @@ def test_loops_and_files_beside_are_followed(tmp_path, script):
     text = "first = 1;\nload data.mat\naxes\nfor i = 1:2\n  Map.values(i) = i*K;\nend\nMap.x = Speed; % [rpm]\n"
     found = read(script(text))
     assert found["Map"] == Curve("Map", Axis([700, 1000], unit="rpm"), [2, 4])
-    assert "file ../data.mat not found" in str(describe(script("K = 1;\nload ../data.mat")).remarks[0])
+    assert "file ../data.mat not found" in str(describe(script("K = 1;\nload ../data.mat")).findings[0])
 
 
 def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
@@ -109,7 +109,7 @@ def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
         ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, but its axes require 3 x 2"),
         ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y contains no numbers"),
         ("M.x = 'a';\nM.values = [2 3];\n", "M.x contains no numbers. Assign numbers in brackets."),
-        ("K = 1;\nM = [1 2\n3 4;\n", "start.m line 2 column 5: [ is never closed"),
+        ("K = 1;\nM = [1 2\n3 4;\n", "start.m line 2, column 5: [ is never closed"),
         (
             "A.x = [1 2]; A.x_name = 'G'; A.values = [1 2]; B.x = [1 3]; B.x_name = 'G'; B.values = [1 2];",
             "group axis G",

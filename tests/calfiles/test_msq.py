@@ -86,7 +86,7 @@ def test_a_tune_is_read_with_the_axes_of_its_definition_file(tune, written):
     assert found["rpmhigh"] == Scalar("rpmhigh", 8000, unit="rpm")
     assert found.texts == (Text("mode", "Speed & \xe4", functions=("page 1",), kind="enumeration"),)
     assert describe(path).kind == "MSQ tune of mine 1"
-    assert describe(path).remarks == ()
+    assert describe(path).findings == ()
 
 
 def test_the_usual_pairs_serve_where_no_definition_file_is(tune):
@@ -97,7 +97,7 @@ def test_the_usual_pairs_serve_where_no_definition_file_is(tune):
 
 def test_a_definition_file_of_another_firmware_is_told(tune, written):
     written(INI.replace("mine 1", "other"), "mainController.ini")
-    [warning] = describe(tune()).remarks
+    [warning] = describe(tune()).findings
     assert "mainController.ini is for the firmware 'other', but the tune for 'mine 1'" in str(warning)
 
 
@@ -105,7 +105,7 @@ def test_breakpoints_that_do_not_increase_make_blocks(tune):
     path = tune(TUNE.replace("700.0", "500.0"))
     assert (read(path)["veTable"].kind, read(path)["rpmBins"].kind) == ("block", "block")
     assert read(path)["veTable"].values.shape == (3, 2)
-    [warning] = describe(path).remarks
+    [warning] = describe(path).findings
     assert "line 9 (veTable): is read as a value block: its breakpoints rpmBins are not strictly increasing" in str(
         warning
     )
@@ -138,7 +138,7 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
     values = before["veTable"].values + np.array([[0.04, 0], [0, 0.26], [0, 0]])
     remarks = write(before.with_parameters(before["veTable"].with_values(values)), tmp_path / "new.msq")
     assert [str(warning) for warning in remarks] == [
-        "new.msq (veTable): rounded to 1 digit, as the tune stores it; the largest change is 0.04"
+        "new.msq veTable: rounded to 1 digit, as the tune stores it; the largest change is 0.04"
     ]
     assert read(tmp_path / "new.msq")["veTable"].values.tolist() == [[39, 50], [40, 51.3], [41, 52]]
     write(before.with_parameters(Scalar("gain", 1 / 3, functions=["page 1"])), tmp_path / "new.msq")
@@ -148,7 +148,7 @@ def test_numbers_are_rounded_to_their_digits_and_that_is_told(tune, tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (Scalar("new", 1.0), "new.msq (new): is not a parameter of the tune. Leave it out."),
+        (Scalar("new", 1.0), "new.msq new: is not a parameter of the tune. Leave it out."),
         (Block("gain", [1.0, 2.0]), "is a block 2, but a scalar in the tune"),
         (Curve("odd", [1, 2], [1, 2]), "is a curve 2, but a block 2 in the tune"),
         (Scalar("gain", np.nan), "cannot store non-finite values"),
@@ -240,7 +240,7 @@ def test_another_unit_and_another_kind_than_in_the_tune_are_told(tune, tmp_path)
     other = ParameterSet([before["rpmhigh"].changed(unit="1/s")], [Text("mode", "Speed & \xe4")])
     said = [str(one) for one in write(before.merged(other), tmp_path / "new.msq")]
     assert said == [
-        "new.msq (mode): is of kind text, but enumeration in the tune",
+        "new.msq mode: is of kind text, but enumeration in the tune",
         "new.msq: written without conversion, since the tune has another unit: 1 label (rpmhigh). "
         "Check that this is intended.",
     ]

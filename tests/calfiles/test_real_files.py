@@ -84,7 +84,7 @@ A2LS = {
 @pytest.mark.parametrize("file", A2LS)
 def test_every_a2l_file_is_described_without_a_finding(shared_data, file):
     found = describe_a2l(shared_data / file)
-    assert found.remarks == ()
+    assert found.findings == ()
     a2l = found.a2l
     assert (len(a2l.characteristics), len(a2l.axis_pts), a2l.measurements, a2l.version) == A2LS[file]
     assert len(found.labels) == len(a2l.characteristics) + len(a2l.axis_pts)
@@ -118,7 +118,7 @@ def test_the_image_of_the_demo_leaves_aside_what_its_cdfx_does(shared_data):
         describe(shared_data / "cdfx/asamint_CDF20demo.cdfx"),
     )
     for name in ("CDF20.curve.KL_xRESs8_wS16", "CDF20.map.KF_xCURu16u8_yCURu16u8_wU8", "CDF20.axis.X_RE_AXIS_xS8"):
-        assert all(any(f"({name})" in str(warning.location) for warning in found.remarks) for found in (flash, cdfx))
+        assert all(any(f"({name})" in str(warning.location) for warning in found.findings) for found in (flash, cdfx))
 
 
 def test_the_image_of_the_demo_is_written_without_losing_a_byte(shared_data, tmp_path):

@@ -58,8 +58,7 @@ def test_a_boolean_of_other_words_is_an_enumeration_in_dcm(tmp_path):
     members = ParameterSet([], [Text("T", "ON", kind="boolean")])
     [warning] = losses(members, tmp_path / "a.dcm")
     assert str(warning) == (
-        "a.dcm (T): is of kind boolean, but 'ON' reads back as enumeration. "
-        "Write it as .cdfx or .json to keep the kind."
+        "a.dcm T: is of kind boolean, but 'ON' reads back as enumeration. Write it as .cdfx or .json to keep the kind."
     )
 
 

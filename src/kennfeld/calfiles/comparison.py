@@ -9,11 +9,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
+from kennfeld.formatting import size_text
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
 _Item = Parameter | Text | Axis
-_LETTERS = ("x", "y", "z", "u")
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Tolerance:
     relative: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, given in (("absolute", self.absolute), ("relative", self.relative)):
-            if not (isfinite(given) and given >= 0):
-                raise ArgumentError(f"{name} must be a finite number >= 0, got {given!r}")
+        for name, value in (("absolute", self.absolute), ("relative", self.relative)):
+            if not (isfinite(value) and value >= 0):
+                raise ArgumentError(f"{name} must be a finite number >= 0, got {value!r}")
 
     def exceeded(self, left: Float, right: Float) -> Bool:
         """Return a mask of the elements that differ by more than the tolerance.
@@ -55,9 +55,9 @@ class Tolerance:
 class Difference:
     """One difference of two sets.
 
-    `name` is followed by the variant where a label has several: `K (Engine=2)`; `function` is the first one that uses
+    `name` is followed by the variant if a label has several: `K (Engine=2)`; `function` is the first one that uses
     it, empty if none is known. `aspect` is values, kind, size, unit, text, content, "x axis" and the like, or
-    "presence" where only one set has it: the other side is empty then. Numbers carry how many of them differ, the
+    "presence" if only one set has it: the other side is empty then. Numbers carry how many of them differ, the
     largest difference and its index.
     """
 
@@ -67,16 +67,15 @@ class Difference:
     right: str
     count: int = 0
     total: int = 0
-    largest: float | None = None  # infinite where one side has no value
+    largest: float | None = None  # infinite if one side has no value
     index: tuple[int, ...] = ()  # of the largest difference
     place: str = ""  # the same in the words of the axes
     function: str = ""
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """The difference for a program; `largest` is null where one side has no value."""
-        plain: dict[str, Any] = {"name": self.name, "aspect": self.aspect, "left": self.left, "right": self.right}
-        plain |= {"function": self.function}
+        """The difference for a program; `largest` is null if one side has no value."""
+        plain: dict[str, Any] = {key: getattr(self, key) for key in ("name", "aspect", "left", "right", "function")}
         if self.largest is None:
             return plain
         numbers = {"left": float(self.left), "right": float(self.right)}
@@ -116,14 +115,14 @@ def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None
     allowed = tolerance or Tolerance()
     results: list[Difference] = []
     compared = 0
-    for name, one, other in _pair_items(left, right):
-        if one is None or other is None:
-            result = [Difference(name, "presence", _describe_item(one), _describe_item(other))]
+    for name, first, second in _pair_items(left, right):
+        if first is None or second is None:
+            differences = [Difference(name, "presence", _describe_item(first), _describe_item(second))]
         else:
             compared += 1
-            result = [replace(difference, name=name) for difference in _differences(one, other, allowed)]
-        function = _function(one) or _function(other)
-        results += [replace(difference, function=function) for difference in result] if function else result
+            differences = [replace(difference, name=name) for difference in _differences(first, second, allowed)]
+        function = _function(first) or _function(second)
+        results += [replace(difference, function=function) for difference in differences]
     return Comparison(tuple(results), compared)
 
 
@@ -132,23 +131,11 @@ def _pair_items(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, 
     ours, theirs = _items_by_name(left), _items_by_name(right)
     for name in dict.fromkeys([*ours, *theirs]):
         mine, its = ours.get(name, {}), theirs.get(name, {})
-        if mine.keys() & its.keys() or not (mine and its):
-            for variant in dict.fromkeys([*mine, *its]):
-                yield _label_with_variant(name, variant), mine.get(variant), its.get(variant)
-        else:  # one of them knows no variants: what counts there is compared with what counts here
-            (_, one), *more = mine.items()
-            (_, other), *further = its.items()
-            yield name, one, other
-            yield from ((_label_with_variant(name, variant), item, None) for variant, item in more)
-            yield from ((_label_with_variant(name, variant), None, item) for variant, item in further)
-
-
-def _label_with_variant(name: str, variant: str) -> str:
-    return f"{name} ({variant})" if variant else name
-
-
-def _function(item: _Item | None) -> str:
-    return "" if item is None or isinstance(item, Axis) or not item.functions else item.functions[0]
+        if mine and its and not mine.keys() & its.keys():
+            # one of them knows no variants: what counts there is compared with what counts here
+            yield name, mine.pop(next(iter(mine))), its.pop(next(iter(its)))
+        for variant in dict.fromkeys([*mine, *its]):
+            yield f"{name} ({variant})" if variant else name, mine.get(variant), its.get(variant)
 
 
 def _items_by_name(members: ParameterSet) -> dict[str, dict[str, _Item]]:
@@ -161,28 +148,61 @@ def _items_by_name(members: ParameterSet) -> dict[str, dict[str, _Item]]:
     return items
 
 
-def _differences(one: _Item, other: _Item, allowed: Tolerance) -> list[Difference]:
-    if isinstance(one, Text) and isinstance(other, Text):
-        pairs = {aspect: (getattr(one, aspect), getattr(other, aspect)) for aspect in ("kind", "text", "unit")}
-        return [Difference(one.name, aspect, *pair) for aspect, pair in pairs.items() if pair[0] != pair[1]]
-    if isinstance(one, Axis) and isinstance(other, Axis):
-        return list(_axis_differences(one.name, "", one, other, allowed))
-    if isinstance(one, Parameter) and isinstance(other, Parameter) and one.kind == other.kind:
-        return list(_member_differences(one, other, allowed))
-    return [
-        Difference(one.name, "kind", _describe_item(one), _describe_item(other)),
-        *_block_differences(one, other, allowed),
-    ]
+def _function(item: _Item | None) -> str:
+    return "" if item is None or isinstance(item, Axis) or not item.functions else item.functions[0]
 
 
-def _block_differences(one: _Item, other: _Item, allowed: Tolerance) -> Iterator[Difference]:
+def _differences(first: _Item, second: _Item, allowed: Tolerance) -> Iterator[Difference]:
+    if isinstance(first, Text) and isinstance(second, Text):
+        for aspect in ("kind", "text", "unit"):
+            if getattr(first, aspect) != getattr(second, aspect):
+                yield Difference(first.name, aspect, getattr(first, aspect), getattr(second, aspect))
+    elif isinstance(first, Axis) and isinstance(second, Axis):
+        yield from _axis_differences(first.name, "", first, second, allowed)
+    elif isinstance(first, Parameter) and isinstance(second, Parameter) and first.kind == second.kind:
+        yield from _member_differences(first, second, allowed)
+    else:
+        yield Difference(first.name, "kind", _describe_item(first), _describe_item(second))
+        yield from _block_differences(first, second, allowed)
+
+
+def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance) -> Iterator[Difference]:
+    name = first.name
+    if first.values.shape != second.values.shape:
+        yield Difference(name, "size", _size(first.values), _size(second.values))
+    else:
+        yield from _number_differences(name, "values", first.values, second.values, allowed, first.axes)
+    for letter, mine, its in zip(AXIS_LETTERS, first.axes, second.axes, strict=False):
+        if mine.name != its.name:
+            yield Difference(name, f"{letter} group axis", mine.name or "none", its.name or "none")
+        if not mine.name or mine.name != its.name:
+            yield from _axis_differences(name, f"{letter} ", mine, its, allowed)
+        elif mine.unit != its.unit:
+            yield Difference(name, f"{letter} unit", mine.unit, its.unit)
+    if first.unit != second.unit:
+        yield Difference(name, "unit", first.unit, second.unit)
+    same_values = first.kind == "rbf" and np.array_equal(first.values, second.values)
+    if same_values and not np.array_equal(first.packed, second.packed):
+        yield Difference(name, "content", "an expansion", "another expansion")
+
+
+def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:
+    aspect = f"{prefix}breakpoints"
+    if len(first) != len(second):
+        yield Difference(name, aspect, f"{len(first)} points", f"{len(second)} points")
+    else:
+        yield from _number_differences(name, aspect, first.breakpoints, second.breakpoints, allowed)
+    if first.unit != second.unit:
+        yield Difference(name, f"{prefix}unit", first.unit, second.unit)
+
+
+def _block_differences(first: _Item, second: _Item, allowed: Tolerance) -> Iterator[Difference]:
     """Compare values if one set has a table or axis and the other only a block of its numbers."""
-    left, right = _numbers(one), _numbers(other)
-    if left is None or right is None or left.shape != right.shape:
-        return
-    if any(isinstance(item, Parameter) and item.kind == "block" for item in (one, other)):
-        axes = next((item.axes for item in (one, other) if isinstance(item, Parameter) and item.axes), ())
-        yield from _number_differences(one.name, "values", left, right, allowed, axes)
+    left, right = _numbers(first), _numbers(second)
+    tables = [item for item in (first, second) if isinstance(item, Parameter)]
+    if left is not None and right is not None and left.shape == right.shape and any(t.kind == "block" for t in tables):
+        axes = next((table.axes for table in tables if table.axes), ())
+        yield from _number_differences(first.name, "values", left, right, allowed, axes)
 
 
 def _numbers(item: _Item) -> Float | None:
@@ -191,55 +211,23 @@ def _numbers(item: _Item) -> Float | None:
     return item.values if isinstance(item, Parameter) else None
 
 
-def _member_differences(one: Parameter, other: Parameter, allowed: Tolerance) -> Iterator[Difference]:
-    if one.values.shape != other.values.shape:
-        yield Difference(one.name, "size", _size(one.values), _size(other.values))
-    else:
-        yield from _number_differences(one.name, "values", one.values, other.values, allowed, one.axes)
-    for letter, mine, theirs in zip(_LETTERS, one.axes, other.axes, strict=False):
-        if mine.name != theirs.name:
-            yield Difference(one.name, f"{letter} group axis", mine.name or "none", theirs.name or "none")
-        if not mine.name or mine.name != theirs.name:
-            yield from _axis_differences(one.name, f"{letter} ", mine, theirs, allowed)
-        elif mine.unit != theirs.unit:
-            yield Difference(one.name, f"{letter} unit", mine.unit, theirs.unit)
-    if one.unit != other.unit:
-        yield Difference(one.name, "unit", one.unit, other.unit)
-    if one.kind == "rbf" and np.array_equal(one.values, other.values) and not np.array_equal(one.packed, other.packed):
-        yield Difference(one.name, "content", "an expansion", "another expansion")
-
-
-def _axis_differences(name: str, prefix: str, one: Axis, other: Axis, allowed: Tolerance) -> Iterator[Difference]:
-    if len(one) != len(other):
-        yield Difference(name, f"{prefix}breakpoints", f"{len(one)} points", f"{len(other)} points")
-    else:
-        aspect = f"{prefix}breakpoints"
-        yield from _number_differences(name, aspect, one.breakpoints, other.breakpoints, allowed, ())
-    if one.unit != other.unit:
-        yield Difference(name, f"{prefix}unit", one.unit, other.unit)
-
-
 def _number_differences(
-    name: str, aspect: str, left: Float, right: Float, allowed: Tolerance, axes: tuple[Axis, ...]
+    name: str, aspect: str, left: Float, right: Float, allowed: Tolerance, axes: tuple[Axis, ...] = ()
 ) -> Iterator[Difference]:
     far = allowed.exceeded(left, right)
     if not far.any():
         return
     with np.errstate(invalid="ignore", over="ignore"):
         apart = np.abs(left - right)
-    # Where one side has no value nothing is farther apart.
+    # If one side has no value, nothing is farther apart.
     apart = np.where(far, np.where(np.isnan(apart), np.inf, apart), -1.0)
     index = tuple(int(i) for i in np.unravel_index(int(apart.argmax()), apart.shape))
-    shown = (repr(float(left[index])), repr(float(right[index])))
-    largest, place = float(apart[index]), _describe_place(index, axes)
-    yield Difference(name, aspect, *shown, int(far.sum()), far.size, largest, index, place)
-
-
-def _describe_place(index: tuple[int, ...], axes: tuple[Axis, ...]) -> str:
+    place = f"[{', '.join(map(str, index))}]" if index else ""
     if axes:
-        points = (f"{axis.breakpoints[at]:g}" for axis, at in zip(axes, index, strict=True))
-        return ", ".join(f"{letter} = {point}" for letter, point in zip(_LETTERS, points, strict=False))
-    return f"[{', '.join(map(str, index))}]" if index else ""
+        points = [axis.breakpoints[at] for axis, at in zip(axes, index, strict=True)]
+        place = ", ".join(f"{letter} = {point:g}" for letter, point in zip(AXIS_LETTERS, points, strict=False))
+    shown = (repr(float(left[index])), repr(float(right[index])))
+    yield Difference(name, aspect, *shown, int(far.sum()), far.size, float(apart[index]), index, place)
 
 
 def _describe_item(item: _Item | None) -> str:
@@ -253,4 +241,4 @@ def _describe_item(item: _Item | None) -> str:
 
 
 def _size(values: Float) -> str:
-    return " x ".join(map(str, values.shape))
+    return size_text(values.shape)

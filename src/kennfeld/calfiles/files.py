@@ -11,87 +11,33 @@ import numpy as np
 
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
-from kennfeld.calfiles.format import CalibrationSource, Format, ReadResult
+from kennfeld.calfiles.format import HEAD_SIZE, BinaryFormat, CalibrationSource, Format, Item, ReadResult
 from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
 _SCRIPT = "MATLAB script"
-_SETTINGS = ("bounds", "locks", "free axes")  # of a calibration, which files of values do not hold
-_PLAIN_LOSSES = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
-# What tells, reads and writes a format, as module:function in this room. The script is the last one: it knows no mark.
+# the aspects that formats lack, by the keys of `loss_report`; no file of values holds the settings of a calibration
+_SETTINGS = ("bounds", "locks", "free axes")
+_JSON = ("infinities", *_SETTINGS)
+_RICH = ("extrapolation", *_SETTINGS)
+_PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
+_DCM = ("kinds", *_PLAIN)
+_CVX = ("kinds", "descriptions", "group units", *_PLAIN)
+# The script is the last one: it has no signature.
 _FORMATS = (
-    Format(
-        "JSON",
-        (".json",),
-        "json_file:recognises_json",
-        "json_file:read_json",
-        "json_file:write_json",
-        lacks=("infinities", *_SETTINGS),
-    ),
-    Format(
-        "CVX (INCA's CSV)",
-        (".csv",),
-        "cvx.reader:recognises_cvx",
-        "cvx.reader:read_cvx",
-        "cvx.writer:write_cvx",
-        lacks=("kinds", "descriptions", "group units", *_PLAIN_LOSSES),
-    ),
-    Format(
-        "CDFX",
-        (".cdfx",),
-        "cdfx.reader:recognises_cdfx",
-        "cdfx.reader:read_cdfx",
-        "cdfx.writer:write_cdfx",
-        lacks=_PLAIN_LOSSES,
-    ),
-    Format(
-        "DCM",
-        (".dcm",),
-        "dcm.lines:recognises_dcm",
-        "dcm.reader:read_dcm",
-        "dcm.update:write_dcm",
-        lacks=("kinds", *_PLAIN_LOSSES),
-    ),
-    Format(
-        "Intel HEX or S-records with an A2L file",
-        IMAGE_ENDINGS,
-        "flash.description:recognises_flash",
-        "flash.description:read_flash",
-        "flash.description:write_flash",
-        binary=True,
-    ),
-    Format("MSQ (TunerStudio)", (".msq",), "msq.reader:recognises_msq", "msq.reader:read_msq", "msq.update:write_msq"),
-    Format(
-        "Excel",
-        (".xlsx",),
-        "excel.layout:looks_like_a_workbook",
-        "excel.reader:read_excel",
-        "excel.writer:write_excel",
-        binary=True,
-        lacks=("extrapolation", *_SETTINGS),
-    ),
-    Format(
-        "MATLAB data",
-        (".mat",),
-        "matlab_reader:recognises_mat",
-        "matlab_reader:read_mat",
-        "matlab_writer:write_mat",
-        binary=True,
-        lacks=("extrapolation", *_SETTINGS),
-    ),
-    Format(
-        _SCRIPT,
-        (".m",),
-        "matlab_reader:recognises_script",
-        "matlab_reader:read_script",
-        "matlab_writer:write_script",
-        lacks=("extrapolation", *_SETTINGS),
-    ),
+    Format("JSON", (".json",), "json", ("json_file", "json_file", "json_file"), _JSON),
+    Format("CVX (INCA's CSV)", (".csv",), "cvx", ("cvx.reader", "cvx.reader", "cvx.writer"), _CVX),
+    Format("CDFX", (".cdfx",), "cdfx", ("cdfx.reader", "cdfx.reader", "cdfx.writer"), _PLAIN),
+    Format("DCM", (".dcm",), "dcm", ("dcm.lines", "dcm.reader", "dcm.update"), _DCM),
+    BinaryFormat("Intel HEX or S-records with an A2L file", IMAGE_ENDINGS, "flash", ("flash.description",) * 3),
+    Format("MSQ (TunerStudio)", (".msq",), "msq", ("msq.reader", "msq.reader", "msq.update")),
+    BinaryFormat("Excel", (".xlsx",), "excel", ("excel.layout", "excel.reader", "excel.writer"), _RICH),
+    BinaryFormat("MATLAB data", (".mat",), "mat", ("matlab_reader", "matlab_reader", "matlab_writer"), _RICH),
+    Format(_SCRIPT, (".m",), "script", ("matlab_reader", "matlab_reader", "matlab_writer"), _RICH),
 )
-_HEAD = 65536  # bytes looked at before a file is read as a whole
 
 
 @dataclass(frozen=True)
@@ -103,7 +49,7 @@ class ParameterSummary:
     shape: tuple[int, ...]
     unit: str
     description: str
-    minimum: float  # NaN where there is no value
+    minimum: float  # NaN if there is no value
     maximum: float
     functions: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()  # the first one is read
@@ -111,14 +57,14 @@ class ParameterSummary:
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """The content of a calibration file; `remarks` lists what was skipped."""
+    """The content of a calibration file; `findings` list what was skipped."""
 
     path: Path
     kind: str
     parameters: tuple[ParameterSummary, ...]
     axes: tuple[Axis, ...]  # group axes
     texts: tuple[Text, ...]
-    remarks: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
 
 
 def endings() -> tuple[str, ...]:
@@ -160,15 +106,16 @@ def read_several(
         InputError: With the findings of all files that cannot be read.
     """
     contents: list[ReadResult] = []
-    findings: list[Finding] = []
+    errors: list[Finding] = []
     for path in paths:
         try:
             contents.append(_read_content(Path(path), a2l))
         except InputError as error:
-            findings += error.findings
-    if findings:
-        raise InputError(findings)
-    return [content.parameters for content in contents], tuple(one for content in contents for one in content.remarks)
+            errors += error.findings
+    if errors:
+        raise InputError(errors)
+    findings = tuple(finding for content in contents for finding in content.findings)
+    return [content.parameters for content in contents], findings
 
 
 def write(
@@ -187,7 +134,7 @@ def write(
         a2l: The A2L file that describes `image`.
 
     Returns:
-        Findings about the new file, such as rounding.
+        FileFindings about the new file, such as rounding.
 
     Raises:
         ArgumentError: The ending is unknown.
@@ -197,8 +144,12 @@ def write(
     if image is not None:
         parameters = parameters.from_origin(_read_content(Path(image), a2l).parameters.origin)
     result = _format_for(target).write(parameters, target.name)
-    _write_bytes(target, result.raw)
-    return result.remarks
+    try:
+        write_whole(target, result.raw)
+    except OSError as error:
+        message = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(Location(os.path.realpath(target)), message, "Choose another path.") from None
+    return result.findings
 
 
 def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
@@ -209,7 +160,7 @@ def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
         path: The file, whether or not it exists.
 
     Returns:
-        One remark an aspect, such as descriptions or bounds, with the names of the parameters that lose it.
+        One finding an aspect, such as descriptions or bounds, with the names of the parameters that lose it.
 
     Raises:
         ArgumentError: The ending is that of no calibration format.
@@ -218,9 +169,9 @@ def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
     >>> print(*losses(ParameterSet([Scalar("Kp", 2.0, description="gain")]), "a.csv"))
     a.csv: descriptions are left out: 1 label (Kp). Write it as .json to keep them.
     """
-    from kennfeld.calfiles.loss_report import loss_remarks
+    from kennfeld.calfiles.loss_report import find_losses
 
-    return loss_remarks(parameters, _format_for(Path(path)).lacks, Path(path).name)
+    return find_losses(parameters, _format_for(Path(path)).lacks, Path(path).name)
 
 
 def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
@@ -232,13 +183,14 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
     >>> list(unwritable(ParameterSet([Scalar("Gain", 2.0), Scalar("Main Path/Gain:Gain", 1.0)]), ".dcm"))
     ['Main Path/Gain:Gain']
     """
-    known, found = _format_for(Path(f"parameters{ending}")), {}
-    for one in parameters.values():
+    file, reasons = f"parameters{ending}", {}
+    known = _format_for(Path(file))
+    for member in parameters.values():
         try:
-            known.write(ParameterSet([one]), f"parameters{ending}")
+            known.write(ParameterSet([member]), file)
         except InputError as error:
-            found[one.name] = error.findings[0]
-    return found
+            reasons[member.name] = error.findings[0]
+    return reasons
 
 
 def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
@@ -248,34 +200,28 @@ def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile
     """
     content = _read_content(Path(path), a2l)
     members = content.parameters
-    others: dict[str, list[str]] = {}
-    for item in members.others:
-        others.setdefault(item.name, []).append(item.variant)
-    summaries = tuple(_summary(member, others.get(member.name, [])) for member in members.parameters)
-    return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.remarks)
+    others = members.others_by_name
+    summaries = tuple(_summarise(member, others.get(member.name, [])) for member in members.parameters)
+    return CalibrationFile(Path(path), content.kind, summaries, members.axes, members.texts, content.findings)
 
 
-def _summary(member: Parameter, others: Sequence[str]) -> ParameterSummary:
+def _summarise(member: Parameter, others: Sequence[Item]) -> ParameterSummary:
     known = member.values[~np.isnan(member.values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (np.nan, np.nan)
-    shape, variants = member.values.shape, (member.variant, *others) if others or member.variant else ()
-    said = member.unit, member.description
-    return ParameterSummary(member.name, member.kind, shape, *said, low, high, member.functions, variants)
+    variants = (member.variant, *(item.variant for item in others)) if others or member.variant else ()
+    labels = member.name, member.kind, member.values.shape, member.unit, member.description
+    return ParameterSummary(*labels, low, high, member.functions, variants)
 
 
 def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     source = CalibrationSource(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
-    for known in _ordered_formats(path):
+    ending = path.suffix.lower()
+    # that of the file's ending first, so that the others need not be loaded
+    for known in sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT):
         if known.recognises(source):
             with _no_collection():
                 return known.read(source)
     raise InputError([_unrecognised_file(path, source)])
-
-
-def _ordered_formats(path: Path) -> list[Format]:
-    """Return the formats, that of the file's ending first, so that the others need not be loaded."""
-    ending = path.suffix.lower()
-    return sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT)
 
 
 @contextmanager
@@ -294,32 +240,30 @@ def _bytes(path: Path) -> bytes:
     """Read a file; a large one of another kind is refused by its head."""
     try:
         with path.open("rb") as file:
-            head = CalibrationSource(path.name, file.read(_HEAD), path)
-            if head.is_binary and not any(known.recognises(head) for known in _FORMATS if known.binary):
+            head = CalibrationSource(path.name, file.read(HEAD_SIZE), path)
+            if head.is_binary and not any(
+                known.recognises(head) for known in _FORMATS if isinstance(known, BinaryFormat)
+            ):
                 raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
             return head.raw + file.read()
     except FileNotFoundError:
-        raise InputError([_missing_file(path)]) from None
+        neighbours = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        remedy = nearest(path.name, neighbours)
+        raise InputError.of(Location(str(path)), "there is no such file", remedy) from None
     except OSError as error:
-        message = f"cannot be read: {error.strerror or error}"
-        raise InputError.of(str(path), message) from None
-
-
-def _missing_file(path: Path) -> Finding:
-    beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-    return Finding(str(path), "there is no such file", nearest(path.name, beside))
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
 
 
 def _unrecognised_file(path: Path, source: CalibrationSource) -> Finding:
-    lines = source.text.strip().splitlines()
+    lines, location = source.text.strip().splitlines(), Location(path.name)
     if not lines:
-        return Finding(path.name, "is empty", f"Expected {_describe_formats()}.")
+        return Finding(location, "is empty", f"Expected {_describe_formats()}.")
     fragment = fragment_of_a2l(source.text)
     if fragment:
-        return Finding(path.name, *fragment)
+        return Finding(location, *fragment)
     if recognises_a2l(source.text):
         message = "is an A2L description, which contains no values"
-        return Finding(path.name, message, "Pass the image that it describes (.hex, .s19), with --a2l if needed.")
+        return Finding(location, message, "Pass the image that it describes (.hex, .s19), with --a2l if needed.")
     return _unsupported_file(path, source.raw, f"begins with {lines[0][:60]!r}")
 
 
@@ -327,12 +271,9 @@ def _unsupported_file(path: Path, head: bytes, message: str) -> Finding:
     known = explain_unsupported(path)
     if known is not None:
         return known
-    look = identify_content(head)
-    return Finding(
-        path.name,
-        f"is not a calibration file: it {f'looks like {look}' if look else message}",
-        f"Expected {_describe_formats()}.",
-    )
+    kind = identify_content(head)
+    message = f"is not a calibration file: it {f'looks like {kind}' if kind else message}"
+    return Finding(Location(path.name), message, f"Expected {_describe_formats()}.")
 
 
 def _describe_formats() -> str:
@@ -346,11 +287,3 @@ def _format_for(path: Path) -> Format:
             return known
     guess = nearest(ending, endings())
     raise ArgumentError(f"path={str(path)!r} must end like a calibration file: {_describe_formats()}. {guess}".strip())
-
-
-def _write_bytes(target: Path, raw: bytes) -> None:
-    try:
-        write_whole(target, raw)
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(os.path.realpath(target), message, "Choose another path.") from None

@@ -2,20 +2,19 @@
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, Location
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-if TYPE_CHECKING:
-    from kennfeld.calfiles.a2l.objects import A2l
-    from kennfeld.calfiles.flash.image import Image
-
+Item = Parameter | Text
+Key = tuple[str, str]  # name and variant
+HEAD_SIZE = 65536  # bytes or characters that tell what a file is
 
 _DECLARED_ENCODING = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
 # Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
@@ -23,50 +22,25 @@ _CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
-_LINE_OF = re.compile(r" line (\d+)")
-_HEAD = 65536  # bytes that tell text from other content
 _MAX_EXCERPT = 120  # characters of a line shown with a finding
 
 
-@dataclass(frozen=True, eq=False)
-class FlashOrigin:
-    """The image that a set was read from, and the A2L file that describes it."""
-
-    a2l: "A2l"
-    image: "Image"
-
-
-@dataclass
-class Findings:
+class FileFindings:
     """Findings of one file: errors refuse it, warnings are shown by `kennfeld info`."""
 
-    file: str
-    _taken: list[tuple[int, Finding]] = field(default_factory=list)
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self._findings = Findings()
+        self.add = self._findings.add
+        self.finish = self._findings.finish
 
     def error(self, line: int, item: str, message: str, remedy: str = "", excerpt: str = "") -> None:
         """Add an error; line 0 means the file as a whole."""
-        self._taken.append((line, Finding(self._place(line, item), message, remedy, excerpt.strip()[:_MAX_EXCERPT])))
+        self._findings.error(Location(self.file, line, item), message, remedy, excerpt.strip()[:_MAX_EXCERPT])
 
     def warning(self, line: int, item: str, message: str, remedy: str = "") -> None:
         """Add a warning, such as a skipped item."""
-        self._taken.append((line, Finding(self._place(line, item), message, remedy, severity="warning")))
-
-    def take(self, finding: Finding) -> None:
-        """Add a finding of another package, sorted by its line."""
-        line = _LINE_OF.search(str(finding.location))
-        self._taken.append((int(line[1]) if line else 0, finding))
-
-    def _place(self, line: int, item: str) -> str:
-        place = f"{self.file} line {line}" if line else self.file
-        return f"{place} ({item})" if item else place
-
-    def finish(self) -> tuple[Finding, ...]:
-        """Return the warnings in file order; raise `InputError` with all findings if there is an error."""
-        ordered = [finding for _, finding in sorted(self._taken, key=lambda taken: taken[0])]
-        errors = [finding for finding in ordered if finding.severity == "error"]
-        if errors:
-            raise InputError(errors)
-        return tuple(ordered)
+        self._findings.warning(Location(self.file, line, item), message, remedy)
 
 
 @dataclass(frozen=True)
@@ -84,7 +58,7 @@ class CalibrationSource:
     @property
     def is_binary(self) -> bool:
         """True if it contains NUL bytes and is not UTF-16."""
-        return b"\0" in self.raw[:_HEAD] and self.mark not in _UTF_16
+        return b"\0" in self.raw[:HEAD_SIZE] and self.mark not in _UTF_16
 
     @cached_property
     def text(self) -> str:
@@ -112,7 +86,9 @@ class CalibrationSource:
     def encoding(self) -> str:
         if self.mark:
             return _MARKS[self.mark]
-        for encoding in (self._declared(), "utf-8", "cp1252"):
+        match = _DECLARED_ENCODING.match(self.raw)
+        name = match[1].decode("ascii") if match else ""
+        for encoding in (name if _CHARACTER_SET.match(name) else "utf-8", "utf-8", "cp1252"):
             try:
                 self.raw.decode(encoding)
             except (LookupError, ValueError):
@@ -129,11 +105,6 @@ class CalibrationSource:
     def _decoded(self) -> str:
         return self.raw[len(self.mark) :].decode(self.encoding, errors="replace")
 
-    def _declared(self) -> str:
-        match = _DECLARED_ENCODING.match(self.raw)
-        name = match[1].decode("ascii") if match else ""
-        return name if _CHARACTER_SET.match(name) else "utf-8"
-
 
 @dataclass(frozen=True)
 class ReadResult:
@@ -141,7 +112,7 @@ class ReadResult:
 
     kind: str
     parameters: ParameterSet
-    remarks: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -149,63 +120,55 @@ class WriteResult:
     """The bytes of a file to write, and the findings about them."""
 
     raw: bytes
-    remarks: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
 class Format:
     """One calibration format: how it is recognised, read and written.
 
-    The functions are given as `module:function` of this package and loaded on first use. The recogniser gets the text
-    of a file or, if the format is `binary`, the source, of which the head must suffice. The writer returns the text or
-    bytes of a file; its second argument is the file name for findings. `lacks` lists the aspects of a set that a new
-    file does not store, by the keys of `loss_report`.
+    `modules` of this package define the functions `recognises_...`, `read_...` and `write_...`, which end in `key` and
+    are loaded on first use. The recogniser gets the text of a file. The writer returns the text or bytes of a file; its
+    second argument is the file name for findings. `lacks` lists the aspects of a set that a new file does not store, by
+    the keys of `loss_report`.
     """
 
     name: str
     endings: tuple[str, ...]
-    _recognises: str
-    _read: str
-    _write: str
-    binary: bool = False
+    key: str
+    modules: tuple[str, str, str]
     lacks: tuple[str, ...] = ()
 
+    def _function(self, verb: str) -> Callable[..., Any]:
+        module = self.modules[("recognises", "read", "write").index(verb)]
+        function: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), f"{verb}_{self.key}")
+        return function
+
     def recognises(self, source: CalibrationSource) -> bool:
-        if self.binary:
-            return bool(_load_function(self._recognises)(source))
-        return not source.is_binary and bool(_load_function(self._recognises)(source.text))
+        return not source.is_binary and bool(self._function("recognises")(source.text))
 
     def read(self, source: CalibrationSource) -> ReadResult:
         """Read a file; raises `InputError` with all findings."""
-        content: ReadResult = _load_function(self._read)(source)
+        content: ReadResult = self._function("read")(source)
         return content
 
     def write(self, parameters: ParameterSet, file: str) -> WriteResult:
         """Convert a set to a file; raises `InputError` naming what the format cannot store."""
-        result: str | WriteResult = _load_function(self._write)(parameters, file)
+        result: str | WriteResult = self._function("write")(parameters, file)
         return WriteResult(result.encode("utf-8", errors="replace")) if isinstance(result, str) else result
 
 
-def _load_function(name: str) -> Callable[..., Any]:
-    module, function = name.split(":")
-    results: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), function)
-    return results
+class BinaryFormat(Format):
+    """A format of which the recogniser gets the source, whose head must suffice."""
+
+    def recognises(self, source: CalibrationSource) -> bool:
+        return bool(self._function("recognises")(source))
 
 
-def build_set(
-    items: dict[tuple[str, str], Parameter | Text], axes: Iterable[Axis], origin: object | None = None
-) -> ParameterSet:
+def build_set(items: dict[Key, Item], axes: Iterable[Axis], origin: object | None = None) -> ParameterSet:
     """Build a set from items by name and variant; the first variant of each label is used, the rest are `others`."""
     first = {name: (name, variant) for name, variant in reversed(items)}
-    chosen = [item for key, item in items.items() if first[key[0]] == key]
+    chosen = [items[key] for key in items if first[key[0]] == key]
     members = [item for item in chosen if isinstance(item, Parameter)]
     texts = [item for item in chosen if isinstance(item, Text)]
     return ParameterSet(members, texts, axes, [item for key, item in items.items() if first[key[0]] != key], origin)
-
-
-def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
-    """Drop trailing ones of a shape, which tools append; (3, 1) and (3,) are equal."""
-    kept = len(sizes)
-    while kept > 1 and sizes[kept - 1] == 1:
-        kept -= 1
-    return sizes[:kept]

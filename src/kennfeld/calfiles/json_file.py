@@ -11,17 +11,19 @@ axis that no table uses is an entry of kind "axis". Non-finite numbers are null.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult
+from kennfeld.calfiles.storable import report_repeated
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.parameters import AXIS_LETTERS, LABELS, Axis, Block, Parameter, Text, TextKind, parameter
 from kennfeld.rbf import RBF, Expansion
 
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
@@ -29,7 +31,6 @@ _PARTS = ("offset", "slopes", "weights", "centres", "widths")
 _TEXTS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 _KINDS = (*_TABLES, "block", "rbf", *_TEXTS, "axis")
 _AXIS_ATTRIBUTES = ("name", "unit", "input")
-_LABELS = ("description", "display_name", "variant")
 
 
 def recognises_json(text: str) -> bool:
@@ -43,62 +44,35 @@ def write_json(parameters: ParameterSet, file: str) -> str:
     Raises `InputError` if two entries would have the same name.
     """
     used = {axis.name for member in parameters.parameters for axis in member.axes}
-    others: dict[str, list[dict[str, Any]]] = {}
-    for item in parameters.others:
-        others.setdefault(item.name, []).append(_entry_of(item))
-    entries = [
-        (item.name, _entry_of(item) | ({"others": others[item.name]} if item.name in others else {}))
-        for item in parameters.chosen
-    ]
-    entries += [(axis.name, _axis_entry(axis)) for axis in parameters.axes if axis.name not in used]
-    findings, seen = Findings(file), set[str]()
-    for name, _ in entries:
-        if name in seen:
-            findings.error(0, name, "is defined twice", "Rename one of the two.")
-        seen.add(name)
+    others = {name: {"others": list(map(_entry, items))} for name, items in parameters.others_by_name.items()}
+    entries = [(item.name, _entry(item) | others.get(item.name, {})) for item in parameters.chosen]
+    for axis in parameters.axes:
+        if axis.name not in used:
+            quantity = {"input": axis.input} if axis.input else {}
+            points = {"x": axis.breakpoints.tolist()}
+            entries.append((axis.name, {"kind": "axis", "unit": axis.unit} | quantity | points))
+    findings = FileFindings(file)
+    report_repeated((name for name, _ in entries), findings)
     findings.finish()
     return "{" + ",".join(f"\n {_format_compact(name)}: {_format_entry(entry)}" for name, entry in entries) + "\n}\n"
 
 
-def _entry_of(item: Parameter | Text) -> dict[str, Any]:
-    return _text_entry(item) if isinstance(item, Text) else _entry(item)
-
-
-def _labels_of(item: Parameter | Text) -> dict[str, Any]:
-    labels = {key: getattr(item, key) for key in _LABELS if getattr(item, key)}
-    return labels | ({"functions": list(item.functions)} if item.functions else {})
-
-
-def _entry(member: Parameter) -> dict[str, Any]:
-    entry: dict[str, Any] = {"kind": member.kind, "unit": member.unit} | _labels_of(member)
-    if isinstance(member, RBF):
-        parts = {part: getattr(member.expansion, part) for part in _PARTS}
-        return entry | {"inputs": list(member.inputs)} | {name: np.asarray(a).tolist() for name, a in parts.items()}
-    for letter, axis in zip("xyzw", member.axes, strict=False):
+def _entry(item: Item) -> dict[str, Any]:
+    labels = {key: getattr(item, key) for key in LABELS if getattr(item, key)}
+    if isinstance(item, Text):
+        return {"kind": item.kind, "text": item.text} | ({"unit": item.unit} if item.unit else {}) | labels
+    entry: dict[str, Any] = {"kind": item.kind, "unit": item.unit} | labels
+    if isinstance(item, RBF):
+        parts = {part: np.asarray(getattr(item.expansion, part)).tolist() for part in _PARTS}
+        return entry | {"inputs": list(item.inputs)} | parts
+    for letter, axis in zip(AXIS_LETTERS, item.axes, strict=False):
         entry |= {f"{letter}_{key}": getattr(axis, key) for key in _AXIS_ATTRIBUTES if getattr(axis, key)}
         entry[letter] = axis.breakpoints.tolist()
-    if member.axes and member.extrapolation != "clip":
-        entry["extrapolation"] = member.extrapolation
-    entry["value" if member.kind == "scalar" else "values"] = _finite_or_null(member.values)
-    return entry
-
-
-def _text_entry(text: Text) -> dict[str, Any]:
-    unit = {"unit": text.unit} if text.unit else {}
-    return {"kind": text.kind, "text": text.text} | unit | _labels_of(text)
-
-
-def _axis_entry(axis: Axis) -> dict[str, Any]:
-    own = {"kind": "axis", "unit": axis.unit} | ({"input": axis.input} if axis.input else {})
-    return own | {"x": axis.breakpoints.tolist()}
-
-
-def _finite_or_null(values: Float) -> Any:
-    if np.isfinite(values).all():
-        return values.tolist()
-    result = values.astype(object)
-    result[~np.isfinite(values)] = None
-    return result.tolist()
+    if item.axes and item.extrapolation != "clip":
+        entry["extrapolation"] = item.extrapolation
+    values = item.values.astype(object)
+    values[~np.isfinite(item.values)] = None
+    return entry | {"value" if item.kind == "scalar" else "values": values.tolist()}
 
 
 def _format_entry(entry: dict[str, Any]) -> str:
@@ -120,7 +94,7 @@ def read_json(source: CalibrationSource) -> ReadResult:
 
     Raises `InputError` with all findings and its path, like `MapX.values[3]`.
     """
-    findings = Findings(source.name)
+    findings = FileFindings(source.name)
     entries = _load_entries(source.text, findings)
     reader = _JsonReader(findings)
     if entries and not any(isinstance(entry, _Pairs) and "kind" in entry for _, entry in entries):
@@ -129,12 +103,13 @@ def read_json(source: CalibrationSource) -> ReadResult:
         entries = []
     for name, entry in entries:
         reader.take(name, entry)
-    members = reader.agreed()
-    remarks = findings.finish()
-    return ReadResult("JSON", ParameterSet(members, reader.texts, reader.axes.values(), reader.others), remarks)
+    reader.check_group_axes()
+    warnings = findings.finish()
+    parameters = ParameterSet(reader.members, reader.texts, reader.axes.values(), reader.others)
+    return ReadResult("JSON", parameters, warnings)
 
 
-def _load_entries(text: str, findings: Findings) -> list[tuple[str, Any]]:
+def _load_entries(text: str, findings: FileFindings) -> list[tuple[str, Any]]:
     """Return the entries in order; duplicate keys are reported."""
     try:
         pairs = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_Pairs, parse_int=float)
@@ -145,8 +120,7 @@ def _load_entries(text: str, findings: Findings) -> list[tuple[str, Any]]:
     except RecursionError:
         findings.error(0, "", "lists are nested too deeply")
         return []
-    assert isinstance(pairs, _Pairs)
-    for name in pairs.repeated():
+    for name in pairs.repeated:
         findings.error(0, name, "is defined twice", "Keep one of the two.")
     return list(pairs.items())
 
@@ -156,78 +130,78 @@ class _Pairs(dict[str, Any]):
 
     def __init__(self, pairs: list[tuple[str, Any]]) -> None:
         super().__init__(pairs)
-        self._given = [key for key, _ in pairs]
-
-    def repeated(self) -> list[str]:
-        if len(self) == len(self._given):
-            return []
-        seen = set[str]()
-        return [key for key in self._given if key in seen or seen.add(key)]  # type: ignore[func-returns-value]
+        counts = Counter(key for key, _ in pairs) if len(self) < len(pairs) else {}
+        self.repeated = [key for key, count in counts.items() if count > 1]
 
 
 class _JsonReader:
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         self.findings = findings
         self.members: list[Parameter] = []
         self.texts: list[Text] = []
-        self.others: list[Parameter | Text] = []
+        self.others: list[Item] = []
         self.axes: dict[str, Axis] = {}
 
     def take(self, name: str, entry: Any) -> None:
         if not isinstance(entry, _Pairs):
             return self._wrong(name, "must be an object with a kind and values")
-        for key in entry.repeated():
+        for key in entry.repeated:
             self._wrong(f"{name}.{key}", "is defined twice")
         kind = entry.get("kind")
         if kind not in _KINDS:
             guess = nearest(kind, _KINDS) if isinstance(kind, str) else ""
-            return self._wrong(
-                f"{name}.kind", f"unknown kind {kind!r}", guess or f"Must be one of: {', '.join(_KINDS)}."
-            )
-        self._unknown_keys(name, kind, entry)
+            remedy = guess or f"Must be one of: {', '.join(_KINDS)}."
+            return self._wrong(f"{name}.kind", f"unknown kind {kind!r}", remedy)
+        self._report_unknown_keys(name, kind, entry)
+        unit = self._string(name, entry, "unit")
         if kind in _TEXTS:
-            text, unit = self._string(name, entry, "text"), self._string(name, entry, "unit")
+            text = self._string(name, entry, "text")
             self.texts.append(Text(name, text, kind=kind, unit=unit, **self._labels(name, entry)))
         elif kind == "axis":
-            self._spare_axis(name, entry)
-        elif kind == "rbf":
-            self._rbf(name, entry)
+            points = self._points(name, entry, "x")
+            if points is not None:
+                self.axes[name] = Axis(points, self._string(name, entry, "input"), unit, name)
         else:
-            self._table(name, kind, entry)
+            attributes = self._labels(name, entry) | {"unit": unit}
+            try:
+                member = (self._rbf if kind == "rbf" else self._table)(name, entry, attributes)
+                self.members += [member] if member else []
+            except ArgumentError as error:
+                self._wrong(name, str(error))
         self._take_others(name, entry)
         return None
 
     def _take_others(self, name: str, entry: _Pairs) -> None:
-        given = entry.get("others", [])
-        if not isinstance(given, list):
-            return self._wrong(f"{name}.others", f"must be a list of entries, got {_describe_value(given)}")
+        entries = entry.get("others", [])
+        if not isinstance(entries, list):
+            return self._wrong(f"{name}.others", f"must be a list of entries, got {_describe_value(entries)}")
         inner = _JsonReader(self.findings)
-        for other in given:
+        for other in entries:
             inner.take(name, other)
-        results: list[Parameter | Text] = [*inner.members, *inner.texts]
-        variants = [str(entry.get("variant", "")), *(item.variant for item in results)]
-        twice = sorted({one for one in variants if variants.count(one) > 1})
-        for variant in twice:
+        items: list[Item] = [*inner.members, *inner.texts]
+        variants = [str(entry.get("variant", "")), *(item.variant for item in items)]
+        repeated = sorted({variant for variant in variants if variants.count(variant) > 1})
+        for variant in repeated:
             self._wrong(f"{name}.others", f"the variant {variant!r} is defined twice", "Keep one of the two.")
-        self.others += results if not twice else []
+        self.others += items if not repeated else []
         return None
 
     def _labels(self, name: str, entry: _Pairs) -> dict[str, Any]:
-        labels: dict[str, Any] = {key: self._string(name, entry, key) for key in _LABELS}
+        labels: dict[str, Any] = {key: self._string(name, entry, key) for key in LABELS if key != "functions"}
         functions = entry.get("functions", [])
-        if isinstance(functions, list) and all(isinstance(one, str) for one in functions):
+        if isinstance(functions, list) and all(isinstance(function, str) for function in functions):
             return labels | {"functions": tuple(functions)}
         self._wrong(f"{name}.functions", f"must be a list of names, got {_describe_value(functions)}")
         return labels
 
     def _wrong(self, path: str, message: str, remedy: str = "") -> None:
-        self.findings.error(0, "", f"{path}: {message}", remedy)
+        self.findings.error(0, path, message, remedy)
 
-    def _unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
+    def _report_unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
         special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
         special |= {"axis": {"x", "input"}, "rbf": {"inputs", *_PARTS}}
-        known = {"kind", "unit", "functions", "others", *_LABELS} | special.get(kind, set())
-        if kind not in (*_TEXTS, "axis", "rbf"):
+        known = {"kind", "unit", "others", *LABELS} | special.get(kind, set())
+        if kind not in special:
             letters = _TABLES.get(kind, "")
             known |= {"value" if kind == "scalar" else "values", *letters}
             known |= {f"{letter}_{key}" for letter in letters for key in _AXIS_ATTRIBUTES}
@@ -243,141 +217,106 @@ class _JsonReader:
         self._wrong(f"{name}.{key}", f"must be a text, got {_describe_value(value)}")
         return ""
 
-    def _spare_axis(self, name: str, entry: _Pairs) -> None:
-        points = self._points(name, entry, "x")
-        if points is not None:
-            unit, quantity = self._string(name, entry, "unit"), self._string(name, entry, "input")
-            self.axes[name] = Axis(points, quantity, unit, name)
-
-    def _table(self, name: str, kind: str, entry: _Pairs) -> None:
-        letters = _TABLES.get(kind, "")
-        letters = letters if kind != "cube" or "w" in entry else "xyz"
+    def _table(self, name: str, entry: _Pairs, attributes: dict[str, Any]) -> Parameter | None:
+        letters = _TABLES.get(entry["kind"], "")
+        letters = letters if letters != "xyzw" or "w" in entry else "xyz"
         axes = [self._axis(name, entry, letter) for letter in letters]
-        attributes = self._labels(name, entry) | {"unit": self._string(name, entry, "unit")}
         if letters and "extrapolation" in entry:
-            attributes["extrapolation"] = self._extrapolation(name, entry)
+            attributes["extrapolation"] = entry["extrapolation"]
+            if entry["extrapolation"] not in ("clip", "linear"):
+                message = f'must be "clip" or "linear", got {_describe_value(entry["extrapolation"])}'
+                self._wrong(f"{name}.extrapolation", message)
+                del attributes["extrapolation"]
         own = [axis for axis in axes if axis is not None]
-        shape = [len(axis) for axis in own]
-        key = "value" if kind == "scalar" else "values"
+        key = "value" if entry["kind"] == "scalar" else "values"
         if key not in entry:
-            return self._wrong(f"{name}.{key}", "is missing")
-        if len(own) < len(axes):
-            return None
-        if kind == "block":
-            shape = _shape_of(entry[key])
-            if not 1 <= len(shape) <= 4:
-                return self._wrong(f"{name}.{key}", f"must have one to four dimensions, got {len(shape)}")
-        values = list(self._numbers(entry[key], shape, f"{name}.{key}"))
-        if len(values) == int(np.prod(shape)):
-            self._build(name, kind, np.array(values, dtype=np.float64).reshape(shape), own, attributes)
+            self._wrong(f"{name}.{key}", "is missing")
+        elif len(own) == len(axes) and entry["kind"] == "block":
+            values = self._block_values(name, entry["values"])
+            return None if values is None else Block(name, values, **attributes)
+        elif len(own) == len(axes):
+            values = self._numbers(entry[key], [len(axis) for axis in own], f"{name}.{key}")
+            return None if values is None else parameter(name, values, own, **attributes)
         return None
 
-    def _extrapolation(self, name: str, entry: _Pairs) -> str:
-        given = entry["extrapolation"]
-        if given in ("clip", "linear"):
-            return str(given)
-        self._wrong(f"{name}.extrapolation", f'must be "clip" or "linear", got {_describe_value(given)}')
-        return "clip"
+    def _block_values(self, name: str, values: Any) -> Float | None:
+        shape: list[int] = []
+        inner = values
+        while isinstance(inner, list):
+            shape.append(len(inner))
+            inner = inner[0] if inner else None
+        if 1 <= len(shape) <= 4:
+            return self._numbers(values, shape, f"{name}.values")
+        self._wrong(f"{name}.values", f"must have one to four dimensions, got {len(shape)}")
+        return None
 
-    def _build(self, name: str, kind: str, values: Float, axes: list[Axis], attributes: dict[str, Any]) -> None:
-        try:
-            result = (
-                Block(name, values, **attributes) if kind == "block" else parameter(name, values, axes, **attributes)
-            )
-        except ArgumentError as error:
-            self._wrong(name, str(error))
-        else:
-            self.members.append(result)
-
-    def _rbf(self, name: str, entry: _Pairs) -> None:
+    def _rbf(self, name: str, entry: _Pairs, attributes: dict[str, Any]) -> Parameter | None:
         missing = [key for key in ("inputs", *_PARTS) if key not in entry]
         for key in missing:
             self._wrong(f"{name}.{key}", "is missing")
         if missing:
-            return
+            return None
         inputs, centres = (len(entry[k]) if isinstance(entry[k], list) else 0 for k in ("inputs", "weights"))
-        parts = {}
+        parts = []
         for key, shape in zip(_PARTS, ([], [inputs], [centres], [centres, inputs], [centres, inputs]), strict=True):
-            numbers = list(self._numbers(entry[key], shape, f"{name}.{key}"))
-            if len(numbers) < int(np.prod(shape)):
-                return
-            parts[key] = np.array(numbers, dtype=np.float64).reshape(shape)
-        attributes = self._labels(name, entry) | {"unit": self._string(name, entry, "unit")}
-        try:
-            expansion = Expansion(float(parts.pop("offset")), *parts.values())
-            self.members.append(RBF(name, expansion, list(map(str, entry["inputs"])), **attributes))
-        except ArgumentError as error:
-            self._wrong(name, str(error))
+            numbers = self._numbers(entry[key], shape, f"{name}.{key}")
+            if numbers is None:
+                return None
+            parts.append(numbers)
+        expansion = Expansion(float(parts[0]), *parts[1:])
+        return RBF(name, expansion, list(map(str, entry["inputs"])), **attributes)
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
         points = self._points(name, entry, letter)
-        given = {key: self._string(name, entry, f"{letter}_{key}") for key in _AXIS_ATTRIBUTES}
-        return None if points is None else Axis(points, given["input"], given["unit"], given["name"])
+        attributes: dict[str, Any] = {key: self._string(name, entry, f"{letter}_{key}") for key in _AXIS_ATTRIBUTES}
+        return None if points is None else Axis(points, **attributes)
 
     def _points(self, name: str, entry: _Pairs, letter: str) -> Float | None:
-        path, given = f"{name}.{letter}", entry.get(letter)
-        if not isinstance(given, list) or not given:
-            message = (
-                "is missing" if letter not in entry else f"must be a list of breakpoints, got {_describe_value(given)}"
-            )
-            self._wrong(path, message)
+        path, breakpoints = f"{name}.{letter}", entry.get(letter)
+        if not isinstance(breakpoints, list) or not breakpoints:
+            expected = f"must be a list of breakpoints, got {_describe_value(breakpoints)}"
+            self._wrong(path, expected if letter in entry else "is missing")
             return None
-        points = np.array(list(self._numbers(given, [len(given)], path)), dtype=np.float64)
-        if len(points) < len(given):
+        points = self._numbers(breakpoints, [len(breakpoints)], path)
+        if points is None:
             return None
-        wrong = _point_fault(points)
-        if wrong:
-            self._wrong(f"{path}[{wrong[0]}]", wrong[1])
-        return None if wrong else points
+        for at in np.flatnonzero(~np.isfinite(points)):
+            self._wrong(f"{path}[{at}]", "must be a finite number")
+            return None
+        for at in np.flatnonzero(points[1:] <= points[:-1]):
+            message = f"the axis is not strictly increasing: {points[at + 1]:g} follows {points[at]:g}"
+            self._wrong(f"{path}[{at + 1}]", message)
+            return None
+        return points
 
-    def _numbers(self, given: Any, shape: list[int], path: str) -> Iterator[float]:
+    def _numbers(self, value: Any, shape: list[int], path: str) -> Float | None:
+        """Return the numbers of a nested list as an array; None, with findings, if an entry is wrong."""
+        numbers = list(self._flatten(value, shape, path))
+        return np.array(numbers, dtype=np.float64).reshape(shape) if len(numbers) == int(np.prod(shape)) else None
+
+    def _flatten(self, value: Any, shape: list[int], path: str) -> Iterator[float]:
         """Yield the numbers of a nested list in order; wrong entries are reported and skipped."""
         if not shape:
-            number = _to_number(given)
-            if number is None:
-                return self._wrong(path, f"must be a number, got {_describe_value(given)}")
-            yield number
-        elif not isinstance(given, list):
-            self._wrong(path, f"must be a list of length {shape[0]}, got {_describe_value(given)}")
-        elif len(given) != shape[0]:
-            self._wrong(path, f"must have length {shape[0]}, got {len(given)}")
+            if value is not None and not isinstance(value, float):
+                return self._wrong(path, f"must be a number, got {_describe_value(value)}")
+            yield float("nan") if value is None else value
+        elif not isinstance(value, list):
+            self._wrong(path, f"must be a list of length {shape[0]}, got {_describe_value(value)}")
+        elif len(value) != shape[0]:
+            self._wrong(path, f"must have length {shape[0]}, got {len(value)}")
         else:
-            for index, inner in enumerate(given):
-                yield from self._numbers(inner, shape[1:], f"{path}[{index}]")
+            for index, inner in enumerate(value):
+                yield from self._flatten(inner, shape[1:], f"{path}[{index}]")
         return None
 
-    def agreed(self) -> list[Parameter]:
-        """Return the tables; group axes that differ between tables are reported."""
+    def check_group_axes(self) -> None:
+        """Report group axes that differ between tables."""
         first: dict[str, tuple[str, Axis]] = {name: (name, axis) for name, axis in self.axes.items()}
         for member in self.members:
-            for letter, axis in zip("xyzw", member.axes, strict=False):
+            for letter, axis in zip(AXIS_LETTERS, member.axes, strict=False):
                 user, known = first.setdefault(axis.name, (member.name, axis)) if axis.name else ("", axis)
                 if not np.array_equal(known.breakpoints, axis.breakpoints):
                     self._wrong(f"{member.name}.{letter}", f"group axis {axis.name} has other breakpoints in {user}")
-        return self.members
-
-
-def _point_fault(points: Float) -> tuple[int, str] | None:
-    """Return the index and the fault of the first wrong breakpoint, or None."""
-    for at in np.flatnonzero(~np.isfinite(points)):
-        return int(at), "must be a finite number"
-    for at in np.flatnonzero(points[1:] <= points[:-1]):
-        return int(at) + 1, f"the axis is not strictly increasing: {points[at + 1]:g} follows {points[at]:g}"
-    return None
-
-
-def _to_number(given: Any) -> float | None:
-    if given is None:
-        return float("nan")
-    return given if isinstance(given, float) else None
-
-
-def _shape_of(given: Any) -> list[int]:
-    shape: list[int] = []
-    while isinstance(given, list):
-        shape.append(len(given))
-        given = given[0] if given else None
-    return shape
 
 
 def _describe_value(value: Any) -> str:

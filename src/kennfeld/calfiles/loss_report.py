@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.verbal_values import warn_about_kinds
 from kennfeld.errors import Finding
 from kennfeld.formatting import count_labels, holds_control_characters
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.parameters import Axis, Parameter
 
-Item = Parameter | Text
 _USE_JSON = "Write it as .json to keep them."
 _USE_PROJECT = "Keep them in a project file."
+_GROUP_UNITS = "units of a group axis that differ between tables become that of the first table"
 
 
 def _any_axis(has: Callable[[Axis], bool]) -> Callable[[Item], bool]:
@@ -29,7 +29,7 @@ def _has_line_breaks(item: Item) -> bool:
     return any(map(holds_control_characters, (item.unit, item.description, item.display_name, *units)))
 
 
-# For each aspect: which things have it, what becomes of it, and the remedy.
+# For each aspect: which items have it, what becomes of it, and the remedy.
 _ASPECTS: dict[str, tuple[Callable[[Item], bool], str, str]] = {
     "descriptions": (lambda item: bool(item.description), "descriptions are left out", _USE_JSON),
     "inputs": (_any_axis(lambda axis: bool(axis.input)), "the inputs of axes are left out", _USE_JSON),
@@ -54,25 +54,18 @@ _ASPECTS: dict[str, tuple[Callable[[Item], bool], str, str]] = {
 }
 
 
-def loss_remarks(parameters: ParameterSet, lacks: Iterable[str], file: str) -> tuple[Finding, ...]:
+def find_losses(parameters: ParameterSet, lacks: Iterable[str], file: str) -> tuple[Finding, ...]:
     """Return a warning for each aspect that a format lacks: a key of `_ASPECTS`, "kinds" or "group units"."""
-    findings = Findings(file)
-    items = list(parameters.everything.values())
+    findings = FileFindings(file)
+    units = {axis.name: axis.unit for axis in parameters.axes}
+    differs = _any_axis(lambda axis: bool(axis.name) and axis.unit != units.get(axis.name, axis.unit))
+    aspects = _ASPECTS | {"group units": (differs, _GROUP_UNITS, _USE_JSON)}
     for aspect in lacks:
         if aspect == "kinds":
             warn_about_kinds(parameters, findings)
             continue
-        has, becomes, remedy = _ASPECTS.get(aspect, (_has_other_unit(parameters), _GROUP_UNITS, _USE_JSON))
-        names = list(dict.fromkeys(item.name for item in items if has(item)))
+        has, becomes, remedy = aspects[aspect]
+        names = list(dict.fromkeys(item.name for item in parameters.everything.values() if has(item)))
         if names:
             findings.warning(0, "", f"{becomes}: {count_labels(names)}", remedy)
     return findings.finish()
-
-
-_GROUP_UNITS = "units of a group axis that differ between tables become that of the first table"
-
-
-def _has_other_unit(parameters: ParameterSet) -> Callable[[Item], bool]:
-    """Find the tables that give a group axis another unit than the set does."""
-    units = {axis.name: axis.unit for axis in parameters.axes}
-    return _any_axis(lambda axis: bool(axis.name) and axis.unit != units.get(axis.name, axis.unit))

@@ -7,34 +7,30 @@ one row per x, is a curve or map. Common other names of these fields are support
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from itertools import takewhile
+from math import prod
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings, build_set, drop_trailing_ones
-from kennfeld.formatting import count_noun
+from kennfeld.calfiles.content import drop_trailing_ones
+from kennfeld.calfiles.format import FileFindings, Item, Key, build_set
+from kennfeld.formatting import count_noun, join_names, size_text
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
+from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Scalar, Text, TextKind, parameter
 
 INFO = "kennfeld_info"  # the struct that says more about variables which are plain numbers
-_LETTERS = "xyzw"
 _VALUES = ("values", "value", "data", "table", "tabledata")
 _AXES = tuple(
-    (
-        letter,
-        f"{letter}axis",
-        f"{letter}breakpoints",
-        f"breakpoints{number}",
-        f"bp{number}",
-        f"{letter}values",
-        f"{letter}data",
-    )
-    for number, letter in enumerate(_LETTERS, 1)
+    (x, f"{x}axis", f"{x}breakpoints", f"breakpoints{number}", f"bp{number}", f"{x}values", f"{x}data")
+    for number, x in enumerate(AXIS_LETTERS, 1)
 )
 _UNITS = ("unit", "units", "docunits")
 _DESCRIPTIONS = ("description", "desc", "comment")
 _KNOWN = {"name", "text", "functions", "displayname", "variant", "kind", "size", "breakpoints", *_UNITS, *_DESCRIPTIONS}
+_KNOWN |= {*_VALUES, *(name for names in _AXES for name in names)}
+_KNOWN |= {f"{letter}{word}" for letter in AXIS_LETTERS for word in ("name", "unit", "input")}
 _TEXT_KINDS: tuple[TextKind, ...] = ("enumeration", "boolean")
 _TIMES = frozenset({"t", "time", "zeit", "timestamp", "timestamps", "tout"})
 _MAX_DIMENSIONS = 4
@@ -72,20 +68,20 @@ def _fold_name(name: str) -> str:
 
 
 def parameters_of(
-    variables: Mapping[str, Value], findings: Findings, lines: Mapping[str, int] | None = None
+    variables: Mapping[str, Value], findings: FileFindings, lines: Mapping[str, int] | None = None
 ) -> ParameterSet:
     """Convert all variables to parameters, in order; those that cannot be converted are reported.
 
-    `lines` gives the line in which a variable begins, where there are lines. Of several variants the first counts.
+    `lines` gives the line in which a variable begins, if there are lines. Of several variants the first counts.
     """
-    reader = _StructReader(findings, lines or {})
     info = variables.get(INFO)
-    reader.info = info.fields if isinstance(info, StructValue) else {}
+    reader = _StructReader(findings, info.fields if isinstance(info, StructValue) else {})
     for name, value in variables.items():
         if name != INFO:
-            reader.take(name, value, reader.lines.get(name, 0))
-    reader.report_unknown_fields()
-    return reader.parameters()
+            reader.take(name, value, (lines or {}).get(name, 0))
+    if reader.unknown:
+        findings.warning(0, "", f"unknown fields skipped: {join_names(reader.unknown)}")
+    return build_set(reader.items, [axis for _, axis in reader.groups.values()])
 
 
 def holds_samples(variables: Mapping[str, Value]) -> str:
@@ -107,9 +103,8 @@ def _sample_name(name: str, value: Value, depth: int) -> str:
         return ""
     if {"time", "signals"} <= value.folded().keys():
         return name
-    return next(
-        filter(None, (_sample_name(f"{name}.{key}", inner, depth + 1) for key, inner in value.fields.items())), ""
-    )
+    inner = (_sample_name(f"{name}.{key}", part, depth + 1) for key, part in value.fields.items())
+    return next(filter(None, inner), "")
 
 
 def _is_table(value: Value) -> bool:
@@ -122,21 +117,11 @@ def _is_table(value: Value) -> bool:
 
 @dataclass
 class _StructReader:
-    findings: Findings
-    lines: Mapping[str, int]
-    info: dict[str, Value] = field(default_factory=dict)
-    items: dict[tuple[str, str], Parameter | Text] = field(default_factory=dict)
+    findings: FileFindings
+    info: dict[str, Value]
+    items: dict[Key, Item] = field(default_factory=dict)
     groups: dict[str, tuple[str, Axis]] = field(default_factory=dict)
     unknown: dict[str, None] = field(default_factory=dict)  # fields that say nothing to a calibration
-
-    def parameters(self) -> ParameterSet:
-        return build_set(self.items, [axis for _, axis in self.groups.values()])
-
-    def report_unknown_fields(self) -> None:
-        if self.unknown:
-            names = list(self.unknown)
-            said = ", ".join(names[:8]) + (" and others" if len(names) > 8 else "")
-            self.findings.warning(0, "", f"unknown fields skipped: {said}")
 
     def take(self, name: str, value: Value, line: int, depth: int = 0) -> None:
         """Make a parameter of a variable, or of each field of a struct that only groups them."""
@@ -148,9 +133,8 @@ class _StructReader:
             self._plain(name, value, self._labels(name, self.info.get(name)), line)
         elif isinstance(value, UnreadableObject):
             message = f"is a {value.kind or 'object'}, which only MATLAB can read; skipped"
-            self.findings.warning(
-                line, name, message, "Save its numbers, such as p.Value, as plain variables or in a script."
-            )
+            remedy = "Save its numbers, such as p.Value, as plain variables or in a script."
+            self.findings.warning(line, name, message, remedy)
         else:
             self.findings.warning(line, name, "is a cell array, which cannot be a parameter; skipped")
 
@@ -167,11 +151,11 @@ class _StructReader:
             self._hold(Block(name, values, **labels), line)
 
     def _text(self, name: str, text: str, more: Value | None, line: int) -> None:
-        said = _text_or_empty(more.get(["kind"])) if isinstance(more, StructValue) else ""
-        kind: TextKind = next((known for known in _TEXT_KINDS if known == said), "text")
+        word = _text_of(more, "kind") if isinstance(more, StructValue) else ""
+        kind: TextKind = next((known for known in _TEXT_KINDS if known == word), "text")
         self._hold(Text(name, text, kind=kind, **self._labels(name, more)), line)
 
-    def _hold(self, item: Parameter | Text, line: int) -> None:
+    def _hold(self, item: Item, line: int) -> None:
         key = (item.name, item.variant)
         same = [known for (name, _), known in self.items.items() if name == item.name] if item.variant else []
         if key in self.items or any(isinstance(known, Text) != isinstance(item, Text) for known in same):
@@ -179,13 +163,13 @@ class _StructReader:
         self.items[key] = item
 
     def _struct(self, variable: str, struct: StructValue, line: int, depth: int) -> None:
-        known = struct.folded()
-        name = _text_or_empty(struct.get(["name"])) or variable
-        if _text_or_empty(struct.get(["kind"])) == "axis":
+        known = struct.folded().keys()
+        name = _text_of(struct, "name") or variable
+        if _text_of(struct, "kind") == "axis":
             self._spare_axis(name, struct, line)
         elif isinstance(struct.get(["text"]), str):
-            self._text(name, _text_or_empty(struct.get(["text"])), struct, line)
-        elif set(_VALUES) & known.keys() or {"x", "y"} <= known.keys():
+            self._text(name, _text_of(struct, "text"), struct, line)
+        elif set(_VALUES) & known or {"x", "y"} <= known:
             self._table(name, struct, line)
         elif depth > 20 or not struct.fields:
             self.findings.warning(line, variable, "is a struct without values; skipped")
@@ -199,33 +183,32 @@ class _StructReader:
         functions = more.get(["functions"])
         listed = functions if isinstance(functions, list) else [functions] if functions else []
         return {
-            "unit": _text_or_empty(more.get(_UNITS)),
-            "description": _text_or_empty(more.get(_DESCRIPTIONS)),
-            "functions": tuple(one for one in listed if isinstance(one, str)),
-            "display_name": _text_or_empty(more.get(["displayname"])),
-            "variant": _text_or_empty(more.get(["variant"])),
+            "unit": _text_of(more, *_UNITS),
+            "description": _text_of(more, *_DESCRIPTIONS),
+            "functions": tuple(function for function in listed if isinstance(function, str)),
+            "display_name": _text_of(more, "displayname"),
+            "variant": _text_of(more, "variant"),
         }
 
     def _table(self, name: str, struct: StructValue, line: int) -> None:
         labels = self._labels(name, struct)
         values, points = _table_parts(struct)
-        self._collect_unknown(struct)
-        if values is None or any(axis is None for axis in points):
-            broken = next((letter for letter, axis in zip(_LETTERS, points, strict=False) if axis is None), "")
-            wrong = "values" if values is None else broken
-            self.findings.error(line, name, f"{name}.{wrong} contains no numbers", "Assign numbers in brackets.")
+        self.unknown |= {field: None for folded, field in struct.folded().items() if folded not in _KNOWN}
+        numbers = [axis for axis in points if axis is not None]
+        if values is None or len(numbers) < len(points):
+            broken = [letter for letter, axis in zip(AXIS_LETTERS, points, strict=False) if axis is None]
+            part = "values" if values is None else broken[0]
+            self.findings.error(line, name, f"{name}.{part} contains no numbers", "Assign numbers in brackets.")
         elif not points:
             self._sized(name, values, struct, labels, line)
         else:
-            axes = [self._axis(name, struct, at, cast(Any, axis), line) for at, axis in enumerate(points)]
+            axes = [
+                self._axis(name, struct, letter, axis, line)
+                for letter, axis in zip(AXIS_LETTERS, numbers, strict=False)
+            ]
             known = [axis for axis in axes if axis is not None]
             if len(known) == len(axes):
                 self._over_axes(name, values, known, labels, line)
-
-    def _collect_unknown(self, struct: StructValue) -> None:
-        known = _KNOWN | set(_VALUES) | {name for names in _AXES for name in names}
-        known |= {f"{letter}{word}" for letter in _LETTERS for word in ("name", "unit", "input")}
-        self.unknown |= {name: None for folded, name in struct.folded().items() if folded not in known}
 
     def _sized(self, name: str, values: Float, struct: StructValue, labels: dict[str, Any], line: int) -> None:
         """Add a struct with only values; `size` distinguishes blocks from scalars and keeps shapes MATLAB drops."""
@@ -234,43 +217,40 @@ class _StructReader:
             self._plain(name, values, labels, line)
             return
         shape = tuple(int(number) for number in size.ravel() if np.isfinite(number) and 0 < number < 2**31)
-        if (
-            len(shape) != size.size
-            or not 0 < len(shape) <= _MAX_DIMENSIONS
-            or np.prod(shape, dtype=object) != values.size
-        ):
+        if len(shape) == size.size and 0 < len(shape) <= _MAX_DIMENSIONS and prod(shape) == values.size:
+            self._hold(Block(name, values.reshape(shape, order="F"), **labels), line)
+        else:
             message = f"{name}.size does not match its {count_noun(values.size, 'value')}"
             self.findings.error(line, name, message)
-            return
-        self._hold(Block(name, values.reshape(shape, order="F"), **labels), line)
 
     def _over_axes(self, name: str, values: Float, axes: list[Axis], labels: dict[str, Any], line: int) -> None:
         shape = tuple(map(len, axes))
-        found = values.shape + (1,) * (len(shape) - values.ndim)
-        if (len(shape) == 1 and values.size == shape[0]) or drop_trailing_ones(found) == drop_trailing_ones(shape):
+        padded = values.shape + (1,) * (len(shape) - values.ndim)
+        if (len(shape) == 1 and values.size == shape[0]) or drop_trailing_ones(padded) == drop_trailing_ones(shape):
             self._hold(parameter(name, values.reshape(shape, order="F"), axes, **labels), line)
-        elif len(shape) == 2 and found == shape[::-1]:
+        elif len(shape) == 2 and padded == shape[::-1]:
             message = f"has one row per y breakpoint ({shape[1]}); read transposed"
             self.findings.warning(line, name, message, "Transpose the values: one row per x breakpoint.")
             self._hold(parameter(name, values.T, axes, **labels), line)
         else:
-            wanted, given = (" x ".join(map(str, sizes)) for sizes in (shape, values.shape))
-            self.findings.error(line, name, f"has values of size {given}, but its axes require {wanted}")
+            required, size = (size_text(sizes) for sizes in (shape, values.shape))
+            self.findings.error(line, name, f"has values of size {size}, but its axes require {required}")
 
-    def _axis(self, name: str, struct: StructValue, at: int, points: Float, line: int) -> Axis | None:
-        letter = _LETTERS[at]
-        said = {word: _text_or_empty(struct.get([letter + word])) for word in ("name", "unit", "input")}
-        axis = self._checked(f"{name}.{letter}", points.ravel(), said["input"], said["unit"], said["name"], line)
+    def _axis(self, name: str, struct: StructValue, letter: str, points: Float, line: int) -> Axis | None:
+        axis = self._checked_axis(name, struct, letter, points, _text_of(struct, f"{letter}name"), line)
         if axis is None or not axis.name:
             return axis
         user, known = self.groups.setdefault(axis.name, (name, axis))
-        if not np.array_equal(known.breakpoints, axis.breakpoints):
-            message = f"{name}.{letter} has other breakpoints than the group axis {axis.name} has in {user}"
-            self.findings.error(line, name, message, "A group axis must be the same everywhere.")
-            return None
-        return axis
+        if np.array_equal(known.breakpoints, axis.breakpoints):
+            return axis
+        message = f"{name}.{letter} has other breakpoints than the group axis {axis.name} has in {user}"
+        self.findings.error(line, name, message, "A group axis must be the same everywhere.")
+        return None
 
-    def _checked(self, path: str, points: Float, quantity: str, unit: str, name: str, line: int) -> Axis | None:
+    def _checked_axis(
+        self, owner: str, struct: StructValue, letter: str, points: Float, name: str, line: int
+    ) -> Axis | None:
+        points = points.ravel()
         falling = np.flatnonzero(~(points[1:] > points[:-1]))
         if not points.size or not np.isfinite(points).all():
             message = "has no breakpoints" if not points.size else "has non-finite breakpoints"
@@ -278,16 +258,13 @@ class _StructReader:
             at = int(falling[0])
             message = f"is not strictly increasing: breakpoint {at + 2} is {points[at + 1]:g} after {points[at]:g}"
         else:
-            return Axis(points, quantity, unit, name)
-        self.findings.error(line, path.rpartition(".")[0], f"{path} {message}")
+            return Axis(points, _text_of(struct, f"{letter}input"), _text_of(struct, f"{letter}unit"), name)
+        self.findings.error(line, owner, f"{owner}.{letter} {message}")
         return None
 
     def _spare_axis(self, name: str, struct: StructValue, line: int) -> None:
         points = _numbers(struct.get(["x"]))
-        said = {word: _text_or_empty(struct.get(["x" + word])) for word in ("unit", "input")}
-        axis = self._checked(
-            f"{name}.x", np.zeros(0) if points is None else points.ravel(), said["input"], said["unit"], name, line
-        )
+        axis = self._checked_axis(name, struct, "x", np.zeros(0) if points is None else points, name, line)
         if axis is not None:
             _, known = self.groups.setdefault(name, (name, axis))
             if not np.array_equal(known.breakpoints, axis.breakpoints):
@@ -296,22 +273,17 @@ class _StructReader:
 
 def _table_parts(struct: StructValue) -> tuple[Float | None, list[Float | None]]:
     """Return the values of a table and its axes, in whichever fields they are."""
-    known = struct.folded().keys()
-    if not set(_VALUES) & known:  # x and y, or x, y and z
+    known = set(struct.folded())
+    if not known.intersection(_VALUES):  # x and y, or x, y and z
         letters = "xyz" if "z" in known else "xy"
         *axes, values = (_numbers(struct.get([letter])) for letter in letters)
         return values, axes
     values = _numbers(struct.get(_VALUES))
-    listed = struct.get(["breakpoints"])
-    if listed is not None:
-        given = listed if isinstance(listed, list) else [listed]
-        return values, [_numbers(one) for one in given[:_MAX_DIMENSIONS]]
-    axes = []
-    for names in _AXES:
-        if not set(names) & known:
-            break
-        axes.append(_numbers(struct.get(names)))
-    return values, axes
+    breakpoints = struct.get(["breakpoints"])
+    if breakpoints is not None:
+        listed = breakpoints if isinstance(breakpoints, list) else [breakpoints]
+        return values, list(map(_numbers, listed[:_MAX_DIMENSIONS]))
+    return values, [_numbers(struct.get(names)) for names in takewhile(known.intersection, _AXES)]
 
 
 def _numbers(value: "Value | None") -> Float | None:
@@ -323,5 +295,7 @@ def _numbers(value: "Value | None") -> Float | None:
     return value if isinstance(value, np.ndarray) and value.size else None
 
 
-def _text_or_empty(value: "Value | None") -> str:
+def _text_of(struct: StructValue, *names: str) -> str:
+    """Return the text in the first field of some names, given folded; empty for anything else."""
+    value = struct.get(names)
     return value if isinstance(value, str) else ""

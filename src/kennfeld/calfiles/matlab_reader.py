@@ -8,18 +8,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
 from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
-from kennfeld.matlab.simulink_objects import Breakpoint, LookupTable, SimulinkParameter, to_calibration_parameter
+from kennfeld.matlab.simulink_objects import LookupTable, to_calibration_parameter
+from kennfeld.parameters import AXIS_LETTERS
 
-_LETTERS = "xyzw"
-_WORDS = {"complex numbers": "complex number"}
 _MAX_DEPTH = 40
 
 TITLE = "% Kennfeld calibration"
@@ -31,8 +30,6 @@ _MAX_VALUES = 20_000_000  # that a script assigns
 _MAX_FILE_BYTES = 200_000_000  # bytes of a file in its folder
 _HEAD_LINES = 400
 _MAX_COMMAND_LENGTH = 500  # characters of a command that is no assignment
-
-Step = str | int  # a field, or a place in a list
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
@@ -46,46 +43,40 @@ def to_plain_value(value: m.Value, depth: int = 0) -> Value:
     if isinstance(value, np.ndarray):
         return _to_array(value)
     if depth > _MAX_DEPTH or isinstance(value, m.MatlabFunctionHandle | m.OpaqueValue):
-        kind = (
-            "function"
-            if isinstance(value, m.MatlabFunctionHandle)
-            else getattr(value, "kind", "value too deep within others")
-        )
-        return UnreadableObject(_WORDS.get(kind, kind))
+        kind = getattr(value, "kind", "value too deep within others")
+        kind = "function" if isinstance(value, m.MatlabFunctionHandle) else kind
+        return UnreadableObject("complex number" if kind == "complex numbers" else kind)
     if isinstance(value, m.MatlabCell):
-        return [to_plain_value(one, depth + 1) for one in value.values.ravel(order="F")]
+        return [to_plain_value(element, depth + 1) for element in value.values.ravel(order="F")]
     if value.kind:
         return _to_struct(value)
     elements = [
-        StructValue({k: to_plain_value(v, depth + 1) for k, v in one.items()})
-        for one in value.elements.ravel(order="F")
+        StructValue({name: to_plain_value(field, depth + 1) for name, field in element.items()})
+        for element in value.elements.ravel(order="F")
     ]
     return elements[0] if len(elements) == 1 else list(elements)
 
 
 def _to_array(value: m.Array) -> Value:
     if value.dtype.kind == "U":
-        return "\n".join("".join(one or "\0" for one in line) for line in value.tolist()) if value.ndim == 2 else ""
+        return "\n".join("".join(character or "\0" for character in line) for line in value.tolist() if value.ndim == 2)
     if value.dtype.kind == "O":
-        return str(value.flat[0]) if value.size == 1 else [str(one) for one in value.ravel(order="F")]
+        return str(value.flat[0]) if value.size == 1 else list(map(str, value.ravel(order="F")))
     return value.astype(np.float64)
 
 
 def _to_struct(value: m.MatlabStruct) -> Value:
-    meant = to_calibration_parameter(value)
-    if meant is None:
+    content = to_calibration_parameter(value)
+    if content is None:
         return UnreadableObject(value.kind)
-    if not isinstance(meant, LookupTable):
-        return StructValue({"Value": meant.value, **_attributes_of(meant)})
-    axes = dict(zip(_LETTERS, meant.breakpoints, strict=False))
+    attributes: dict[str, Value] = {"Unit": content.unit, "Description": content.description}
+    attributes = {name: word for name, word in attributes.items() if word}
+    if not isinstance(content, LookupTable):
+        return StructValue({"Value": content.value, **attributes})
+    axes = dict(zip(AXIS_LETTERS, content.breakpoints, strict=False))
     units: dict[str, Value] = {f"{letter}_unit": axis.unit for letter, axis in axes.items() if axis.unit}
     points: dict[str, Value] = {letter: axis.value for letter, axis in axes.items()}
-    return StructValue({**points, **units, "values": meant.value, **_attributes_of(meant)})
-
-
-def _attributes_of(meant: SimulinkParameter | LookupTable | Breakpoint) -> dict[str, Value]:
-    said = {"Unit": meant.unit, "Description": meant.description}
-    return {name: word for name, word in said.items() if word}
+    return StructValue({**points, **units, "values": content.value, **attributes})
 
 
 def recognises_script(text: str) -> bool:
@@ -108,11 +99,10 @@ def read_script(source: CalibrationSource) -> ReadResult:
     The comment after a value, `% [Nm] torque at full load`, gives its unit and description. Other statements are
     reported with their line and skipped, with the variables they would change. Raises `InputError` with all findings.
     """
-    findings = Findings(source.name)
+    findings = FileFindings(source.name)
     text = source.text.lstrip("\ufeff")
     outcome = run_script(text, source.name, files=_neighbouring_files(source), budget=Budget(elements=_MAX_VALUES))
-    for finding in outcome.findings:
-        findings.take(finding)
+    findings.add(*outcome.findings)
     variables = {name: to_plain_value(value) for name, value in outcome.variables.items()}
     _apply_comments(variables, outcome.comments)
     parameters = parameters_of(variables, findings, outcome.lines)
@@ -144,14 +134,14 @@ def _apply_comments(variables: dict[str, Value], comments: Mapping[str, str]) ->
         if not step or step.casefold() in _VALUES:
             own = info.fields.setdefault(name, StructValue()) if isinstance(info, StructValue) else value
             _add_missing(value if isinstance(value, StructValue) else own, {"unit": unit, "description": description})
-        elif step in tuple("xyzw") and isinstance(value, StructValue) and f"{step}unit" not in value.folded():
+        elif step in AXIS_LETTERS and isinstance(value, StructValue) and f"{step}unit" not in value.folded():
             _add_missing(value, {f"{step}_unit": unit})
 
 
-def _add_missing(target: Value | None, said: Mapping[str, str]) -> None:
+def _add_missing(target: Value | None, labels: Mapping[str, str]) -> None:
     if isinstance(target, StructValue):
         known = target.folded()
-        target.fields.update({key: word for key, word in said.items() if word and key not in known})
+        target.fields.update({key: word for key, word in labels.items() if word and key not in known})
 
 
 def parse_comment(comment: str) -> tuple[str, str]:
@@ -199,15 +189,14 @@ def _is_old(raw: bytes) -> bool:
 def read_mat(source: CalibrationSource) -> ReadResult:
     """Return the parameters of a data file: plain numbers, vectors, matrices, texts, structs with axes and values.
 
-    Raises `InputError` if it is damaged or holds recorded samples; objects that only MATLAB reads are remarked.
+    Raises `InputError` if it is damaged or holds recorded samples; objects that only MATLAB reads are skipped.
     """
-    findings = Findings(source.name)
     version, variables = _variables(source)
     samples = holds_samples(variables)
     if samples:
         message = f"contains recorded samples ({samples}), not a calibration"
-        findings.error(0, "", message, "Use it as a dataset file.")
-        findings.finish()
+        raise InputError.of(Location(source.name), message, "Use it as a dataset file.")
+    findings = FileFindings(source.name)
     return ReadResult(f"MATLAB {version}", parameters_of(variables, findings), findings.finish())
 
 
@@ -231,4 +220,4 @@ def _variables(source: CalibrationSource) -> tuple[str, dict[str, Value]]:
         version = "7.3" if _is_hdf5(raw) else "5" if raw.startswith(b"MATLAB") else "4"
         return version, {name: to_plain_value(to_value(node)) for name, node in nodes.items()}
     remedy = "The file may be truncated or damaged: save it again in MATLAB."
-    raise InputError.of(source.name, f"cannot be read as MATLAB data: {message}", remedy) from None
+    raise InputError.of(Location(source.name), f"cannot be read as MATLAB data: {message}", remedy) from None

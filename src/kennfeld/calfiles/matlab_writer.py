@@ -3,18 +3,18 @@
 import re
 from collections.abc import Iterator, Mapping
 from io import BytesIO
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings, WriteResult
+from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import TITLE, format_comment
+from kennfeld.calfiles.storable import USE_JSON, report_repeated_variables
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Text
-
-_LETTERS = "xyzw"
+from kennfeld.parameters import AXIS_LETTERS, LABELS, Text
 
 _WORDS = "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return"
 _RESERVED_NAMES = frozenset(f"{_WORDS} spmd switch try while {INFO} Inf NaN reshape char ans".split())
@@ -29,18 +29,20 @@ _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
     """Yield one variable per group axis, parameter and text; `kennfeld_info` has the attributes of plain ones."""
-    names = _Names()
+    used = set(_RESERVED_NAMES)
     for axis in parameters.axes:
-        name, called = names.of(axis.name)
-        said = {"kind": "axis", "name": called, "x_unit": axis.unit, "x_input": axis.input}
-        yield name, StructValue({**_non_empty(said), "x": axis.breakpoints})
+        name, original = _variable_name(axis.name, used)
+        own = {"kind": "axis", "name": original, "x_unit": axis.unit, "x_input": axis.input}
+        yield name, StructValue({**_non_empty(own), "x": axis.breakpoints})
     info: dict[str, Value] = {}
     for item in (*parameters.chosen, *parameters.others):
-        name, called = names.of(item.name)
-        labels = _labels_of(item)
+        name, original = _variable_name(item.name, used)
+        kind = item.kind if isinstance(item, Text) and item.kind != "text" else ""
+        attributes = {label: getattr(item, label) for label in LABELS} | {"functions": list(item.functions)}
+        labels = _non_empty({"unit": item.unit, "kind": kind, **attributes})
         value = _plain_value(item)
-        if value is None or called or item.variant:
-            yield name, _struct_of(item, {"name": called, **labels})
+        if value is None or original or item.variant:
+            yield name, _struct_of(item, _non_empty({"name": original}) | labels)
         else:
             yield name, value
             if labels:
@@ -49,68 +51,39 @@ def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
         yield INFO, StructValue(info)
 
 
-class _Names:
-    """Unique valid MATLAB names."""
-
-    def __init__(self) -> None:
-        self.used = set(_RESERVED_NAMES)
-
-    def of(self, wanted: str) -> tuple[str, str]:
-        """Return the name of a variable, and its true name if that differs."""
-        if (
-            re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", wanted)
-            and len(wanted) <= _MAX_NAME_LENGTH
-            and wanted not in self.used
-        ):
-            self.used.add(wanted)
-            return wanted, ""
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", wanted)[: _MAX_NAME_LENGTH - 8]
-        plain = plain if re.match(r"[A-Za-z]", plain) else f"p{plain}"
-        result, count = plain, 1
-        while result in self.used:
-            count += 1
-            result = f"{plain}_{count}"
-        self.used.add(result)
-        return result, wanted
+def _variable_name(name: str, used: set[str]) -> tuple[str, str]:
+    """Return a valid name of a variable that is not used yet, and the true name if that differs."""
+    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and len(name) <= _MAX_NAME_LENGTH and name not in used:
+        used.add(name)
+        return name, ""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[: _MAX_NAME_LENGTH - 8]
+    plain = plain if re.match(r"[A-Za-z]", plain) else f"p{plain}"
+    candidates = chain([plain], (f"{plain}_{number}" for number in count(2)))
+    result = next(candidate for candidate in candidates if candidate not in used)
+    used.add(result)
+    return result, name
 
 
-def _non_empty(said: Mapping[str, str]) -> dict[str, Value]:
-    return {key: word for key, word in said.items() if word}
+def _non_empty(labels: Mapping[str, Any]) -> dict[str, Value]:
+    return {key: label for key, label in labels.items() if label}
 
 
-def _labels_of(item: Parameter | Text) -> dict[str, Value]:
-    kind = item.kind if isinstance(item, Text) and item.kind != "text" else ""
-    words = {
-        "unit": item.unit,
-        "kind": kind,
-        "description": item.description,
-        "display_name": item.display_name,
-        "variant": item.variant,
-    }
-    functions: dict[str, Value] = {"functions": list(item.functions)} if item.functions else {}
-    return _non_empty(words) | functions
-
-
-def _plain_value(item: Parameter | Text) -> "Value | None":
+def _plain_value(item: Item) -> Value | None:
     """Return the value of a variable without fields; None if it requires a struct."""
     if isinstance(item, Text):
         return item.text
     shape = item.values.shape
-    if item.axes or (
-        item.kind == "block" and (item.size == 1 or (len(shape) > 1 and (1 in shape[:2] or shape[-1] == 1)))
-    ):
-        return None
-    return item.values
+    drops_ones = len(shape) > 1 and (1 in shape[:2] or shape[-1] == 1)
+    return None if item.axes or (item.kind == "block" and (item.size == 1 or drops_ones)) else item.values
 
 
-def _struct_of(item: Parameter | Text, labels: dict[str, Value]) -> StructValue:
-    fields = {key: label for key, label in labels.items() if label}
+def _struct_of(item: Item, labels: dict[str, Value]) -> StructValue:
+    fields = dict(labels)
     if isinstance(item, Text):
         return StructValue({**fields, "text": item.text})
-    for letter, axis in zip(_LETTERS, item.axes, strict=False):
+    for letter, axis in zip(AXIS_LETTERS, item.axes, strict=False):
         fields[letter] = axis.breakpoints
-        said = {f"{letter}_name": axis.name, f"{letter}_unit": axis.unit, f"{letter}_input": axis.input}
-        fields |= _non_empty(said)
+        fields |= _non_empty({f"{letter}_{key}": getattr(axis, key) for key in ("name", "unit", "input")})
     if item.kind == "block":
         fields["size"] = np.array(item.values.shape, dtype=np.float64)
     return StructValue({**fields, "value" if item.kind == "scalar" else "values": item.values})
@@ -124,32 +97,31 @@ def write_script(parameters: ParameterSet, file: str) -> str:
     """
     _refuse(parameters, file)
     variables = dict(variables_of(parameters))
-    info = variables.pop(INFO, StructValue())
-    said = info.fields if isinstance(info, StructValue) else {}
+    struct = variables.pop(INFO, StructValue())
+    info = struct.fields if isinstance(struct, StructValue) else {}
     groups = {axis.name: name for axis, name in zip(parameters.axes, variables, strict=False)}
     parts = [_HEAD]
     for name, value in variables.items():
-        parts.append(_assignment(name, value, said, groups))
-    if said:
-        parts.append("\n" + "".join(_fields(INFO, StructValue(said))))
+        parts.append(_assignment(name, value, info, groups))
+    if info:
+        parts.append("\n" + "".join(_fields(INFO, StructValue(info))))
     return "".join(parts)
 
 
-def _assignment(name: str, value: Value, said: dict[str, Value], groups: dict[str, str]) -> str:
+def _assignment(name: str, value: Value, info: dict[str, Value], groups: dict[str, str]) -> str:
     """Return the lines that assign a variable; a comment has unit and description of a plain one, if it can."""
     if isinstance(value, StructValue):
         return "\n" + "".join(_fields(name, _refer_to_groups(value, groups)))
-    labels = said.get(name)
-    comment = ""
+    labels = info.get(name)
+    comment = None
     if isinstance(labels, StructValue):
         unit, description = (str(labels.fields.get(key, "")) for key in ("unit", "description"))
-        result = format_comment(unit, description)
-        if result:
-            comment = f" % {result}"
-            kept = {key: word for key, word in labels.fields.items() if key not in ("unit", "description")}
-            said.pop(name)
-            said.update({name: StructValue(kept)} if kept else {})
-    return f"{name} = {_format_value(value)};{comment}\n"
+        comment = format_comment(unit, description)
+        if comment:
+            del info[name]
+            others = {key: word for key, word in labels.fields.items() if key not in ("unit", "description")}
+            info |= {name: StructValue(others)} if others else {}
+    return f"{name} = {_format_value(value)};{f' % {comment}' if comment else ''}\n"
 
 
 class _Reference(str):
@@ -161,7 +133,7 @@ class _Reference(str):
 def _refer_to_groups(struct: StructValue, groups: dict[str, str]) -> StructValue:
     """Return a table that refers to the variables of its group axes, so that they are changed in one place."""
     fields = dict(struct.fields)
-    for letter in "xyzw":
+    for letter in AXIS_LETTERS:
         group = fields.get(f"{letter}_name")
         if isinstance(group, str) and group in groups:
             fields[letter] = _Reference(f"{groups[group]}.x")
@@ -242,17 +214,11 @@ def _to_savemat(value: Value) -> Any:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    findings, seen = Findings(file), set[str]()
-    for name in [*parameters, *(text.name for text in parameters.texts), *(axis.name for axis in parameters.axes)]:
-        if name in seen:
-            findings.error(
-                0, name, "is defined twice; parameters, texts and group axes share one namespace", "Rename one."
-            )
-        if not name:
-            findings.error(0, name, "a MATLAB variable needs a name", "Name the parameter.")
-        seen.add(name)
+    findings = FileFindings(file)
+    if "" in report_repeated_variables(parameters, findings):
+        findings.error(0, "", "a MATLAB variable needs a name", "Name the parameter.")
     for item in (*parameters.parameters, *parameters.others):
         if item.kind == "rbf" or (item.kind == "block" and not getattr(item, "size", 1)):
             message = "a radial basis function expansion" if item.kind == "rbf" else "a block without values"
-            findings.error(0, item.name, f"MATLAB files cannot store {message}", "Write it as .json.")
+            findings.error(0, item.name, f"MATLAB files cannot store {message}", USE_JSON)
     findings.finish()

@@ -1,12 +1,13 @@
 """Merges several calibrations; later ones replace values of earlier ones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kennfeld.calfiles.comparison import Difference, compare
-from kennfeld.errors import Finding, InputError
+from kennfeld.calfiles.format import Item
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import count_labels
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
@@ -18,7 +19,7 @@ class Change:
 
     name: str
     source: str
-    replaces: str = ""  # where it was from before; empty where it is new
+    replaces: str = ""  # where it was from before; empty if it is new
     differences: tuple[Difference, ...] = ()  # from what was there
 
 
@@ -49,71 +50,63 @@ def merge(sources: Sequence[tuple[str, ParameterSet]]) -> Merged:
     >>> merge([("old", old), ("new", new)]).parameters["K"].value
     2.0
     """
-    items: dict[str, tuple[Parameter | Text, str]] = {}
+    items: dict[str, tuple[Item, str]] = {}  # each with the source that it is from
     axes: dict[str, tuple[Axis, str]] = {}
     changes: list[Change] = []
-    for at, (source, given) in enumerate(sources):
-        result = [_put_item(items, member, source) for member in given.parameters]
-        result += [_put_item(items, text, source) for text in given.texts]
-        result += [_put_axis(axes, axis, source) for axis in given.axes]
-        changes += [change for change in result if change is not None and at]
-    conflicts = _conflicts(items, axes)
+    for number, (source, members) in enumerate(sources):
+        result = [_put_item(items, item, source) for item in members.chosen]
+        result += [_put_axis(axes, axis, source) for axis in members.axes]
+        changes += [change for change in result if change is not None and number]
+    conflicts = list(_conflicts(items, axes))
     if conflicts:
         raise InputError(conflicts)
-    members = [item for item, _ in items.values() if isinstance(item, Parameter)]
-    texts = [item for item, _ in items.values() if isinstance(item, Text)]
-    sets = [given for _, given in sources]
-    return Merged(_build_merged_set(members, texts, [axis for axis, _ in axes.values()], sets), tuple(changes))
+    chosen = {(item.name, item.variant): item for item, _ in items.values()}
+    others = {key: item for _, members in sources for key, item in members.everything.items() if item.variant}
+    variants = [item for key, item in others.items() if key not in chosen]
+    parameters = [item for item in chosen.values() if isinstance(item, Parameter)]
+    texts = [item for item in chosen.values() if isinstance(item, Text)]
+    origin = sources[0][1].origin  # the result is a change of the first file
+    merged = ParameterSet(parameters, texts, [axis for axis, _ in axes.values()], variants, origin)
+    return Merged(merged, tuple(changes))
 
 
-def _build_merged_set(
-    members: list[Parameter], texts: list[Text], axes: list[Axis], sets: Sequence[ParameterSet]
-) -> ParameterSet:
-    """Build the set with the other variants of all sources, as a change of the first file."""
-    result = ParameterSet(members, texts, axes)
-    others = {key: item for given in sets for key, item in given.everything.items() if item.variant}
-    for item in result.chosen:
-        others.pop((item.name, item.variant), None)
-    return ParameterSet(result.parameters, result.texts, result.axes, others.values(), sets[0].origin)
-
-
-def _put_item(items: dict[str, tuple[Parameter | Text, str]], item: Parameter | Text, source: str) -> Change | None:
-    before = items.get(item.name)
-    if before is not None and before[0] == item:
+def _put_item(items: dict[str, tuple[Item, str]], item: Item, source: str) -> Change | None:
+    before, origin = items.get(item.name, (None, ""))
+    if before == item:
         return None
     items[item.name] = (item, source)
     if before is None:
         return Change(item.name, source)
-    found = compare(_as_single_set(before[0]), _as_single_set(item)).differences
+    differences = compare(_as_single_set(before), _as_single_set(item)).differences
     # The group axis under a table has a line of its own.
-    return Change(item.name, source, before[1], tuple(one for one in found if one.name == item.name))
+    own = tuple(difference for difference in differences if difference.name == item.name)
+    return Change(item.name, source, origin, own)
 
 
-def _as_single_set(item: Parameter | Text) -> ParameterSet:
+def _as_single_set(item: Item) -> ParameterSet:
     if isinstance(item, Text):
         return ParameterSet((), [replace(item, variant="")])
     return ParameterSet([item.changed(variant="")])
 
 
 def _put_axis(axes: dict[str, tuple[Axis, str]], axis: Axis, source: str) -> Change | None:
-    before = axes.get(axis.name)
+    before, origin = axes.get(axis.name, (None, ""))
     axes[axis.name] = (axis, source)
     if before is None:
         return Change(axis.name, source)
-    found = compare(ParameterSet((), (), [before[0]]), ParameterSet((), (), [axis])).differences
-    return Change(axis.name, source, before[1], found) if found else None
+    differences = compare(ParameterSet((), (), [before]), ParameterSet((), (), [axis])).differences
+    return Change(axis.name, source, origin, differences) if differences else None
 
 
-def _conflicts(items: dict[str, tuple[Parameter | Text, str]], axes: dict[str, tuple[Axis, str]]) -> list[Finding]:
+def _conflicts(items: dict[str, tuple[Item, str]], axes: dict[str, tuple[Axis, str]]) -> Iterator[Finding]:
     """Report tables that are not replaced although the breakpoints of their group axis change."""
     staying: dict[tuple[str, str], list[str]] = {}
     for item, source in items.values():
         for axis in {axis.name: axis for axis in item.axes}.values() if isinstance(item, Parameter) else ():
             if axis.name and not np.array_equal(axis.breakpoints, axes[axis.name][0].breakpoints):
                 staying.setdefault((axis.name, source), []).append(item.name)
-    return [_conflict(axis, axes[axis][1], source, names) for (axis, source), names in staying.items()]
-
-
-def _conflict(axis: str, winner: str, source: str, names: list[str]) -> Finding:
-    message = f"group axis {axis} has other breakpoints than in {source}, where {count_labels(names)} are defined"
-    return Finding(winner, message, f"Define these tables in {winner} too, or make the breakpoints equal.")
+    for (name, source), tables in staying.items():
+        winner = axes[name][1]
+        message = f"group axis {name} has other breakpoints than in {source}, where {count_labels(tables)} are defined"
+        remedy = f"Define these tables in {winner} too, or make the breakpoints equal."
+        yield Finding(Location(winner), message, remedy)

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 
 _ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})[\s/>]")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
@@ -28,7 +28,7 @@ _ENDINGS = {
 def explain_unsupported(path: Path) -> Finding | None:
     """Return why calibration data of an unsupported ending cannot be read; None for other endings."""
     known = _ENDINGS.get(path.suffix.lower())
-    return None if known is None else Finding(path.name, f"is {known[0]}", known[1])
+    return None if known is None else Finding(Location(path.name), f"is {known[0]}", known[1])
 
 
 def identify_content(head: bytes) -> str:

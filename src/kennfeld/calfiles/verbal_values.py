@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text, TextKind
 
@@ -30,7 +30,7 @@ def unify_text_kinds(items: Mapping[tuple[str, str], _Item]) -> dict[tuple[str, 
     }
 
 
-def warn_about_kinds(parameters: ParameterSet, findings: Findings) -> None:
+def warn_about_kinds(parameters: ParameterSet, findings: FileFindings) -> None:
     """Warn about each enumeration or boolean that reads back as the other kind."""
     texts = [item for item in parameters.everything.values() if isinstance(item, Text)]
     kinds = _kinds_by_name(texts)
@@ -44,4 +44,4 @@ def _kinds_by_name(texts: Iterable[Text]) -> dict[str, TextKind]:
     for text in texts:
         if text.kind != "text":
             words.setdefault(text.name, []).append(text.text)
-    return {name: kind_of_words(given) for name, given in words.items()}
+    return {name: kind_of_words(spellings) for name, spellings in words.items()}

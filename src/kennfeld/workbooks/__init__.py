@@ -1,6 +1,6 @@
 """Opens spreadsheets safely: limits what a damaged or hostile file may request before a library reads it."""
 
-from kennfeld.workbooks.formulas import Unsaved
-from kennfeld.workbooks.workbook import Workbook, column_letters, opened
+from kennfeld.workbooks.formulas import UnsavedFormulas
+from kennfeld.workbooks.workbook import Workbook, column_letters, open_workbook
 
-__all__ = ["Unsaved", "Workbook", "column_letters", "opened"]
+__all__ = ["UnsavedFormulas", "Workbook", "column_letters", "open_workbook"]

@@ -24,7 +24,9 @@ def check_records(stream: bytes, most_cells: int) -> None:
         if kind == _SHEET and size >= 4:
             sheets.append(int.from_bytes(stream[at : at + 4], "little"))
         elif kind == _TEXTS and size >= 8:
-            _check_texts(int.from_bytes(stream[at + 4 : at + 8], "little"), len(stream) - at)
+            texts, available = int.from_bytes(stream[at + 4 : at + 8], "little"), len(stream) - at
+            if texts * _SHORTEST_TEXT > available:
+                raise ValueError(f"it claims {texts} texts in {available} bytes")
     cells = walked = 0
     for begin in sheets:
         width, height, filled, end = _extent(stream, begin)
@@ -38,11 +40,6 @@ def check_records(stream: bytes, most_cells: int) -> None:
             raise ValueError(f"its sheets span more than {most_cells} cells")
         if walked > 2 * len(stream):
             raise ValueError("its sheets overlap")
-
-
-def _check_texts(count: int, size: int) -> None:
-    if count * _SHORTEST_TEXT > size:
-        raise ValueError(f"it claims {count} texts in {size} bytes")
 
 
 def _extent(stream: bytes, begin: int) -> tuple[int, int, int, int]:
@@ -70,8 +67,8 @@ def _check_dimensions(content: bytes) -> None:
         return
     first_row, end_row, first_column, end_column = struct.unpack_from(shape, content)
     if not (first_row <= end_row <= _ROWS and first_column <= end_column <= _COLUMNS):
-        message = f"rows {first_row} to {end_row} and columns {first_column} to {end_column}"
-        raise ValueError(f"a sheet claims {message}")
+        span = f"rows {first_row} to {end_row} and columns {first_column} to {end_column}"
+        raise ValueError(f"a sheet claims {span}")
 
 
 def _records(stream: bytes, at: int) -> Iterator[tuple[int, int, int]]:

@@ -7,20 +7,20 @@ stored in short sectors within the stream of the root entry.
 """
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 
 _HEADER = 512
 _COUNTS = struct.Struct("<IIIIIIIII")  # at byte 40
-_END, _FREE = 0xFFFFFFFE, 0xFFFFFFFF
+_END = 0xFFFFFFFE
 _ENTRY = 128  # bytes of an entry of the directory
 _SHORT_SECTOR = 64
 _SHORT_STREAM_LIMIT = 4096  # bytes; shorter streams lie in short sectors
 _STREAMS = ("workbook", "book")
 
 
-class _Compound:
+class _CompoundFile:
     """The sectors of a compound file, with their tables."""
 
     def __init__(self, content: bytes) -> None:
@@ -38,17 +38,16 @@ class _Compound:
         claimed = max(directories, tables, short_tables, further_count)
         if claimed > self.sectors:
             raise ValueError(f"it claims {claimed} sectors of one kind, but has {self.sectors} in all")
-        self.table = self._numbers(self._table_sectors(further))
-        self.entries = self._chained(directory)
-        self.short_table = self._numbers(self._chain(short_table))
-        start, _ = self._extent(0)
-        self.root = self._chained(start)
+        self.table = _numbers(b"".join(map(self._sector, self._table_sectors(further))))
+        self.entries = self._chain(directory)
+        self.short_table = _numbers(self._chain(short_table))
+        self.root = self._chain(self._extent(0)[0])
 
     def stream(self, index: int) -> bytes:
         """Return the content of an entry of the directory."""
         start, length = self._extent(index)
         if length >= _SHORT_STREAM_LIMIT:
-            return self._chained(start)[:length]
+            return self._chain(start)[:length]
         chain = _follow_chain(start, self.short_table, len(self.root) // _SHORT_SECTOR + 1)
         return b"".join(self.root[_SHORT_SECTOR * k : _SHORT_SECTOR * (k + 1)] for k in chain)[:length]
 
@@ -69,32 +68,30 @@ class _Compound:
 
     def _table_sectors(self, further: int) -> list[int]:
         """Return the sectors of the FAT: the first 109 are in the header, others in a chain."""
-        found = list(struct.unpack_from("<109I", self.content, 76))
+        sectors = list(struct.unpack_from("<109I", self.content, 76))
         steps = 0
         while further < self.sectors:
-            *more, further = self._numbers([further])
-            found += more
+            *more, further = _numbers(self._sector(further))
+            sectors += more
             steps += 1
             if steps > self.sectors:
                 raise ValueError("a chain of sectors is circular")
-        sectors = [sector for sector in found if sector < _END]
+        sectors = [sector for sector in sectors if sector < _END]
         if len(sectors) > self.sectors:
             raise ValueError(f"it claims {len(sectors)} sectors of tables, but has {self.sectors} in all")
         return sectors
 
-    def _chain(self, start: int) -> Iterator[int]:
-        return _follow_chain(start, self.table, self.sectors)
-
-    def _chained(self, start: int) -> bytes:
-        return b"".join(map(self._sector, self._chain(start)))
-
-    def _numbers(self, sectors: Iterable[int]) -> tuple[int, ...]:
-        raw = b"".join(map(self._sector, sectors))
-        return struct.unpack(f"<{len(raw) // 4}I", raw[: len(raw) // 4 * 4])
+    def _chain(self, start: int) -> bytes:
+        """Return the content of a chain of sectors."""
+        return b"".join(map(self._sector, _follow_chain(start, self.table, self.sectors)))
 
     def _sector(self, index: int) -> bytes:
         begin = (index + 1) * self.size
         return self.content[begin : begin + self.size]
+
+
+def _numbers(raw: bytes) -> tuple[int, ...]:
+    return struct.unpack(f"<{len(raw) // 4}I", raw[: len(raw) // 4 * 4])
 
 
 def workbook_stream(content: bytes) -> bytes:
@@ -103,12 +100,9 @@ def workbook_stream(content: bytes) -> bytes:
     Raises `ValueError` if a chain leads back into itself or a size is more than the file holds. A chain that leaves the
     file ends there: what that damages is for the reader of the records to tell.
     """
-    file = _Compound(content)
+    file = _CompoundFile(content)
     names = file.names()
-    for name in _STREAMS:
-        if name in names:
-            return file.stream(names.index(name))
-    return b""
+    return next((file.stream(names.index(name)) for name in _STREAMS if name in names), b"")
 
 
 def _follow_chain(start: int, table: tuple[int, ...], most: int) -> Iterator[int]:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from html import unescape
 
-_CHUNK = 1 << 20
+from kennfeld.archives import iterate_chunks
+
 _OVERLAP = 20_000  # bytes; more than a cell with the longest formula
 _BOOK, _LINKS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
 _SHEET = re.compile(r"<(?:\w+:)?sheet\s[^>]*>")
@@ -21,42 +22,30 @@ _CELL = re.compile(
 
 
 @dataclass(frozen=True)
-class Unsaved:
+class UnsavedFormulas:
     """The formulas of a sheet whose values were not saved: how many, and the cell of the first one."""
 
     sheet: str
     count: int
     first: str
+    remedy = "Open the workbook in Excel or LibreOffice, which compute them, and save it."
 
     def __str__(self) -> str:
-        several = self.count > 1
-        said = f"formula{'s' * several} whose value{'s were' if several else ' was'} not saved, in"
-        return f"sheet {self.sheet} holds {self.count} {said} {self.first}{' and others' * several}"
-
-    @property
-    def remedy(self) -> str:
-        """The remedy."""
-        return "Open the workbook in Excel or LibreOffice, which compute them, and save it."
+        formulas = "formula whose value was" if self.count == 1 else "formulas whose values were"
+        others = " and others" if self.count > 1 else ""
+        return f"sheet {self.sheet} holds {self.count} {formulas} not saved, in {self.first}{others}"
 
 
-def unsaved_formulas(archive: zipfile.ZipFile, sheet: str) -> Unsaved | None:
+def find_unsaved(archive: zipfile.ZipFile, sheet: str) -> UnsavedFormulas | None:
     """Return the formulas without values of a sheet of an .xlsx or .xlsm; None if there are none."""
     member = _member(archive, sheet)
     if member not in archive.namelist():
         return None
     cells: dict[str, None] = {}
-    for text in _chunks(archive, member):
+    for text in iterate_chunks(archive, member, _OVERLAP):
         if b"<f" in text or b":f" in text:
-            cells |= dict.fromkeys(found.decode() for found in _CELL.findall(text))
-    return Unsaved(sheet, len(cells), next(iter(cells))) if cells else None
-
-
-def _chunks(archive: zipfile.ZipFile, member: str) -> Iterator[bytes]:
-    tail = b""
-    with archive.open(member) as stream:
-        while chunk := stream.read(_CHUNK):
-            yield tail + chunk
-            tail = chunk[-_OVERLAP:]
+            cells |= dict.fromkeys(cell.decode() for cell in _CELL.findall(text))
+    return UnsavedFormulas(sheet, len(cells), next(iter(cells))) if cells else None
 
 
 def _member(archive: zipfile.ZipFile, sheet: str) -> str:
@@ -64,14 +53,12 @@ def _member(archive: zipfile.ZipFile, sheet: str) -> str:
     if not {_BOOK, _LINKS} <= {*archive.namelist()}:
         return ""
     targets = {a.get("Id"): a.get("Target", "") for a in _attributes(_LINK, archive, _LINKS)}
-    for attributes in _attributes(_SHEET, archive, _BOOK):
-        if attributes.get("name") == sheet:
-            link = next((value for key, value in attributes.items() if key.endswith(":id")), "")
-            target = targets.get(link, "")
-            return target.lstrip("/") if target.startswith("/") else f"xl/{target}"
-    return ""
+    sheets = (attributes for attributes in _attributes(_SHEET, archive, _BOOK) if attributes.get("name") == sheet)
+    link = next((value for key, value in next(sheets, {}).items() if key.endswith(":id")), None)
+    target = targets.get(link, "")
+    return target.lstrip("/") if target.startswith("/") else f"xl/{target}"
 
 
 def _attributes(element: re.Pattern[str], archive: zipfile.ZipFile, member: str) -> Iterator[dict[str, str]]:
-    for found in element.findall(archive.read(member).decode("utf-8", "replace")):
-        yield {key: unescape(one or other) for key, one, other in _ATTRIBUTE.findall(found)}
+    for tag in element.findall(archive.read(member).decode("utf-8", "replace")):
+        yield {key: unescape(double or single) for key, double, single in _ATTRIBUTE.findall(tag)}

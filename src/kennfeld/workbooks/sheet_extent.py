@@ -15,9 +15,8 @@ _MAX_COLUMNS, _MAX_ROWS = 16_384, 1_048_576
 _END_OF_CELLS = 146
 _END_OF_SHEETS = 144
 
-Chunks = Callable[
-    [], Iterator[bytes]
-]  # the text of a sheet in parts that overlap by `OVERLAP` bytes, as often as asked
+# the text of a sheet in parts that overlap by `OVERLAP` bytes, as often as asked
+Chunks = Callable[[], Iterator[bytes]]
 
 OVERLAP = 64  # bytes; more than the place of a cell
 _MAX_DIGITS = 9
@@ -31,10 +30,10 @@ _ROW = re.compile(rb'<c r="[A-Z]+([0-9]+)')
 _FAR_ROW = re.compile(rb'<c r="[A-Z]+([0-9]{7,})')
 
 
-def extent_of(records: bytes) -> tuple[int, int]:
+def extent_of_records(records: bytes) -> tuple[int, int]:
     """Return the columns and rows of a binary sheet; `ValueError` if its records are truncated or garbled.
 
-    >>> extent_of(bytes([0, 4, 9, 0, 0, 0, 2, 4, 2, 0, 0, 0, 0x92, 1, 0]))
+    >>> extent_of_records(bytes([0, 4, 9, 0, 0, 0, 2, 4, 2, 0, 0, 0, 0x92, 1, 0]))
     (3, 10)
     """
     width = height = 1
@@ -85,8 +84,7 @@ def extent_of_text(chunks: Chunks) -> tuple[int, int]:
     >>> extent_of_text(lambda: iter([b'<row r="7"><c r="AB7"/></row>']))
     (28, 7)
     """
-    found = _extent_of_usual(chunks)
-    return found if found is not None else _extent_of_any(chunks)
+    return _extent_of_usual(chunks) or _extent_of_any(chunks)
 
 
 def _extent_of_usual(chunks: Chunks) -> tuple[int, int] | None:
@@ -108,19 +106,18 @@ def _extent_of_usual(chunks: Chunks) -> tuple[int, int] | None:
 def _extent_of_any(chunks: Chunks) -> tuple[int, int]:
     """Return the rectangle of any cells; those without a reference follow the previous one."""
     width, height = 1, 1
-    places: Counter[bytes] = Counter()
+    unplaced: Counter[bytes] = Counter()
     columns: dict[bytes, int] = {}
-    kinds: Counter[bytes] = Counter()
     for text in chunks():
         for match in _PLACE.finditer(text):
             letters, row = match[1], match[2]
             if letters not in columns:
                 columns[letters] = _column_number(letters.upper()[:_MAX_DIGITS])
                 width = max(width, columns[letters])
-            places[b"c" if letters else b"row"] += 1
+            unplaced[b"c" if letters else b"row"] -= 1
             height = max(height, _parse_row(row))
-        kinds.update(match[1] for match in _ELEMENT.finditer(text))
-    return width + max(kinds[b"c"] - places[b"c"], 0), height + max(kinds[b"row"] - places[b"row"], 0)
+        unplaced.update(match[1] for match in _ELEMENT.finditer(text))
+    return width + max(unplaced[b"c"], 0), height + max(unplaced[b"row"], 0)
 
 
 def _parse_row(digits: bytes) -> int:

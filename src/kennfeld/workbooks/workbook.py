@@ -12,18 +12,18 @@ from contextlib import contextmanager
 from io import BytesIO
 from typing import Any, BinaryIO
 
-from kennfeld.archives import find_oversized
-from kennfeld.errors import InputError
+from kennfeld.archives import find_oversized, iterate_chunks
+from kennfeld.errors import InputError, Location
 from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.compound import MAGIC, workbook_stream
-from kennfeld.workbooks.formulas import Unsaved, unsaved_formulas
-from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of, extent_of_text
+from kennfeld.workbooks.formulas import UnsavedFormulas, find_unsaved
+from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of_records, extent_of_text
 
 _MAX_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
 _MAX_PARTS = 100_000
 _MAX_BINARY_BYTES = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)", re.IGNORECASE)
-_CHUNK = 1 << 20
+_UNPACKING = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
 _SAVE_AGAIN = "Open it in Excel and save it again."
 
 
@@ -32,7 +32,7 @@ class PanicError(ValueError):
 
 
 @contextmanager
-def panics() -> Iterator[None]:
+def convert_panics() -> Iterator[None]:
     """Convert panics, which are not an `Exception`, to `PanicError`, and suppress what the library prints."""
     try:
         with _no_stderr():
@@ -40,16 +40,16 @@ def panics() -> Iterator[None]:
     except BaseException as error:
         if type(error).__name__ != "PanicException":  # a class that no module offers
             raise
-        said = str(error)
+        message = str(error)
     else:
         return
-    raise PanicError(said)
+    raise PanicError(message)
 
 
 @contextmanager
 def _no_stderr() -> Iterator[None]:
     try:
-        kept = os.dup(2)
+        original = os.dup(2)
     except OSError:  # a program without a console
         yield
         return
@@ -58,8 +58,8 @@ def _no_stderr() -> Iterator[None]:
         os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(original, 2)
+        os.close(original)
         os.close(nowhere)
 
 
@@ -100,26 +100,22 @@ class Workbook:
         import python_calamine
 
         try:
-            with panics():
+            with _guard_damage(self.name):
                 rows: list[list[object]] = self._book.get_sheet_by_name(sheet).to_python(skip_empty_area=False)
         except python_calamine.WorksheetNotFound:
             return []  # a chart
-        except _damage_errors() as error:
-            raise _damaged_error(self.name, error) from None
         return rows
 
-    def unsaved(self, sheet: str) -> Unsaved | None:
+    def unsaved_formulas(self, sheet: str) -> UnsavedFormulas | None:
         """Return the formulas of a sheet whose values were not saved, so that their cells look empty."""
-        try:
+        with _guard_damage(self.name):
             if not zipfile.is_zipfile(self._content):
                 return None
             with zipfile.ZipFile(self._content) as archive:
-                return unsaved_formulas(archive, sheet)
-        except _damage_errors() as error:
-            raise _damaged_error(self.name, error) from None
+                return find_unsaved(archive, sheet)
 
 
-def opened(name: str, content: BinaryIO | bytes) -> Workbook:
+def open_workbook(name: str, content: BinaryIO | bytes) -> Workbook:
     """Open a workbook from a file or bytes, which must stay open while it is used; `name` is for findings.
 
     Raises `InputError` if it is damaged, encrypted, or asks for more memory than a table needs.
@@ -127,28 +123,23 @@ def opened(name: str, content: BinaryIO | bytes) -> Workbook:
     import python_calamine
 
     stream = BytesIO(content) if isinstance(content, bytes) else content
-    try:
+    with _guard_damage(name):
         if zipfile.is_zipfile(stream):
             with zipfile.ZipFile(stream) as archive:
-                _check(name, archive)
+                _check_size(Location(name), archive)
         stream.seek(0)
         if stream.read(len(MAGIC)) == MAGIC:
             check_records(workbook_stream(MAGIC + stream.read()), _MAX_CELLS)
         stream.seek(0)
-        with panics():
-            return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
-    except python_calamine.PasswordError:
-        raise InputError.of(name, "the workbook is protected by a password", "Save it without one.") from None
-    except _damage_errors() as error:
-        raise _damaged_error(name, error) from None
+        return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
 
 
-def _check(name: str, archive: zipfile.ZipFile) -> None:
+def _check_size(location: Location, archive: zipfile.ZipFile) -> None:
     """Refuse what would not fit into memory: one stray cell in the last row and column suffices."""
     if len(archive.namelist()) > _MAX_PARTS:
-        raise InputError.of(name, f"has {len(archive.namelist())} parts", _SAVE_AGAIN)
+        raise InputError.of(location, f"has {len(archive.namelist())} parts", _SAVE_AGAIN)
     if bomb := find_oversized(archive):
-        raise InputError.of(name, bomb, "Such a file can exhaust the memory; export it again.")
+        raise InputError.of(location, bomb, "Such a file can exhaust the memory; export it again.")
     if "xl/workbook.bin" in archive.namelist():
         check_end(archive.read("xl/workbook.bin"))
     for member in archive.infolist():
@@ -157,31 +148,34 @@ def _check(name: str, archive: zipfile.ZipFile) -> None:
         width, height = _extent(archive, member)
         if width * height > _MAX_CELLS:
             message = f"{member.filename} spans up to {height} rows and {width} columns"
-            raise InputError.of(name, message, "Delete the stray cells far from the table.")
+            raise InputError.of(location, message, "Delete the stray cells far from the table.")
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
     if member.filename.lower().endswith(".bin"):
-        return (_MAX_CELLS, 2) if member.file_size > _MAX_BINARY_BYTES else extent_of(archive.read(member))
-    return extent_of_text(lambda: _chunks(archive, member))
+        return (_MAX_CELLS, 2) if member.file_size > _MAX_BINARY_BYTES else extent_of_records(archive.read(member))
+    return extent_of_text(lambda: _text_chunks(archive, member))
 
 
-def _chunks(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
-    tail = b""
-    with archive.open(member) as stream:
-        while chunk := stream.read(_CHUNK):
-            if b"\0" in chunk:
-                raise ValueError(f"{member.filename} is encoded in a way that Excel does not write")
-            yield tail + chunk
-            tail = chunk[-OVERLAP:]
+def _text_chunks(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
+    for chunk in iterate_chunks(archive, member, OVERLAP):
+        if b"\0" in chunk:
+            raise ValueError(f"{member.filename} is encoded in a way that Excel does not write")
+        yield chunk
 
 
-def _damage_errors() -> tuple[type[BaseException], ...]:
+@contextmanager
+def _guard_damage(name: str) -> Iterator[None]:
+    """Convert the errors of the libraries for damaged files to `InputError`."""
     import python_calamine
 
-    unpacking = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
-    return (python_calamine.CalamineError, OSError, ValueError, OverflowError, *unpacking)
-
-
-def _damaged_error(name: str, error: BaseException) -> InputError:
-    return InputError.of(name, f"the workbook cannot be read ({error})", _SAVE_AGAIN)
+    location = Location(name)
+    try:
+        with convert_panics():
+            yield
+    except python_calamine.PasswordError:
+        raise InputError.of(location, "the workbook is protected by a password", "Save it without one.") from None
+    except python_calamine.WorksheetNotFound:
+        raise
+    except (python_calamine.CalamineError, OSError, ValueError, OverflowError, *_UNPACKING) as error:
+        raise InputError.of(location, f"the workbook cannot be read ({error})", _SAVE_AGAIN) from None

@@ -5,21 +5,18 @@
 
 A conversion without a unique inverse has none here; nothing is guessed.
 
-Formulas are arithmetic in one raw value X1, parsed here and never evaluated by Python:
-
-    sum     := product (("+" | "-") product)*
-    product := factor (("*" | "/") factor)*
-    factor  := ("+" | "-") factor | number | "X1" | "X" | name "(" sum ("," sum)* ")" | "(" sum ")"
+Formulas are arithmetic in one raw value X1: numbers, X1, + - * / and functions. Python parses them, but never evaluates
+them.
 
 The operator ^ is a power in older versions of the standard and an exclusive or in newer ones, and `log` has the base
 e or 10; formulas with them are not supported.
 """
 
+import ast
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -29,26 +26,14 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 
 Formula = Callable[[Float], Float]
 
-_TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|[-+*/(),])\s*")
-_FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "abs": (1, np.abs),
-    "acos": (1, np.arccos),
-    "arccos": (1, np.arccos),
-    "arcsin": (1, np.arcsin),
-    "arctan": (1, np.arctan),
-    "asin": (1, np.arcsin),
-    "atan": (1, np.arctan),
-    "cos": (1, np.cos),
-    "exp": (1, np.exp),
-    "pow": (2, np.power),
-    "sin": (1, np.sin),
-    "sqrt": (1, np.sqrt),
-    "tan": (1, np.tan),
-}
-_MAX_NESTING = 50  # brackets within each other
-_MAX_CHARACTERS, _MAX_TOKENS = 2000, 300  # characters, tokens
-
-Numbers = Callable[[Float], Float]
+_TOKEN = re.compile(r"\s*(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|[-+*/(),])\s*")
+_NAMES = ("abs", "arccos", "arcsin", "arctan", "cos", "exp", "sin", "sqrt", "tan")
+_FUNCTIONS: dict[str, np.ufunc] = {name: getattr(np, name) for name in _NAMES}
+_FUNCTIONS |= {"acos": np.arccos, "asin": np.arcsin, "atan": np.arctan, "pow": np.power}
+_TABLE_KINDS = ("TAB_INTP", "TAB_NOINTP", "TAB_VERB")
+_OPERATORS: dict[type[ast.AST], np.ufunc] = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply}
+_OPERATORS |= {ast.Div: np.divide, ast.UAdd: np.positive, ast.USub: np.negative}
+_MAX_CHARACTERS, _MAX_TOKENS = 2000, 300
 
 
 class _UnsupportedFormulaError(Exception):
@@ -65,104 +50,43 @@ def parse_formula(text: str) -> Formula | None:
     >>> parse_formula("X1 ^ 2") is None
     True
     """
+    tokens = _TOKEN.findall(text[: _MAX_CHARACTERS + 1])
+    if "".join(tokens) != text or len(tokens) > _MAX_TOKENS:
+        return None
     try:
-        parser = _ArithmeticParser(_tokens(text))
-        found = parser.sum(0)
-        if parser.at != len(parser.tokens) or len(parser.tokens) > _MAX_TOKENS:
-            return None
-    except _UnsupportedFormulaError:
+        # Blanks between the tokens part what is an operator or a number of Python only: ** // 0x1
+        formula = _compile(ast.parse(" ".join(map(str.strip, tokens)), mode="eval").body)
+    except (_UnsupportedFormulaError, SyntaxError, RecursionError, MemoryError):
         return None
 
     def value(raw: Float) -> Float:
         with np.errstate(all="ignore"):
-            given = np.broadcast_to(np.asarray(found(np.asarray(raw, np.float64)), np.float64), np.shape(raw))
-            return np.where(np.isfinite(given), given, np.nan)
+            result = np.asarray(formula(np.asarray(raw, np.float64)), np.float64)
+            return _nan_if_infinite(np.broadcast_to(result, np.shape(raw)))
 
     return value
 
 
-def _tokens(text: str) -> list[str]:
-    tokens, at = [], 0
-    while at < len(text) and len(text) <= _MAX_CHARACTERS:
-        match = _TOKEN.match(text, at)
-        if match is None:
-            raise _UnsupportedFormulaError
-        tokens.append(match[1])
-        at = match.end()
-    return tokens
-
-
-class _ArithmeticParser:
-    def __init__(self, tokens: Sequence[str]) -> None:
-        self.tokens, self.at = tokens, 0
-
-    def _next(self) -> str:
-        return self.tokens[self.at] if self.at < len(self.tokens) else ""
-
-    def _take(self, *wanted: str) -> str:
-        word = self._next()
-        if word not in wanted:
-            return ""
-        self.at += 1
-        return word
-
-    def sum(self, depth: int) -> Formula:
-        left = self._product(depth)
-        while sign := self._take("+", "-"):
-            left = _combine(np.add if sign == "+" else np.subtract, left, self._product(depth))
-        return left
-
-    def _product(self, depth: int) -> Formula:
-        left = self._factor(depth)
-        while sign := self._take("*", "/"):
-            left = _combine(np.multiply if sign == "*" else np.divide, left, self._factor(depth))
-        return left
-
-    def _factor(self, depth: int) -> Formula:
-        if depth > _MAX_NESTING:
-            raise _UnsupportedFormulaError
-        if sign := self._take("+", "-"):
-            inner = self._factor(depth + 1)
-            return inner if sign == "+" else lambda raw: -inner(raw)
-        if self._take("("):
-            inner = self.sum(depth + 1)
-            self._closed()
-            return inner
-        word = self._next()
-        self.at += 1
-        if word.casefold() in ("x", "x1"):
+def _compile(node: ast.expr) -> Formula:
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return lambda raw: np.full(np.shape(raw), float(number))
+        case ast.Name(id=name) if name.casefold() in ("x", "x1"):
             return lambda raw: raw
-        if word.casefold() in _FUNCTIONS:
-            return self._call(word.casefold(), depth)
-        return _parse_constant(word)
-
-    def _call(self, name: str, depth: int) -> Formula:
-        if not self._take("("):
-            raise _UnsupportedFormulaError
-        count, function = _FUNCTIONS[name]
-        arguments = [self.sum(depth + 1)]
-        while self._take(","):
-            arguments.append(self.sum(depth + 1))
-        self._closed()
-        if len(arguments) != count:
-            raise _UnsupportedFormulaError
-        return lambda raw: function(*(argument(raw) for argument in arguments))
-
-    def _closed(self) -> None:
-        if not self._take(")"):
-            raise _UnsupportedFormulaError
+        case ast.UnaryOp(op=operator, operand=operand) if type(operator) in _OPERATORS:
+            return _call(_OPERATORS[type(operator)], [operand])
+        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
+            return _call(_OPERATORS[type(operator)], [left, right])
+        case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name.casefold() in _FUNCTIONS:
+            return _call(_FUNCTIONS[name.casefold()], operands)
+    raise _UnsupportedFormulaError
 
 
-def _combine(function: Callable[..., Any], left: Formula, right: Formula) -> Formula:
-    return lambda raw: function(left(raw), right(raw))
-
-
-def _parse_constant(word: str) -> Formula:
-    try:
-        value = float(word)
-    except ValueError:
-        raise _UnsupportedFormulaError from None
-    return lambda raw: np.full(np.shape(raw), value)
+def _call(function: np.ufunc, operands: Sequence[ast.expr]) -> Formula:
+    if len(operands) != function.nin:
+        raise _UnsupportedFormulaError
+    arguments = list(map(_compile, operands))
+    return lambda raw: function(*(argument(raw) for argument in arguments))
 
 
 @dataclass(frozen=True)
@@ -173,10 +97,7 @@ class VerbalConversion:
 
     def text(self, raw: float) -> str | None:
         """Return the word of a raw number, None if there is none."""
-        for least, most, word in self.table.ranges:
-            if least <= raw <= most:
-                return word
-        return self.table.default
+        return next((word for least, most, word in self.table.ranges if least <= raw <= most), self.table.default)
 
     def raw(self, text: str) -> float | None:
         """Return the least raw number that a word stands for."""
@@ -189,50 +110,48 @@ class CompuConversion:
 
     name: str
     unit: str
-    physical: Numbers
-    raw: Numbers | None
+    physical: Formula
+    raw: Formula | None
     words: VerbalConversion | None = None
 
 
 def conversion_of(a2l: A2l, name: str, lower: float, upper: float) -> CompuConversion:
     """Return the conversion of an object within physical limits. Raises `A2lError`."""
     if name in ("NO_COMPU_METHOD", ""):
-        return CompuConversion(name, "", _identity, _identity)
+        return IDENTITY
     method = a2l.compu_methods.get(name)
     if method is None:
         raise A2lError(f"has the conversion {name[:60]}, which is not defined")
-    physical, raw, words = _functions(a2l, method, lower, upper)
-    return CompuConversion(name, method.unit, physical, raw, words)
+    if method.table in a2l.compu_vtabs and method.kind in _TABLE_KINDS:
+        words = VerbalConversion(a2l.compu_vtabs[method.table])
+        return CompuConversion(name, method.unit, _identity, _identity, words)
+    if method.kind == "IDENTICAL":
+        functions: tuple[Formula, Formula | None] = (_identity, _identity)
+    elif method.kind == "LINEAR":
+        functions = _linear(*method.coeffs)
+    elif method.kind == "RAT_FUNC":
+        functions = _rational(method, lower, upper)
+    elif method.kind in _TABLE_KINDS:
+        functions = _table_conversion(a2l, method)
+    elif method.kind == "FORM":
+        functions = _formula(method)
+    else:
+        raise A2lError(f"has the conversion {method.name} of the unknown kind {method.kind[:40]!r}")
+    return CompuConversion(name, method.unit, *functions)
 
 
 def _identity(values: Float) -> Float:
     return values
 
 
-def _functions(
-    a2l: A2l, method: CompuMethod, lower: float, upper: float
-) -> tuple[Numbers, Numbers | None, VerbalConversion | None]:
-    if method.kind == "IDENTICAL":
-        return _identity, _identity, None
-    if method.kind == "LINEAR":
-        return *_linear(*method.coeffs), None
-    if method.kind == "RAT_FUNC":
-        return *_rational(method, lower, upper), None
-    if method.kind in ("TAB_INTP", "TAB_NOINTP", "TAB_VERB"):
-        return _table_conversion(a2l, method)
-    if method.kind == "FORM":
-        return *_formula(method), None
-    raise A2lError(f"has the conversion {method.name} of the unknown kind {method.kind[:40]!r}")
+IDENTITY = CompuConversion("", "", _identity, _identity)
 
 
-def _linear(slope: float, offset: float) -> tuple[Numbers, Numbers | None]:
-    def raw(values: Float) -> Float:
-        return (values - offset) / slope
-
-    return lambda values: slope * values + offset, raw if slope else None
+def _linear(slope: float, offset: float) -> tuple[Formula, Formula | None]:
+    return lambda raw: slope * raw + offset, (lambda values: (values - offset) / slope) if slope else None
 
 
-def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Numbers, Numbers]:
+def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Formula, Formula]:
     a, b, c, d, e, f = method.coeffs
 
     def raw(values: Float) -> Float:
@@ -253,10 +172,10 @@ def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Numbers,
 def _root(coeffs: tuple[float, ...], lower: float, upper: float, values: Float) -> Float:
     """Return the root of the quadratic within the limits, NaN if none or both are."""
     a, b, c, d, e, f = coeffs
-    two, one, none = a - d * values, b - e * values, c - f * values
+    square, linear, constant = a - d * values, b - e * values, c - f * values
     with np.errstate(all="ignore"):
-        whole = -0.5 * (one + np.where(one < 0, -1.0, 1.0) * np.sqrt(one * one - 4 * two * none))
-        roots = _nan_if_infinite(np.stack([whole / two, none / whole]))
+        whole = -0.5 * (linear + np.where(linear < 0, -1.0, 1.0) * np.sqrt(linear * linear - 4 * square * constant))
+        roots = _nan_if_infinite(np.stack([whole / square, constant / whole]))
     slack = 1e-9 * (np.abs(roots) + 1e-300)
     inside = (roots >= lower - slack) & (roots <= upper + slack)
     same = np.isclose(roots[0], roots[1], rtol=1e-12, atol=0)
@@ -268,10 +187,7 @@ def _nan_if_infinite(values: Float) -> Float:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _table_conversion(a2l: A2l, method: CompuMethod) -> tuple[Numbers, Numbers | None, VerbalConversion | None]:
-    words = a2l.compu_vtabs.get(method.table)
-    if words is not None:
-        return _identity, _identity, VerbalConversion(words)
+def _table_conversion(a2l: A2l, method: CompuMethod) -> tuple[Formula, Formula | None]:
     table = a2l.compu_tabs.get(method.table)
     if table is None or not table.raw:
         raise A2lError(f"has the conversion {method.name}, whose table {method.table[:60]!r} is not defined")
@@ -279,10 +195,10 @@ def _table_conversion(a2l: A2l, method: CompuMethod) -> tuple[Numbers, Numbers |
         raise A2lError(f"has the conversion {method.name}, whose table {table.name} contains no texts")
     if any(np.diff(table.raw) <= 0):
         raise A2lError(f"has the conversion {method.name}, whose table {table.name} contains a raw value twice")
-    return *(_interpolating_table(table) if method.kind == "TAB_INTP" else _exact_table(table)), None
+    return _interpolating_table(table) if method.kind == "TAB_INTP" else _exact_table(table)
 
 
-def _interpolating_table(table: CompuTab) -> tuple[Numbers, Numbers | None]:
+def _interpolating_table(table: CompuTab) -> tuple[Formula, Formula | None]:
     raw, physical = np.array(table.raw), np.array(table.physical)
     outside = np.nan if table.default is None else table.default
     steps = np.diff(physical)
@@ -294,14 +210,11 @@ def _interpolating_table(table: CompuTab) -> tuple[Numbers, Numbers | None]:
     return forwards, None
 
 
-def _interpolation(given: Float, wanted: Float, outside: float) -> Numbers:
-    def value(numbers: Float) -> Float:
-        return np.asarray(np.interp(numbers, given, wanted, left=outside, right=outside), dtype=np.float64)
-
-    return value
+def _interpolation(points: Float, values: Float, outside: float) -> Formula:
+    return lambda numbers: np.asarray(np.interp(numbers, points, values, left=outside, right=outside), np.float64)
 
 
-def _exact_table(table: CompuTab) -> tuple[Numbers, Numbers]:
+def _exact_table(table: CompuTab) -> tuple[Formula, Formula]:
     raw, physical = np.array(table.raw), np.array(table.physical)
     order = np.argsort(physical, kind="stable")
     missing = np.nan if table.default is None else table.default
@@ -313,19 +226,18 @@ def _exact_table(table: CompuTab) -> tuple[Numbers, Numbers]:
     def back(values: Float) -> Float:
         """Return the raw value of the closest physical one."""
         known = physical[order]
-        right = np.clip(np.searchsorted(known, values), 0, known.size - 1)
-        left = np.clip(right - 1, 0, known.size - 1)
-        closer = np.where(np.abs(known[left] - values) <= np.abs(known[right] - values), left, right)
+        above = np.clip(np.searchsorted(known, values), 0, known.size - 1)
+        below = np.clip(above - 1, 0, known.size - 1)
+        closer = np.where(np.abs(known[below] - values) <= np.abs(known[above] - values), below, above)
         return raw[order][closer]
 
     return forwards, back
 
 
-def _formula(method: CompuMethod) -> tuple[Numbers, Numbers | None]:
+def _formula(method: CompuMethod) -> tuple[Formula, Formula | None]:
     if not method.formula:
         raise A2lError(f"has the conversion {method.name}, which has no FORMULA")
     forwards, back = parse_formula(method.formula), parse_formula(method.formula_inverse)
     if forwards is None:
-        message = f"has the conversion {method.name}, whose formula {method.formula[:60]!r} is not supported"
-        raise A2lError(message)
+        raise A2lError(f"has the conversion {method.name}, whose formula {method.formula[:60]!r} is not supported")
     return forwards, back

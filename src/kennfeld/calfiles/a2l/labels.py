@@ -5,15 +5,24 @@ returned in ascending order; `falling` records that the memory has them in desce
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, prod
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.a2l.conversion import CompuConversion, conversion_of
-from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisDescr, AxisPts, Characteristic, Component, RecordLayout
+from kennfeld.calfiles.a2l.conversion import IDENTITY, VerbalConversion, conversion_of
+from kennfeld.calfiles.a2l.objects import (
+    DIRECTIONS,
+    A2l,
+    AxisDescr,
+    AxisPts,
+    Characteristic,
+    Component,
+    RecordLayout,
+    StoredNumbers,
+)
 from kennfeld.calfiles.a2l.record_layout import AbsentError, LayoutRequest, PartOffsets, place_parts
 from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decode_raw, first_byte_order
 from kennfeld.calfiles.a2l.syntax import A2lError
@@ -28,29 +37,16 @@ _MAX_DIMENSIONS = 4
 _MAX_COUNT = 2**31
 _MAX_NESTING = 16  # curves that give each other their axes
 
-Found = TypeVar("Found", "SharedAxis", "Label")
-
-
-def fixed_count(axis: AxisDescr) -> int:
-    """Return the number of breakpoints that a fixed axis states, 0 if it states none."""
-    if axis.fix_axis_par is not None:
-        return axis.fix_axis_par[2]
-    if axis.fix_axis_par_dist is not None:
-        return axis.fix_axis_par_dist[2]
-    return len(axis.fix_axis_par_list)
+Stored = TypeVar("Stored", "SharedAxis", "Label")
 
 
 def fixed_points(axis: AxisDescr, count: int) -> Float:
     """Return the raw numbers of the first breakpoints of a fixed axis."""
-    if axis.fix_axis_par is not None:
-        offset, shift, _ = axis.fix_axis_par
-        return space_points(offset, 2.0**shift, count)
-    if axis.fix_axis_par_dist is not None:
-        offset, distance, _ = axis.fix_axis_par_dist
-        return space_points(offset, distance, count)
-    if not axis.fix_axis_par_list:
+    if axis.fixed_spacing is not None:
+        return space_points(*axis.fixed_spacing[:2], count)
+    if not axis.fixed_points:
         raise A2lError(f"has a {axis.attribute} without breakpoints")
-    return np.array(axis.fix_axis_par_list[:count])
+    return np.array(axis.fixed_points[:count])
 
 
 def space_points(offset: float, distance: float, count: int) -> Float:
@@ -60,7 +56,7 @@ def space_points(offset: float, distance: float, count: int) -> Float:
 
 
 def sort_points(points: Float) -> tuple[Float, bool]:
-    """Return breakpoints in rising order, and whether they fell; `A2lError` if they do neither."""
+    """Return breakpoints in rising order, and True if they fell; `A2lError` if they do neither."""
     if not np.all(np.isfinite(points)):
         raise A2lError("has breakpoints without a physical value")
     steps = np.diff(points)
@@ -76,7 +72,7 @@ def sort_points(points: Float) -> tuple[Float, bool]:
 
 
 def resolve_axis(inputs: Float, positions: Float, count: int, name: str, unit: str, quantity: str) -> Axis:
-    """Return the inputs of the columns 0, 1, ...: the same lookup only where every pair is a column."""
+    """Return the inputs of the columns 0, 1, ...: the same lookup only if every pair is a column."""
     if not np.array_equal(positions, np.arange(count)) or np.any(np.diff(inputs) <= 0):
         raise A2lError(f"has breakpoints that cannot be derived from the positions of {name}")
     return Axis(inputs, input=quantity, unit=unit)
@@ -88,7 +84,6 @@ class AxisInMemory:
 
     axis: Axis
     falling: bool  # in the order of the memory
-    kind: str
     part: ObjectPart | None = None  # of its own
     shared: str = ""  # the AXIS_PTS that it refers to
     read_only: bool = False
@@ -116,13 +111,13 @@ class Label:
     axes: tuple[AxisInMemory, ...] = ()
     member: Parameter | None = None
     text: Text | None = None
-    words: CompuConversion | None = None  # where the text is a word for a number
+    words: VerbalConversion | None = None  # if the text is a word for a number
 
     def same_numbers(self, other: "Label") -> bool:
         """Check whether another state of the same label has the same raw numbers."""
         parts = [(self.part, other.part)]
         parts += [(a.part, b.part) for a, b in zip(self.axes, other.axes, strict=True) if a.part and b.part]
-        return all(np.array_equal(a.stored, b.stored, equal_nan=not a.kept.integer) for a, b in parts)
+        return all(np.array_equal(a.stored, b.stored, equal_nan=not a.storage.integer) for a, b in parts)
 
     def in_memory_order(self, values: Float) -> Float:
         """Convert values between ascending axis order and the order of the memory, in either direction."""
@@ -140,11 +135,9 @@ class Labels:
         self._depth = 0
 
     def shared(self, name: str) -> SharedAxis:
-        """Return the breakpoints of an AXIS_PTS."""
         return _read_once(self._shared, name, lambda: self._read_shared(name))
 
     def label(self, name: str) -> Label:
-        """Return a characteristic."""
         return _read_once(self._labels, name, lambda: self._read_label(self.a2l.characteristics[name]))
 
     def _read_shared(self, name: str) -> SharedAxis:
@@ -155,65 +148,53 @@ class Labels:
         key = next((key for key in ("AXIS_PTS_X", "AXIS_RESCALE_X") if key in places.offsets), "")
         if not key:
             raise A2lError(f"has the record layout {source.record_layout}, which has no AXIS_PTS_X")
-        part = self.part(source.address, places, key, self._kept_of_axis(source, places.components[key]))
+        part = self.part(source.address, places, key, self._axis_storage(source, places.components[key]))
         if key == "AXIS_RESCALE_X":
-            return SharedAxis(source, places, part, pairs=self._pairs(part))
+            # inputs in physical units, positions as column numbers
+            pairs = np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
+            return SharedAxis(source, places, part, pairs=pairs)
         points, falling = sort_points(part.physical)
-        axis = Axis(points, input=_input_quantity(source.input_quantity), unit=self._unit(source, part), name=name)
+        axis = Axis(points, input=_input_quantity(source.input_quantity), unit=self.unit(source), name=name)
         return SharedAxis(source, places, part, axis, falling)
 
-    def _pairs(self, part: ObjectPart) -> Float:
-        """Return the rescale pairs: inputs in physical units, positions as column numbers."""
-        return np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
-
-    def unit(self, source: Characteristic) -> str:
+    def unit(self, source: StoredNumbers) -> str:
         method = self.a2l.compu_methods.get(source.conversion)
         return (source.phys_unit or (method.unit if method else "")).strip()
 
-    def _unit(self, source: AxisPts | AxisDescr | Characteristic, part: ObjectPart) -> str:
-        return (source.phys_unit or part.kept.conversion.unit).strip()
-
-    def _kept_of_axis(self, source: AxisPts | AxisDescr, component: Component, outer_order: str = "") -> StorageFormat:
-        common = self.a2l.common
-        deposit = source.deposit or common.deposit
-        if deposit == "DIFFERENCE" and component.mode == "INDEX_DECR":
+    def _axis_storage(self, source: AxisPts | AxisDescr, component: Component, outer_order: str = "") -> StorageFormat:
+        difference = (source.deposit or self.a2l.common.deposit) == "DIFFERENCE"
+        if difference and component.mode == "INDEX_DECR":
             raise A2lError("stores breakpoints as differences in descending order")
-        lower, upper = _hard_limits(source)
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         if conversion.words is not None:
             raise A2lError("has verbal values as breakpoints")
-        order = first_byte_order(source.byte_order, outer_order, common.byte_order)
-        difference = deposit == "DIFFERENCE" and component.kind == "AXIS_PTS"
-        return StorageFormat(component.data_type, order, conversion, None, difference, lower, upper)
+        order = first_byte_order(source.byte_order, outer_order, self.a2l.common.byte_order)
+        difference &= component.kind == "AXIS_PTS"
+        return StorageFormat(component.data_type, order, conversion, None, difference, *_hard_limits(source))
 
     def layout(self, name: str) -> RecordLayout:
-        found = self.a2l.record_layouts.get(name)
-        if found is None:
+        if name not in self.a2l.record_layouts:
             raise A2lError(f"has the record layout {name[:60]}, which is not defined")
-        return found
+        return self.a2l.record_layouts[name]
 
     def places(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None = None) -> PartOffsets:
         """Locate the parts of an object, with the point counts of the image or those of `counts`."""
         layout = self.layout(source.record_layout)
-        order = self.order(source)
-        wanted = self._wanted(source, counts)
 
         def count_at(component: Component, offset: int) -> int:
             key = f"{'AXIS_RESCALE' if component.kind == 'NO_RESCALE' else 'AXIS_PTS'}_{component.direction}"
             if counts is not None and key in counts:
                 return counts[key]
-            return self._count(source.address + offset, component, order)
+            memory = self.image.read(source.address + offset, SIZES[component.data_type])
+            if memory is None:
+                raise AbsentError
+            number = float(decode_raw(memory, np.array(0), component.data_type, self.order(source)))
+            return int(number) if 0 <= number < _MAX_COUNT else 0
 
-        return place_parts(layout, source.address, wanted, self.a2l.common.alignments, count_at, self.image.holds)
+        request, alignments = self._request(source, counts), self.a2l.common.alignments
+        return place_parts(layout, source.address, request, alignments, count_at, self.image.holds)
 
-    def _count(self, address: int, component: Component, order: str) -> int:
-        memory = self.image.read(address, SIZES[component.data_type])
-        if memory is None:
-            raise AbsentError
-        number = float(decode_raw(memory, np.array(0), component.data_type, order))
-        return int(number) if 0 <= number < _MAX_COUNT else 0
-
-    def _wanted(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> LayoutRequest:
+    def _request(self, source: AxisPts | Characteristic, counts: Mapping[str, int] | None) -> LayoutRequest:
         if isinstance(source, AxisPts):
             return LayoutRequest({"X": source.max_axis_points}, values=False)
         if not source.axes:
@@ -232,27 +213,21 @@ class Labels:
             if shared.axis is None:
                 raise A2lError(f"refers to {axis.axis_pts_ref} as common breakpoints, which are rescale pairs")
             return len(shared.axis)
-        if axis.attribute == "FIX_AXIS" and (count := fixed_count(axis)):
-            return count
-        return axis.max_axis_points
+        fixed = axis.fixed_spacing[2] if axis.fixed_spacing else len(axis.fixed_points)
+        return fixed if axis.attribute == "FIX_AXIS" and fixed else axis.max_axis_points
 
     def order(self, source: AxisPts | Characteristic) -> str:
         return first_byte_order(source.byte_order, self.a2l.common.byte_order)
 
-    @property
-    def plain(self) -> CompuConversion:
-        """The identity conversion."""
-        return conversion_of(self.a2l, "", 0.0, 0.0)
-
-    def part(self, address: int, places: PartOffsets, key: str, kept: StorageFormat) -> ObjectPart:
+    def part(self, address: int, places: PartOffsets, key: str, storage: StorageFormat) -> ObjectPart:
         """Return the numbers of one part of an object at an address."""
         offsets = places.offsets[key]
-        start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[kept.data_type]
+        start, size = int(offsets.min()), int(offsets.max() - offsets.min()) + SIZES[storage.data_type]
         memory = self.image.read(address + start, size)
         if memory is None:
             raise AbsentError
-        found = ObjectPart.of(memory, offsets - start, kept)
-        return ObjectPart(kept, offsets, found.stored)
+        stored = decode_raw(memory, offsets - start, storage.data_type, storage.byte_order, storage.bit_mask)
+        return ObjectPart(storage, offsets, stored)
 
     def _read_label(self, source: Characteristic) -> Label:
         if source.virtual:
@@ -263,108 +238,78 @@ class Labels:
             raise A2lError("has five axes, but a table has at most four")
         if len(source.axes) != _AXES.get(source.type, 0):
             raise A2lError(f"is a {source.type} with {len(source.axes)} axes")
-        if source.type == "ASCII":
-            return self._ascii(source)
         places = self.places(source)
-        part = self.part(source.address, places, "FNC_VALUES", self._kept(source, places.components["FNC_VALUES"]))
-        if part.kept.conversion.words is not None:
-            return self._word(source, places, part)
-        axes = tuple(
-            self._axis(source, axis, direction, places)
-            for direction, axis in zip(DIRECTIONS, source.axes, strict=False)
-        )
-        return self._table(source, places, part, axes)
-
-    def _kept(self, source: Characteristic, component: Component) -> StorageFormat:
+        data_type = places.components["FNC_VALUES"].data_type
         conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
-        lower, upper = _hard_limits(source)
-        order = self.order(source)
         mask = source.bit_mask or None
-        return StorageFormat(component.data_type, order, conversion, mask, False, lower, upper)
+        storage = StorageFormat(data_type, self.order(source), conversion, mask, False, *_hard_limits(source))
+        part = self.part(source.address, places, "FNC_VALUES", storage)
+        if source.type == "ASCII":
+            return Label(source, places, part, text=_ascii_text(source, part))
+        if conversion.words is not None:
+            return self._word(source, places, part, conversion.words)
+        pairs = zip(DIRECTIONS, source.axes, strict=False)
+        axes = tuple(self._axis(source, axis, direction, places) for direction, axis in pairs)
+        return self._table(Label(source, places, part, axes))
 
-    def _table(
-        self, source: Characteristic, places: PartOffsets, part: ObjectPart, axes: tuple[AxisInMemory, ...]
-    ) -> Label:
-        label = Label(source, places, part, axes)
-        low, high = part.kept.bounds(source.lower, source.upper)
-        attributes = {
-            "unit": self._unit(source, part),
-            "description": source.description,
-            "lower": low,
-            "upper": high,
-            "locked": source.read_only,
-        }
+    def _table(self, label: Label) -> Label:
+        source, part = label.source, label.part
+        low, high = part.storage.bounds(source.lower, source.upper)
+        attributes: dict[str, Any] = {"unit": self.unit(source), "description": source.description}
+        attributes |= {"lower": low, "upper": high, "locked": source.read_only}
         values = label.in_memory_order(part.physical)
-        if source.type == "VAL_BLK" or part.offsets.ndim > len(axes):
+        if source.type == "VAL_BLK" or part.offsets.ndim > len(label.axes):
             if values.ndim > _MAX_DIMENSIONS:
                 raise A2lError(f"has {values.ndim} dimensions, but a value block has at most {_MAX_DIMENSIONS}")
-            member: Parameter = Block(source.name, values, **attributes)
-        else:
-            member = parameter(source.name, values, [one.axis for one in axes], **attributes)
-        return Label(source, places, part, axes, member)
+            return replace(label, member=Block(source.name, values, **attributes))
+        return replace(label, member=parameter(source.name, values, [axis.axis for axis in label.axes], **attributes))
 
-    def _ascii(self, source: Characteristic) -> Label:
-        places = self.places(source)
-        part = self.part(source.address, places, "FNC_VALUES", self._kept(source, places.components["FNC_VALUES"]))
-        if SIZES[part.kept.data_type] != 1 or source.encoding not in _ENCODINGS:
-            raise A2lError(f"is text of {part.kept.data_type} {source.encoding}, not of bytes")
-        content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
-        found = content.decode(encoding_of(source), errors="replace")
-        if holds_control_characters(found):
-            raise A2lError("contains bytes that are not text")
-        text = Text(source.name, found, source.description)
-        return Label(source, places, part, text=text)
-
-    def _word(self, source: Characteristic, places: PartOffsets, part: ObjectPart) -> Label:
-        words = part.kept.conversion.words
-        if part.raw.ndim or words is None:
+    def _word(self, source: Characteristic, places: PartOffsets, part: ObjectPart, words: VerbalConversion) -> Label:
+        if part.raw.ndim:
             raise A2lError(f"is a {source.type} of verbal values, which cannot be calibrated")
         word = words.text(float(part.raw))
         if word is None:
             raise A2lError(f"has the raw value {float(part.raw):g}, for which {words.table.name} defines no text")
         known = [word for _, _, word in words.table.ranges]
         kind = kind_of_words(known + ([words.table.default] if words.table.default else []))
-        text = Text(source.name, word, source.description, unit=self._unit(source, part), kind=kind)
-        return Label(source, places, part, text=text, words=part.kept.conversion)
+        text = Text(source.name, word, source.description, unit=self.unit(source), kind=kind)
+        return Label(source, places, part, text=text, words=words)
 
     def _axis(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
-        readers = {
-            "STD_AXIS": self._own,
-            "FIX_AXIS": self._fixed,
-            "COM_AXIS": self._common,
-            "RES_AXIS": self._rescaled,
-            "CURVE_AXIS": self._by_curve,
-        }
-        return readers[axis.attribute](source, axis, direction, places)
+        if axis.attribute == "STD_AXIS" and f"AXIS_PTS_{direction}" in places.offsets:
+            return self._own(source, axis, direction, places)
+        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+        if axis.attribute in ("STD_AXIS", "FIX_AXIS"):
+            return self._fixed(source, axis, direction, places, count)
+        readers = {"COM_AXIS": self._common, "RES_AXIS": self._rescaled, "CURVE_AXIS": self._by_curve}
+        return readers[axis.attribute](axis, count)
 
     def _own(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
         key = f"AXIS_PTS_{direction}"
-        if key not in places.offsets:
-            return self._fixed(source, axis, direction, places)
-        kept = self._kept_of_axis(axis, places.components[key], source.byte_order)
-        part = self.part(source.address, places, key, kept)
+        storage = self._axis_storage(axis, places.components[key], source.byte_order)
+        part = self.part(source.address, places, key, storage)
         points, falling = sort_points(part.physical)
-        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self._unit(axis, part))
-        return AxisInMemory(result, falling, axis.attribute, part, read_only=axis.read_only)
+        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self.unit(axis))
+        return AxisInMemory(result, falling, part, read_only=axis.read_only)
 
-    def _fixed(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
-        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
+    def _fixed(
+        self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets, count: int
+    ) -> AxisInMemory:
         raw = self._stored_spacing(source, direction, places, count)
         raw = fixed_points(axis, count) if raw is None else raw
         conversion = conversion_of(self.a2l, axis.conversion, axis.lower, axis.upper)
         points, falling = sort_points(conversion.physical(raw))
-        unit = (axis.phys_unit or conversion.unit).strip()
-        return AxisInMemory(Axis(points, input=_input_quantity(axis.input_quantity), unit=unit), falling, "FIX_AXIS")
+        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self.unit(axis))
+        return AxisInMemory(result, falling)
 
     def _stored_spacing(self, source: Characteristic, direction: str, places: PartOffsets, count: int) -> Float | None:
         """Compute the points of a fixed axis whose offset and distance are stored in the record itself."""
-        order = self.order(source)
         stored = {}
         for kind in ("OFFSET", "DIST_OP", "SHIFT_OP"):
             key = f"{kind}_{direction}"
             if key in places.offsets:
-                kept = StorageFormat(places.components[key].data_type, order, self.plain)
-                stored[kind] = float(self.part(source.address, places, key, kept).raw)
+                storage = StorageFormat(places.components[key].data_type, self.order(source), IDENTITY)
+                stored[kind] = float(self.part(source.address, places, key, storage).raw)
         if not stored:
             return None
         shift = stored.get("SHIFT_OP")
@@ -372,46 +317,48 @@ class Labels:
             raise A2lError(f"has an offset of its {direction} axis in the memory, but no distance")
         return space_points(stored.get("OFFSET", 0.0), stored.get("DIST_OP", 2.0 ** (shift or 0.0)), count)
 
-    def _common(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
+    def _common(self, axis: AxisDescr, count: int) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
-        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         if shared.axis is None or len(shared.axis) != count:
-            found = 0 if shared.axis is None else len(shared.axis)
-            raise A2lError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {found} points")
-        return AxisInMemory(shared.axis, shared.falling, "COM_AXIS", shared=axis.axis_pts_ref)
+            size = 0 if shared.axis is None else len(shared.axis)
+            raise A2lError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {size} points")
+        return AxisInMemory(shared.axis, shared.falling, shared=axis.axis_pts_ref)
 
-    def _rescaled(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
+    def _rescaled(self, axis: AxisDescr, count: int) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
-        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
         if shared.pairs is None:
             raise A2lError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
-        unit = self._unit(shared.source, shared.part)
-        quantity = _input_quantity(axis.input_quantity)
-        result = resolve_axis(shared.pairs[:, 0], shared.pairs[:, 1], count, axis.axis_pts_ref, unit, quantity)
-        return AxisInMemory(result, False, "RES_AXIS")
+        unit, quantity = self.unit(shared.source), _input_quantity(axis.input_quantity)
+        inputs, positions = shared.pairs.T
+        return AxisInMemory(resolve_axis(inputs, positions, count, axis.axis_pts_ref, unit, quantity), False)
 
-    def _curve(self, name: str) -> Label:
+    def _by_curve(self, axis: AxisDescr, count: int) -> AxisInMemory:
+        name = axis.curve_axis_ref
         self._depth += 1
         try:
-            if self._depth > _MAX_NESTING:
+            if name in self.a2l.characteristics and self._depth > _MAX_NESTING:
                 raise A2lError(f"has an axis that depends on more than {_MAX_NESTING} curves")
-            return self.label(name)
+            curve = self.label(name) if name in self.a2l.characteristics else None
         finally:
             self._depth -= 1
-
-    def _by_curve(self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets) -> AxisInMemory:
-        count = places.offsets["FNC_VALUES"].shape[DIRECTIONS.index(direction)]
-        name = axis.curve_axis_ref
-        curve = self._curve(name) if name in self.a2l.characteristics else None
         if curve is None or curve.member is None or len(curve.axes) != 1:
             raise A2lError(f"refers to {name[:80]} for its axis, which is not a readable curve")
-        points = curve.axes[0]
-        if points.falling:
+        if curve.axes[0].falling:
             raise A2lError(f"has positions along the curve {name}, whose breakpoints are descending")
-        result = resolve_axis(
-            points.axis.breakpoints, curve.member.values, count, name, points.axis.unit, points.axis.input
-        )
-        return AxisInMemory(result, False, "CURVE_AXIS")
+        inputs = curve.axes[0].axis
+        result = resolve_axis(inputs.breakpoints, curve.member.values, count, name, inputs.unit, inputs.input)
+        return AxisInMemory(result, False)
+
+
+def _ascii_text(source: Characteristic, part: ObjectPart) -> Text:
+    data_type = part.storage.data_type
+    if SIZES[data_type] != 1 or source.encoding not in _ENCODINGS:
+        raise A2lError(f"is text of {data_type} {source.encoding}, not of bytes")
+    content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
+    text = content.decode(encoding_of(source), errors="replace")
+    if holds_control_characters(text):
+        raise A2lError("contains bytes that are not text")
+    return Text(source.name, text, source.description)
 
 
 def encoding_of(source: Characteristic) -> str:
@@ -419,7 +366,7 @@ def encoding_of(source: Characteristic) -> str:
     return _ENCODINGS[source.encoding]
 
 
-def _read_once(known: dict[str, Found | Exception], name: str, read: Callable[[], Found]) -> Found:
+def _read_once(known: dict[str, Stored | Exception], name: str, read: Callable[[], Stored]) -> Stored:
     """Return or raise what was read before; a label that refers to itself raises an error."""
     if name not in known:
         known[name] = A2lError(f"refers to {name[:80]}, which refers to itself")
@@ -427,10 +374,10 @@ def _read_once(known: dict[str, Found | Exception], name: str, read: Callable[[]
             known[name] = read()
         except (A2lError, AbsentError) as error:
             known[name] = error
-    found = known[name]
-    if isinstance(found, Exception):
-        raise found
-    return found
+    result = known[name]
+    if isinstance(result, Exception):
+        raise result
+    return result
 
 
 def _hard_limits(source: Characteristic | AxisPts | AxisDescr) -> tuple[float, float]:

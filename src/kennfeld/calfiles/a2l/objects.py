@@ -4,101 +4,82 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
+from kennfeld.calfiles.content import drop_trailing_ones
+from kennfeld.calfiles.flash.image import Image
+
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
 
-_KINDS = {
-    "VALUE": "scalar",
-    "CURVE": "curve",
-    "MAP": "map",
-    "CUBOID": "cube",
-    "CUBE_4": "cube",
-    "CUBE_5": "cube",
-    "VAL_BLK": "block",
-    "ASCII": "text",
-}
+_KINDS = {"VALUE": "scalar", "CURVE": "curve", "MAP": "map", "CUBOID": "cube", "CUBE_4": "cube", "CUBE_5": "cube"}
+_KINDS |= {"VAL_BLK": "block", "ASCII": "text"}
 
 
-@dataclass(frozen=True)
-class AxisDescr:
+@dataclass(frozen=True, kw_only=True)
+class StoredNumbers:
+    """Numbers in the memory: conversion, limits and storage."""
+
+    conversion: str
+    lower: float = -inf
+    upper: float = inf
+    byte_order: str = ""
+    deposit: str = ""
+    phys_unit: str = ""
+    display_identifier: str = ""
+    extended_limits: tuple[float, float] | None = None
+    read_only: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisDescr(StoredNumbers):
     """One axis of a characteristic. Points of a fixed axis are raw numbers: the control unit counts in them."""
 
     attribute: str  # STD_AXIS, COM_AXIS, FIX_AXIS, RES_AXIS or CURVE_AXIS
     input_quantity: str
-    conversion: str
     max_axis_points: int
-    lower: float = -inf
-    upper: float = inf
     axis_pts_ref: str = ""
     curve_axis_ref: str = ""
-    byte_order: str = ""
-    deposit: str = ""
-    phys_unit: str = ""
-    extended_limits: tuple[float, float] | None = None
-    read_only: bool = False
-    fix_axis_par: tuple[float, int, int] | None = None  # offset, shift, number
-    fix_axis_par_dist: tuple[float, float, int] | None = None  # offset, distance, number
-    fix_axis_par_list: tuple[float, ...] = ()
+    fixed_spacing: tuple[float, float, int] | None = None  # FIX_AXIS_PAR(_DIST): offset, distance, number
+    fixed_points: tuple[float, ...] = ()  # FIX_AXIS_PAR_LIST
 
 
-@dataclass(frozen=True)
-class AxisPts:
-    """Breakpoints in the memory that several tables share."""
+@dataclass(frozen=True, kw_only=True)
+class StoredLabel(StoredNumbers):
+    """Numbers with a name and an address."""
 
     name: str
     description: str
     address: int
-    input_quantity: str
     record_layout: str
-    conversion: str
-    max_axis_points: int
-    lower: float = -inf
-    upper: float = inf
-    byte_order: str = ""
-    deposit: str = ""
-    phys_unit: str = ""
-    display_identifier: str = ""
-    extended_limits: tuple[float, float] | None = None
-    read_only: bool = False
     functions: tuple[str, ...] = ()
     line: int = 0
 
 
-@dataclass(frozen=True)
-class Characteristic:
+@dataclass(frozen=True, kw_only=True)
+class AxisPts(StoredLabel):
+    """Breakpoints in the memory that several tables share."""
+
+    input_quantity: str
+    max_axis_points: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Characteristic(StoredLabel):
     """A scalar, block, text, curve, map or cube in the memory."""
 
-    name: str
-    description: str
     type: str  # VALUE, CURVE, MAP, CUBOID, CUBE_4, CUBE_5, VAL_BLK or ASCII
-    address: int
-    record_layout: str
-    conversion: str
-    lower: float = -inf
-    upper: float = inf
     axes: tuple[AxisDescr, ...] = ()
     number: int = 0
     matrix_dim: tuple[int, ...] = ()
     bit_mask: int | None = None
-    byte_order: str = ""
     encoding: str = ""
-    phys_unit: str = ""
-    display_identifier: str = ""
-    extended_limits: tuple[float, float] | None = None
-    read_only: bool = False
     dependent_on: tuple[str, ...] = ()  # labels by whose values a formula gives this one
     virtual: bool = False  # without a place in the memory
-    functions: tuple[str, ...] = ()
-    line: int = 0
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The maximum number of values per axis, x first."""
         if self.axes:
             return tuple(axis.max_axis_points for axis in self.axes)
-        sizes = self.matrix_dim
-        while len(sizes) > 1 and sizes[-1] == 1:
-            sizes = sizes[:-1]
-        return sizes or ((self.number,) if self.number else ())
+        return drop_trailing_ones(self.matrix_dim) or ((self.number,) if self.number else ())
 
 
 @dataclass(frozen=True)
@@ -112,7 +93,6 @@ class CompuMethod:
     table: str = ""  # COMPU_TAB_REF
     formula: str = ""
     formula_inverse: str = ""
-    line: int = 0
 
 
 @dataclass(frozen=True)
@@ -148,7 +128,6 @@ class Component:
 
     @property
     def key(self) -> str:
-        """Its keyword."""
         return f"{self.kind}_{self.direction}" if self.direction else self.kind
 
 
@@ -205,6 +184,14 @@ class A2l:
     epk_addresses: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class FlashOrigin:
+    """The image that a set was read from, and the A2L file that describes it."""
+
+    a2l: A2l
+    image: Image
+
+
 @dataclass(frozen=True)
 class Described:
     """One label: what it is, how large at most (x first), and where it lies."""
@@ -223,17 +210,22 @@ class Described:
 
 def summarise_labels(a2l: A2l) -> tuple[Described, ...]:
     """Return every characteristic and every group axis of an A2L file."""
-    found = [_described(a2l, one) for one in a2l.characteristics.values()]
-    return (*found, *(_described(a2l, axis) for axis in a2l.axis_pts.values()))
+    sources: tuple[AxisPts | Characteristic, ...] = (*a2l.characteristics.values(), *a2l.axis_pts.values())
+    return tuple(_describe(a2l, source) for source in sources)
 
 
-def _described(a2l: A2l, source: AxisPts | Characteristic) -> Described:
-    shape = (source.max_axis_points,) if isinstance(source, AxisPts) else source.shape
+def _describe(a2l: A2l, source: AxisPts | Characteristic) -> Described:
+    method = a2l.compu_methods.get(source.conversion)
+    is_text = method is not None and method.table in a2l.compu_vtabs
+    if isinstance(source, AxisPts):
+        kind = "group axis"
+    else:
+        kind = "text" if is_text and source.type == "VALUE" else _KINDS[source.type]
     return Described(
         source.name,
-        "group axis" if isinstance(source, AxisPts) else _kind(a2l, source),
-        shape,
-        _unit(a2l, source),
+        kind,
+        (source.max_axis_points,) if isinstance(source, AxisPts) else source.shape,
+        source.phys_unit or (method.unit if method else ""),
         _limit(source.lower),
         _limit(source.upper),
         source.address,
@@ -241,17 +233,6 @@ def _described(a2l: A2l, source: AxisPts | Characteristic) -> Described:
         source.description,
         source.read_only,
     )
-
-
-def _kind(a2l: A2l, source: Characteristic) -> str:
-    method = a2l.compu_methods.get(source.conversion)
-    worded = method is not None and method.table in a2l.compu_vtabs
-    return "text" if worded and source.type == "VALUE" else _KINDS[source.type]
-
-
-def _unit(a2l: A2l, source: AxisPts | Characteristic) -> str:
-    method = a2l.compu_methods.get(source.conversion)
-    return source.phys_unit or (method.unit if method else "")
 
 
 def _limit(value: float) -> float:

@@ -37,7 +37,6 @@ class PartOffsets:
     offsets: dict[str, Int] = field(default_factory=dict)
     components: dict[str, Component] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
-    size: int = 0
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class LayoutRequest:
 def place_parts(
     layout: RecordLayout,
     address: int,
-    wanted: LayoutRequest,
+    request: LayoutRequest,
     alignments: Mapping[str, int],
     count_at: Callable[[Component, int], int],
     holds: Callable[[int, int], bool],
@@ -65,7 +64,7 @@ def place_parts(
     Args:
         layout: The record layout.
         address: The address of the object, which alignment refers to.
-        wanted: The axes and sizes of the object.
+        request: The axes and sizes of the object.
         alignments: Defaults of the module, in bytes by data type.
         count_at: Returns the number of points stored at a byte offset of a component.
         holds: Returns True if the image has a number of bytes at an address.
@@ -77,19 +76,19 @@ def place_parts(
         A2lError: The layout is not supported.
         AbsentError: The memory is not in the image.
     """
-    _check_layout(layout, wanted)
-    return _Walk(layout, address, wanted, alignments, count_at, holds).run()
+    _check_layout(layout, request)
+    return _Walk(layout, address, request, alignments, count_at, holds).run()
 
 
-def _check_layout(layout: RecordLayout, wanted: LayoutRequest) -> None:
+def _check_layout(layout: RecordLayout, request: LayoutRequest) -> None:
     name = layout.name
     if layout.unknown:
         raise A2lError(f"has the record layout {name} with the unknown keyword {layout.unknown[0]!r}")
     keys = [component.key for component in layout.components if component.kind not in ("RESERVED", "IDENTIFICATION")]
-    twice = next((key for key in keys if keys.count(key) > 1), "")
-    if twice:
-        raise A2lError(f"has the record layout {name} with two {twice}")
-    if wanted.values and "FNC_VALUES" not in keys:
+    for key in keys:
+        if keys.count(key) > 1:
+            raise A2lError(f"has the record layout {name} with two {key}")
+    if request.values and "FNC_VALUES" not in keys:
         raise A2lError(f"has the record layout {name}, which has no FNC_VALUES")
     for component in layout.components:
         if component.data_type not in (SIZES if component.kind == "RESERVED" else NUMBERS):
@@ -97,183 +96,170 @@ def _check_layout(layout: RecordLayout, wanted: LayoutRequest) -> None:
         if component.addressing != "DIRECT":
             raise A2lError(f"has the record layout {name}, whose {component.key} is a pointer")
         if component.mode == "ALTERNATE_CURVES":
-            message = f"has the record layout {name}: ALTERNATE_CURVES does not state how many curves share the memory"
-            raise A2lError(message)
+            fault = "ALTERNATE_CURVES does not state how many curves share the memory"
+            raise A2lError(f"has the record layout {name}: {fault}")
 
 
 @dataclass
 class _Walk:
     layout: RecordLayout
     address: int
-    wanted: LayoutRequest
+    request: LayoutRequest
     alignments: Mapping[str, int]
     count_at: Callable[[Component, int], int]
     holds: Callable[[int, int], bool]
     spaces_only: bool = False  # look for the room of each part alone
     places: PartOffsets = field(default_factory=PartOffsets)
-    found: dict[str, int] = field(default_factory=dict)  # offsets of stored numbers of points
+    count_offsets: dict[str, int] = field(default_factory=dict)  # of stored numbers of points
     at: int = 0
 
     def run(self) -> PartOffsets:
-        self._fixed_counts()
-        if self.layout.static_layout or self.layout.static_offsets:
+        for direction, count in self.layout.fixed_counts.items():
+            if direction in self.request.most:
+                self._count(f"AXIS_PTS_{direction}", count)
+        if self._is_static():
             self._counts_first()
         done: set[str] = set()
         for component in self.layout.components:
             if component.key not in done:
                 done |= self._place(component)
-        self.places.size = self.at
         return self.places
-
-    def _fixed_counts(self) -> None:
-        for direction, count in self.layout.fixed_counts.items():
-            if direction in self.wanted.most:
-                self._count(f"AXIS_PTS_{direction}", count)
 
     def _count(self, key: str, count: int) -> None:
         """Keep a number of points, of the points named by `key`."""
         direction = key[-1]
-        most = self.wanted.most.get(direction)
+        most = self.request.most.get(direction)
         if count < 1 or (most is not None and count > most and not key.startswith("AXIS_RESCALE")):
             raise A2lError(f"states {count} axis points in direction {direction}, but at most {most} are allowed")
         self.places.counts[key] = count
 
     def _counts_first(self) -> None:
         """Read the point counts of a static layout, where they may be stored after the points."""
-        start = replace(self, holds=lambda *_: True, spaces_only=True, places=PartOffsets(), found={})
+        start = replace(self, holds=lambda *_: True, spaces_only=True, places=PartOffsets(), count_offsets={})
         for component in self.layout.components:
             start._place(component)
-        for key, offset in start.found.items():
+        for key, offset in start.count_offsets.items():
             component = start.places.components[key]
             self._count(f"{_COUNTS[component.kind]}_{component.direction}", self.count_at(component, offset))
 
     def _place(self, component: Component) -> set[str]:
-        """Place one part; gives the keys of what was placed."""
-        key = component.key
+        """Place one part; return the keys of what was placed."""
         alternating = self._alternating(component)
         if alternating:
-            self._interleaved(*alternating)
-            return {one.key for one in alternating}
+            self._interleave(*alternating)
+            return {component.key for component in alternating}
         self.at = self._aligned(self.at, component)
-        self.places.components[key] = component
+        self.places.components[component.key] = component
         if component.kind in _COUNTS:
             self._stored_count(component)
         elif component.kind == "FNC_VALUES":
             self._values(component)
         elif component.kind == "AXIS_PTS":
-            self._points(component)
+            number, most = self._number(component.direction)
+            self._keep(component, (number,), (SIZES[component.data_type],), most)
         elif component.kind == "AXIS_RESCALE":
             self._pairs(component)
         else:
-            self._span(component, self.at, SIZES[component.data_type])
-            self.places.offsets[key] = np.array(self.at)
-            self.at += SIZES[component.data_type]
-        return {key} if component.kind not in ("RESERVED", "IDENTIFICATION") else set()
+            self._single(component)
+        return {component.key} if component.kind not in ("RESERVED", "IDENTIFICATION") else set()
 
-    def _stored_count(self, component: Component) -> None:
+    def _single(self, component: Component) -> None:
         size = SIZES[component.data_type]
         self._span(component, self.at, size)
         self.places.offsets[component.key] = np.array(self.at)
-        key = f"{_COUNTS[component.kind]}_{component.direction}"
-        if self.spaces_only:
-            self.found[component.key] = self.at
-        elif key not in self.places.counts:
-            self._count(key, self.count_at(component, self.at))
         self.at += size
+
+    def _stored_count(self, component: Component) -> None:
+        offset, key = self.at, f"{_COUNTS[component.kind]}_{component.direction}"
+        self._single(component)
+        if self.spaces_only:
+            self.count_offsets[component.key] = offset
+        elif key not in self.places.counts:
+            self._count(key, self.count_at(component, offset))
 
     def _number(self, direction: str) -> tuple[int, int]:
         """Return the number of points of a direction, and its maximum."""
         key = f"AXIS_PTS_{direction}"
-        most = self.wanted.most.get(direction)
+        most = self.request.most.get(direction)
         if most is None:
             raise A2lError(f"has the record layout {self.layout.name} with {key}, but no such axis")
-        if key not in self.places.counts and self._counted_later(key):
-            raise A2lError(
-                f"has the record layout {self.layout.name}, which stores the number of points after the points"
-            )
-        number = self.places.counts.setdefault(key, most) if not self.spaces_only else most
-        return number, most
-
-    def _counted_later(self, key: str) -> bool:
-        stored = any(f"NO_{key}" == component.key for component in self.layout.components)
-        return stored and not self.spaces_only
-
-    def _points(self, component: Component) -> None:
-        number, most = self._number(component.direction)
-        size = SIZES[component.data_type]
-        room = most if self._is_static() else number
-        self._keep(component, self.at, (number,), (size,))
-        self.at += room * size
+        if self.spaces_only:
+            return most, most
+        stored = any(component.key == f"NO_{key}" for component in self.layout.components)
+        if key not in self.places.counts and stored:
+            name = self.layout.name
+            raise A2lError(f"has the record layout {name}, which stores the number of points after the points")
+        return self.places.counts.setdefault(key, most), most
 
     def _pairs(self, component: Component) -> None:
         number = self.places.counts.setdefault(component.key, component.pairs)
         if number < 1:
             raise A2lError(f"has {number} rescale pairs")
         size = SIZES[component.data_type]
-        self._keep(component, self.at, (number, 2), (2 * size, size))
-        self.at += 2 * size * (max(number, component.pairs) if self._is_static() else number)
+        self._keep(component, (number, 2), (2 * size, size), 2 * max(number, component.pairs))
 
     def _values(self, component: Component) -> None:
-        size = SIZES[component.data_type]
         numbers, rooms = self._shape()
         spread = rooms if self.layout.static_layout else numbers
-        strides = _strides(spread, size, component.mode)
-        self._keep(component, self.at, numbers, strides)
-        self.at += size * prod(rooms if self._is_static() else numbers)
+        self._keep(component, numbers, _strides(spread, SIZES[component.data_type], component.mode), prod(rooms))
 
     def _shape(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        if not self.wanted.most:
-            return self.wanted.sizes, self.wanted.sizes
-        both = [self._number(direction) for direction in self.wanted.most]
+        if not self.request.most:
+            return self.request.sizes, self.request.sizes
+        both = [self._number(direction) for direction in self.request.most]
         return tuple(number for number, _ in both), tuple(most for _, most in both)
 
     def _is_static(self) -> bool:
         return self.layout.static_layout or self.layout.static_offsets
 
     def _alternating(self, component: Component) -> tuple[Component, Component] | None:
-        """Return the axis and the values that lie together, where this is one of them."""
-        values = next((one for one in self.layout.components if one.kind == "FNC_VALUES"), None)
+        """Return the axis and the values that lie together, if this is one of them."""
+        by_key = {component.key: component for component in self.layout.components}
+        values = by_key.get("FNC_VALUES")
         direction = _ALTERNATING.get(values.mode, "") if values else ""
-        axis = next((one for one in self.layout.components if one.key == f"AXIS_PTS_{direction}"), None)
+        axis = by_key.get(f"AXIS_PTS_{direction}")
         if values is None or not direction or component not in (values, axis):
             return None
-        if axis is None or direction not in self.wanted.most or self._is_static():
+        if axis is None or direction not in self.request.most or self._is_static():
             raise A2lError(f"has the record layout {self.layout.name} with {values.mode}, which is not supported here")
         return axis, values
 
-    def _interleaved(self, axis: Component, values: Component) -> None:
-        """Return a point, then the values that belong to it, or the other way round, by their positions."""
+    def _interleave(self, axis: Component, values: Component) -> None:
+        """Place a point, then the values that belong to it, or the other way round, by their positions."""
         numbers, _ = self._shape()
-        along = list(self.wanted.most).index(axis.direction)
+        along = list(self.request.most).index(axis.direction)
         if len(numbers) > 2:
             raise A2lError(f"has the record layout {self.layout.name}: {values.mode} in a cube")
         others = prod(numbers) // numbers[along]
-        point, value = SIZES[axis.data_type], SIZES[values.data_type]
-        if prod(numbers) > 2**32:
+        value_size = SIZES[values.data_type]
+        if prod(numbers) > 2**32 or not self.holds(self.address, prod(numbers) * value_size):
             raise AbsentError
-        points: list[int] = []
-        firsts: list[int] = []
-        for _ in range(numbers[along] if self.holds(self.address, prod(numbers) * value) else 0):
-            for component in sorted((axis, values), key=lambda one: one.position):
+        sizes = {axis.key: SIZES[axis.data_type], values.key: value_size * others}
+        starts: dict[str, list[int]] = {axis.key: [], values.key: []}
+        for _ in range(numbers[along]):
+            for component in sorted((axis, values), key=lambda component: component.position):
                 self.at = self._aligned(self.at, component)
-                (points if component is axis else firsts).append(self.at)
-                self.at += point if component is axis else value * others
-        if not points:
+                starts[component.key].append(self.at)
+                self.at += sizes[component.key]
+        points = np.array(starts[axis.key])
+        if not points.size:
             raise AbsentError
-        self._span(values, points[0], self.at - points[0])
-        grid = np.array(firsts)[:, None] + value * np.arange(others)
+        self._span(values, int(points[0]), self.at - int(points[0]))
+        grid = np.array(starts[values.key])[:, None] + value_size * np.arange(others)
         grid = grid.reshape(numbers) if along == 0 else grid.T.reshape(numbers)
-        for component, offsets in ((axis, np.array(points)), (values, grid)):
-            self.places.components[component.key] = component
-            self.places.offsets[component.key] = offsets
+        self.places.components |= {axis.key: axis, values.key: values}
+        self.places.offsets |= {axis.key: points, values.key: grid}
 
-    def _keep(self, component: Component, start: int, numbers: Sequence[int], strides: Sequence[int]) -> None:
-        last = sum((number - 1) * stride for number, stride in zip(numbers, strides, strict=True))
+    def _keep(self, component: Component, numbers: Sequence[int], strides: Sequence[int], room: int) -> None:
+        """Keep the offsets of an array; a static layout reserves `room` numbers for it."""
+        size, start = SIZES[component.data_type], self.at
+        self.at += size * (room if self._is_static() else prod(numbers))
         if self.spaces_only:
             return
         if any(number < 1 for number in numbers):
             raise A2lError(f"has {' x '.join(map(str, numbers))} values")
-        self._span(component, start, last + SIZES[component.data_type])
+        last = sum((number - 1) * stride for number, stride in zip(numbers, strides, strict=True))
+        self._span(component, start, last + size)
         offsets = np.array(start)
         for number, stride in zip(numbers, strides, strict=True):
             offsets = offsets[..., None] + stride * np.arange(number)

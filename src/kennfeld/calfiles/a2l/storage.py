@@ -1,6 +1,6 @@
 """Storage of numbers in a control unit: bytes, raw values and physical values, and rounding to storable values."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
@@ -11,65 +11,30 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles.a2l.conversion import CompuConversion
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
-from kennfeld.parameters import Axis
 
 Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
 
-_CODES = {
-    "UBYTE": "u1",
-    "SBYTE": "i1",
-    "UWORD": "u2",
-    "SWORD": "i2",
-    "ULONG": "u4",
-    "SLONG": "i4",
-    "A_UINT64": "u8",
-    "A_INT64": "i8",
-    "FLOAT16_IEEE": "f2",
-    "FLOAT32_IEEE": "f4",
-    "FLOAT64_IEEE": "f8",
-}
+_CODES = {"UBYTE": "u1", "SBYTE": "i1", "UWORD": "u2", "SWORD": "i2", "ULONG": "u4", "SLONG": "i4"}
+_CODES |= {"A_UINT64": "u8", "A_INT64": "i8", "FLOAT16_IEEE": "f2", "FLOAT32_IEEE": "f4", "FLOAT64_IEEE": "f8"}
 NUMBERS = tuple(_CODES)
-_RESERVED_SIZES = {"BYTE": 1, "WORD": 2, "LONG": 4}  # sizes of RESERVED
-SIZES = {name: int(code[1]) for name, code in _CODES.items()} | _RESERVED_SIZES
-BYTE_ORDERS = {
-    "MSB_LAST": "<",
-    "MSB_FIRST": ">",
-    "MSB_LAST_MSW_FIRST": "<",
-    "MSB_FIRST_MSW_LAST": ">",
-    "LITTLE_ENDIAN": "<",
-    "BIG_ENDIAN": ">",
-}
-_ALIGNMENT_KINDS = {
-    "UBYTE": "BYTE",
-    "SBYTE": "BYTE",
-    "UWORD": "WORD",
-    "SWORD": "WORD",
-    "ULONG": "LONG",
-    "SLONG": "LONG",
-}
-# where neither the layout nor the module says anything
-_DEFAULT_ALIGNMENTS = {
-    "BYTE": 1,
-    "WORD": 2,
-    "LONG": 4,
-    "INT64": 8,
-    "FLOAT16_IEEE": 2,
-    "FLOAT32_IEEE": 4,
-    "FLOAT64_IEEE": 4,
-}
-
+SIZES = {name: int(code[1]) for name, code in _CODES.items()} | {"BYTE": 1, "WORD": 2, "LONG": 4}  # of RESERVED
+_BYTE_ORDERS = ("MSB_LAST", "MSB_FIRST", "MSB_LAST_MSW_FIRST", "MSB_FIRST_MSW_LAST", "LITTLE_ENDIAN", "BIG_ENDIAN")
+_ALIGNMENT_KINDS = {"A_UINT64": "INT64", "A_INT64": "INT64"}
+_ALIGNMENT_KINDS |= {f"{sign}{kind}": kind for sign in "US" for kind in ("BYTE", "WORD", "LONG")}
+# if neither the layout nor the module says anything
+_DEFAULT_ALIGNMENTS = {"BYTE": 1, "WORD": 2, "LONG": 4, "INT64": 8}
+_DEFAULT_ALIGNMENTS |= {"FLOAT16_IEEE": 2, "FLOAT32_IEEE": 4, "FLOAT64_IEEE": 4}
 _MAX_LISTED = 5  # values of one label that are listed
 _HALF_STEP = 0.5 * (1 + 1e-6)
 
-_ALIGNMENT_KINDS |= {"A_UINT64": "INT64", "A_INT64": "INT64"}
 
-
-def alignment_of(data_type: str, *given: Mapping[str, int]) -> int:
-    """Return the alignment of a data type in bytes; the first mapping of `given` with an entry is used."""
+def alignment_of(data_type: str, *alignments: Mapping[str, int]) -> int:
+    """Return the alignment of a data type in bytes; the first mapping with an entry is used."""
     kind = _ALIGNMENT_KINDS.get(data_type, data_type)
-    return int(next((borders[kind] for borders in given if kind in borders), _DEFAULT_ALIGNMENTS.get(kind, 1)))
+    known = (*alignments, _DEFAULT_ALIGNMENTS)
+    return next((borders[kind] for borders in known if kind in borders), 1)
 
 
 def is_float(data_type: str) -> bool:
@@ -77,30 +42,30 @@ def is_float(data_type: str) -> bool:
 
 
 def native(data_type: str) -> "np.dtype[Any]":
-    """Return the NumPy type of a data type."""
     return np.dtype(_CODES[data_type])
 
 
-def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
-    """Return the least and the largest whole number that a data type can hold within a bit mask."""
-    info = np.iinfo(native(data_type))
-    if bit_mask is None or _covers_all_bits(data_type, bit_mask):
-        return int(info.min), int(info.max)
-    return 0, (bit_mask & (2**info.bits - 1)) >> shift_of(bit_mask)
-
-
 def shift_of(bit_mask: int) -> int:
-    """Return the number of zero bits to the right of a mask.
+    """Return the number of zero bits to the right of a mask, 0 for an empty one.
 
     >>> shift_of(0b1100)
     2
     """
-    return (bit_mask & -bit_mask).bit_length() - 1
+    return max((bit_mask & -bit_mask).bit_length() - 1, 0)
 
 
-def _covers_all_bits(data_type: str, bit_mask: int) -> bool:
+def _effective_mask(data_type: str, bit_mask: int | None) -> int | None:
+    """Return the bits of a mask that a number has; None for floating-point numbers and if the mask covers all."""
     every = (1 << 8 * SIZES[data_type]) - 1
-    return bit_mask & every == every
+    if bit_mask is None or is_float(data_type) or bit_mask & every == every:
+        return None
+    return bit_mask & every
+
+
+def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
+    """Return the least and the largest whole number that a data type can hold within a bit mask."""
+    mask, info = _effective_mask(data_type, bit_mask), np.iinfo(native(data_type))
+    return (int(info.min), int(info.max)) if mask is None else (0, mask >> shift_of(mask))
 
 
 def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
@@ -108,25 +73,25 @@ def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit
     size = SIZES[data_type]
     cells = np.frombuffer(memory, dtype=np.uint8)[offsets[..., None] + np.arange(size)]
     cells = np.ascontiguousarray(cells[..., _byte_positions(size, byte_order)])
-    results: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0]
-    if bit_mask is not None and not is_float(data_type) and not _covers_all_bits(data_type, bit_mask):
-        unsigned = cells.view(f"<u{size}")[..., 0].astype(np.uint64)
-        return np.asarray((unsigned & np.uint64(bit_mask & (2**64 - 1))) >> np.uint64(shift_of(bit_mask)))
-    return results.astype(native(data_type))
+    mask = _effective_mask(data_type, bit_mask)
+    if mask is None:
+        results: Raw = cells.view(f"<{_CODES[data_type]}")[..., 0].astype(native(data_type))
+        return results
+    unsigned = cells.view(f"<u{size}")[..., 0].astype(np.uint64)
+    return np.asarray((unsigned & np.uint64(mask)) >> np.uint64(shift_of(mask)))
 
 
 def encode_raw(raw: Raw, data_type: str, byte_order: str, bit_mask: int | None = None) -> tuple[Any, Any]:
     """Return the bytes of raw numbers, and which bits of them count, both of shape `raw.shape + (size,)`."""
-    size = SIZES[data_type]
+    size, mask = SIZES[data_type], _effective_mask(data_type, bit_mask)
     order = _byte_positions(size, byte_order)
     bits = np.full((*raw.shape, size), 255, dtype=np.uint8)
-    if bit_mask is not None and not is_float(data_type) and not _covers_all_bits(data_type, bit_mask):
-        mask = bit_mask & (2 ** (8 * size) - 1)
-        shifted = (raw.astype(np.uint64) << np.uint64(shift_of(bit_mask))) & np.uint64(mask)
+    if mask is None:
+        cells = np.ascontiguousarray(raw.astype(f"<{_CODES[data_type]}"))[..., None].view(np.uint8)
+    else:
+        shifted = (raw.astype(np.uint64) << np.uint64(shift_of(mask))) & np.uint64(mask)
         bits[...] = np.frombuffer(mask.to_bytes(size, "little"), dtype=np.uint8)
         cells = shifted.astype(f"<u{size}")[..., None].view(np.uint8)
-    else:
-        cells = np.ascontiguousarray(raw.astype(f"<{_CODES[data_type]}"))[..., None].view(np.uint8)
     placed, counting = np.empty_like(cells), np.empty_like(bits)
     placed[..., order], counting[..., order] = cells, bits
     return placed, counting
@@ -206,23 +171,18 @@ def _bound(limit: float) -> float:
 class ObjectPart:
     """The numbers of one part, in the shape of the table, in the order of the memory."""
 
-    kept: StorageFormat
+    storage: StorageFormat
     offsets: Int
     stored: Raw  # as they lie in the memory
-
-    @classmethod
-    def of(cls, memory: bytes, offsets: Int, kept: StorageFormat) -> "ObjectPart":
-        """Return the part at byte offsets of a piece of memory."""
-        return cls(kept, offsets, decode_raw(memory, offsets, kept.data_type, kept.byte_order, kept.bit_mask))
 
     @cached_property
     def raw(self) -> Raw:
         """Raw numbers, points kept as distances added up."""
-        return np.cumsum(self.stored) if self.kept.difference else self.stored
+        return np.cumsum(self.stored) if self.storage.difference else self.stored
 
     @cached_property
     def physical(self) -> Float:
-        return self.kept.physical(self.raw)
+        return self.storage.physical(self.raw)
 
     def unlike(self, values: Float) -> Bool:
         """Return a mask of the numbers that differ from the memory; two NaN are equal."""
@@ -230,9 +190,9 @@ class ObjectPart:
         return ~alike
 
 
-def first_byte_order(*given: str, known: Mapping[str, str] = BYTE_ORDERS) -> str:
-    """Return the first given byte order that is known; MSB_LAST by default, as in the standard."""
-    return next((order for order in given if order in known), "MSB_LAST")
+def first_byte_order(*orders: str) -> str:
+    """Return the first byte order that is known; MSB_LAST by default, as in the standard."""
+    return next((order for order in orders if order in _BYTE_ORDERS), "MSB_LAST")
 
 
 @dataclass(frozen=True)
@@ -242,69 +202,64 @@ class Rounded:
     raw: Raw
     off: Float  # in physical units; 0 where nothing changes
     steps: Float  # the same in steps of the storage; 0 for floating-point numbers
-    wanted: Float
+    requested: Float
     unit: str
 
 
 def nearest_raw(
-    name: str, part: ObjectPart, values: Float, unlike: Bool, item: str, axes: Sequence[Axis] | None, findings: Findings
+    name: str, part: ObjectPart, values: Float, unlike: Bool, item: str, findings: FileFindings
 ) -> Rounded | None:
     """Return the raw numbers to store, those that are not `unlike` as they are.
 
     None, and an error for each of the first values that cannot be stored.
     """
-    kept = part.kept
-    if kept.conversion.raw is None:
-        findings.error(0, name, f"cannot be changed: the conversion {kept.conversion.name} has no inverse")
+    storage = part.storage
+    if storage.conversion.raw is None:
+        findings.error(0, name, f"cannot be changed: the conversion {storage.conversion.name} has no inverse")
         return None
     with np.errstate(all="ignore"):
-        exact = np.asarray(kept.conversion.raw(np.where(np.isnan(values), 0.0, values)), dtype=np.float64)
+        exact = np.asarray(storage.conversion.raw(np.where(np.isnan(values), 0.0, values)), dtype=np.float64)
     exact = np.where(np.isnan(values), np.nan, exact)
-    rounded = np.rint(exact) if kept.integer else exact
+    rounded = np.rint(exact) if storage.integer else exact
     wrong = _find_unstorable(part, values, rounded, unlike & (rounded != part.raw))
     if wrong.any():
-        _report_unstorable(name, kept, values, wrong, item, findings)
+        _report_unstorable(name, storage, values, wrong, item, findings)
         return None
     raw = part.raw.copy()
-    raw[unlike] = rounded[unlike].astype(native(kept.data_type) if not kept.difference else raw.dtype)
-    off = np.where(unlike, np.abs(kept.physical(raw) - values), 0.0)
-    step = kept.step(raw.astype(np.float64))
-    alone = np.where((off > 0) & kept.integer, np.inf, 0.0)  # a number without neighbours
+    raw[unlike] = rounded[unlike].astype(native(storage.data_type) if not storage.difference else raw.dtype)
+    off = np.where(unlike, np.abs(storage.physical(raw) - values), 0.0)
+    step = storage.step(raw.astype(np.float64))
+    alone = np.where((off > 0) & storage.integer, np.inf, 0.0)  # a number without neighbours
     steps = np.divide(off, step, out=alone, where=step > 0)
-    return Rounded(raw, off, steps, values, kept.conversion.unit)
+    return Rounded(raw, off, steps, values, storage.conversion.unit)
 
 
 def _find_unstorable(part: ObjectPart, values: Float, raw: Float, unlike: Bool) -> Bool:
     """Return a mask of the changed values that are not storable or not allowed."""
-    kept = part.kept
-    least, largest = kept.span
+    storage = part.storage
+    least, largest = storage.span
     with np.errstate(all="ignore"):
         outside = ~((raw >= least) & (raw <= largest))
-        if kept.difference:
+        if storage.difference:
             distances = np.diff(raw, prepend=0.0)
             outside |= ~((distances >= least) & (distances <= largest))
-        slack = 0.5 * kept.step(np.clip(np.nan_to_num(raw), least, largest)) + 1e-9 * np.abs(values)
-        beyond = ~((values >= kept.lower - slack) & (values <= kept.upper + slack))
+        slack = 0.5 * storage.step(np.clip(np.nan_to_num(raw), least, largest)) + 1e-9 * np.abs(values)
+        beyond = ~((values >= storage.lower - slack) & (values <= storage.upper + slack))
     return unlike & (outside | beyond)
 
 
 def _report_unstorable(
-    name: str, kept: StorageFormat, values: Float, wrong: Bool, item: str, findings: Findings
+    name: str, storage: StorageFormat, values: Float, wrong: Bool, item: str, findings: FileFindings
 ) -> None:
-    low, high = kept.range
-    low, high = (
-        max(low, kept.lower) if low == low else kept.lower,
-        min(high, kept.upper) if high == high else kept.upper,
-    )
+    low, high = float(np.fmax(storage.range[0], storage.lower)), float(np.fmin(storage.range[1], storage.upper))
     places = [tuple(int(i) for i in at) for at in np.argwhere(wrong)]
     for at in places[:_MAX_LISTED]:
-        where = f" {[i + 1 for i in at]}" if at else ""
-        message = f"the {item}{where} is {values[at]:g} {kept.conversion.unit}".rstrip()
+        place = f" {[i + 1 for i in at]}" if at else ""
+        message = f"the {item}{place} is {values[at]:g} {storage.conversion.unit}".rstrip()
         findings.error(0, name, f"{message}, outside the storable and allowed range {low:g} to {high:g}")
     if len(places) > _MAX_LISTED:
-        findings.error(
-            0, name, f"{count_noun(len(places) - _MAX_LISTED, f'further {item}')} outside {low:g} to {high:g}"
-        )
+        more = count_noun(len(places) - _MAX_LISTED, f"further {item}")
+        findings.error(0, name, f"{more} outside {low:g} to {high:g}")
 
 
 @dataclass
@@ -314,29 +269,26 @@ class Roundings:
     labels: dict[str, tuple[float, float, str, int]] = field(default_factory=dict)  # share, off, unit, values
     far: dict[str, tuple[float, float, str]] = field(default_factory=dict)
 
-    def keep(self, name: str, found: Rounded) -> None:
-        """Record the rounding of one label."""
-        size = float(np.nanmax(np.abs(found.wanted), initial=0.0)) or 1.0
-        moved = int((found.off > 1e-12 * size).sum())
-        if not moved:
+    def keep(self, name: str, rounded: Rounded) -> None:
+        size = float(np.nanmax(np.abs(rounded.requested), initial=0.0)) or 1.0
+        count = int((rounded.off > 1e-12 * size).sum())
+        if not count:
             return
-        off = float(np.nanmax(found.off))
+        off = float(np.nanmax(rounded.off))
         before = self.labels.get(name, (0.0, 0.0, "", 0))
-        self.labels[name] = max(before, (off / size, off, found.unit, moved + before[3]))
-        if float(np.nanmax(found.steps)) > _HALF_STEP:
-            at = np.unravel_index(int(np.nanargmax(found.steps)), found.off.shape)
-            self.far[name] = (float(found.wanted[at]), float(found.off[at]), found.unit)
+        self.labels[name] = max(before, (off / size, off, rounded.unit, count + before[3]))
+        if float(np.nanmax(rounded.steps)) > _HALF_STEP:
+            at = np.unravel_index(int(np.nanargmax(rounded.steps)), rounded.off.shape)
+            self.far[name] = (float(rounded.requested[at]), float(rounded.off[at]), rounded.unit)
 
-    def report(self, findings: Findings) -> None:
+    def report(self, findings: FileFindings) -> None:
         """Report the largest rounding error, and each label off by more than half a storage step."""
         if self.labels:
-            count = sum(values for *_, values in self.labels.values())
-            name, (share, off, unit, _) = max(self.labels.items(), key=lambda one: one[1])
-            message = (
-                f"{count_noun(count, 'number')} of {count_noun(len(self.labels), 'label')} rounded to storable values, "
-                f"by at most {off:.3g} {unit}".rstrip()
-            )
+            count = count_noun(sum(values for *_, values in self.labels.values()), "number")
+            name, (share, off, unit, _) = max(self.labels.items(), key=lambda item: item[1])
+            message = f"{count} of {count_noun(len(self.labels), 'label')} rounded to storable values"
+            message = f"{message}, by at most {off:.3g} {unit}".rstrip()
             findings.warning(0, "", f"{message} ({name}, {share:.2g} of its largest value)")
-        for name, (wanted, off, unit) in self.far.items():
-            message = f"{wanted:g} {unit}".rstrip()
-            findings.warning(0, name, f"the nearest storable value to {message} is {off:.3g} away")
+        for name, (requested, off, unit) in self.far.items():
+            value = f"{requested:g} {unit}".rstrip()
+            findings.warning(0, name, f"the nearest storable value to {value} is {off:.3g} away")

@@ -9,10 +9,12 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import takewhile
 from math import isnan
 from pathlib import Path
 
-from kennfeld.calfiles.format import CalibrationSource, Findings
+from kennfeld.calfiles.content import parse_float
+from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.formatting import one_line
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
@@ -36,7 +38,7 @@ _MAX_INCLUDES = 200
 _MAX_INCLUDED_BYTES = 400_000_000  # of all included files together
 _MAX_FAULTS = 20
 _NEWLINE = re.compile("\n")
-
+_DAMAGED = "The file is damaged or truncated."
 _MAX_SHOWN = 40
 
 
@@ -69,6 +71,11 @@ class A2lBlock:
         """The line of its beginning, counted from 1."""
         return self.file.line(self.offset)
 
+    @property
+    def name(self) -> str:
+        """Its first word, or its keyword."""
+        return unquote(self.tokens[0])[:120] if self.tokens else self.keyword
+
     def inner(self, keyword: str) -> "Iterator[A2lBlock]":
         """Return the blocks of one keyword within it."""
         return (block for block in self.blocks if block.keyword == keyword)
@@ -87,19 +94,21 @@ def unquote(token: str) -> str:
     """
     if not is_text(token):
         return token
-    return _ESCAPE.sub(lambda found: found[1] or '"', token[1:]) if "\\" in token or '""' in token else token[1:]
+    return _ESCAPE.sub(lambda match: match[1] or '"', token[1:]) if "\\" in token or '""' in token else token[1:]
 
 
-def parse_blocks(raw: bytes, name: str, findings: Findings, include: Include | None = None) -> tuple[A2lBlock, bool]:
+def parse_blocks(
+    raw: bytes, name: str, findings: FileFindings, include: Include | None = None
+) -> tuple[A2lBlock, bool]:
     """Parse a file into one block without a keyword; False if its structure is broken, which is reported."""
     builder = _BlockBuilder(findings, include)
     builder.feed(_File(name, CalibrationSource(name, raw).text), 0)
-    return builder.finished(), not builder.faults
+    return builder.finish(), not builder.faults
 
 
 @dataclass
 class _BlockBuilder:
-    findings: Findings
+    findings: FileFindings
     include: Include | None
     stack: list[A2lBlock] = field(default_factory=list)
     faults: int = 0
@@ -130,9 +139,7 @@ class _BlockBuilder:
             if kind is None:
                 continue
             if kind == _OPEN:
-                self._fault(
-                    file, match.start(), "a quote or a comment is not closed", "The file is damaged or truncated."
-                )
+                self._fault(file, match.start(), "a quote or a comment is not closed", _DAMAGED)
                 return None
             word = match[0] if kind == _WORD else '"' + match[_TEXT]
             if not waiting:
@@ -151,7 +158,7 @@ class _BlockBuilder:
     def _after_a2ml(self, file: _File, offset: int) -> int | None:
         end = _A2ML_END.search(file.text, offset)
         if end is None:
-            self._fault(file, offset, "A2ML is not closed", "The file is damaged or truncated.")
+            self._fault(file, offset, "A2ML is not closed", _DAMAGED)
             return None
         self.stack.pop()
         return end.end()
@@ -190,35 +197,34 @@ class _BlockBuilder:
             return
         self.files += 1
         if depth >= _MAX_NESTING or self.files > _MAX_INCLUDES:
-            self.faults = _MAX_FAULTS
-            self._fault(file, offset, f"/include {name[:60]}: too many files include each other")
+            self._stop(file, offset, f"/include {name[:60]}: too many files include each other")
             return
-        found = self.include(name, file.path) if self.include else None
-        if found is None and name.lower().endswith(_ML_ENDINGS):
+        content = self.include(name, file.path) if self.include else None
+        if content is None and name.lower().endswith(_ML_ENDINGS):
             message = f"/include {name[:60]!r}: file not found; skipped, as interface descriptions are not needed"
             self.findings.warning(file.line(offset), "", message)
-        elif found is None:
+        elif content is None:
             remedy = "Its path is relative to the folder of the including file or of the main file."
             self._fault(file, offset, f"/include {name[:60]!r}: cannot be read", remedy)
         else:
-            self._feed_included(file, offset, name, found, depth)
+            path, raw = content
+            self.characters += len(raw)
+            if self.characters > _MAX_INCLUDED_BYTES:
+                self._stop(file, offset, f"/include {name[:60]}: the included files are too large")
+            else:
+                self.feed(_File(name, CalibrationSource(name, raw).text, path), depth + 1)
 
-    def _feed_included(self, file: _File, offset: int, name: str, found: tuple[Path, bytes], depth: int) -> None:
-        path, raw = found
-        self.characters += len(raw)
-        if self.characters > _MAX_INCLUDED_BYTES:
-            self.faults = _MAX_FAULTS
-            self._fault(file, offset, f"/include {name[:60]}: the included files are too large")
-            return
-        self.feed(_File(name, CalibrationSource(name, raw).text, path), depth + 1)
+    def _stop(self, file: _File, offset: int, message: str) -> None:
+        self.faults = _MAX_FAULTS
+        self._fault(file, offset, message)
 
     def _fault(self, file: _File, offset: int, message: str, remedy: str = "") -> None:
         self.faults += 1
         inside = f"{file.name}: " if file is not self.stack[0].file else ""
         self.findings.error(file.line(offset), "", inside + message, remedy)
 
-    def finished(self) -> A2lBlock:
-        """Return the outermost block, with an error noted for what is not closed."""
+    def finish(self) -> A2lBlock:
+        """Return the outermost block, and report what is not closed."""
         if len(self.stack) > 1 and not self.faults:
             top = self.stack[-1]
             self._fault(top.file, top.offset, f"{top.keyword[:40]} is not closed", "The file is truncated.")
@@ -242,7 +248,6 @@ class Cursor:
         self.at = 0
 
     def left(self) -> int:
-        """Return the number of remaining tokens."""
         return len(self.tokens) - self.at
 
     def word(self, message: str) -> str:
@@ -259,7 +264,6 @@ class Cursor:
         return one_line(self.word(message))
 
     def number(self, message: str) -> float:
-        """Return the next number."""
         word = self.word(message)
         value = parse_number(word)
         if value is None:
@@ -285,19 +289,15 @@ class Cursor:
             self.at += 1
             if keyword not in known:
                 continue
-            count = known[keyword]
-            end = self.at + count if count >= 0 else self._next_keyword(known)
+            end = self.at + known[keyword]
+            if known[keyword] < 0:
+                numbers = takewhile(lambda token: parse_integer(token) is not None, self.tokens[self.at :])
+                end = self.at + sum(1 for _ in numbers)
             if end > len(self.tokens):
                 raise A2lError(f"has too few words after {keyword}")
             results[keyword] = [unquote(token) for token in self.tokens[self.at : end]]
             self.at = end
         return results
-
-    def _next_keyword(self, known: Mapping[str, int]) -> int:
-        at = self.at
-        while at < len(self.tokens) and parse_integer(self.tokens[at]) is not None:
-            at += 1
-        return at
 
 
 def parse_number(word: str) -> float | None:
@@ -306,12 +306,11 @@ def parse_number(word: str) -> float | None:
     >>> parse_number("0x10"), parse_number("1e3"), parse_number("one")
     (16.0, 1000.0, None)
     """
-    try:
-        value = float(word)
-    except ValueError:
-        found = parse_integer(word)
-        return None if found is None else float(found)
-    return None if isnan(value) or "_" in word else value
+    value = parse_float(word)
+    if not isnan(value):
+        return value
+    integer = parse_integer(word)
+    return None if integer is None else float(integer)
 
 
 def parse_integer(word: str) -> int | None:
@@ -322,13 +321,6 @@ def parse_integer(word: str) -> int | None:
         sign, digits = (-1, word[1:]) if word[:1] == "-" else (1, word.removeprefix("+"))
         value = sign * int(digits, 16 if digits[:2] in ("0x", "0X") else 10)
     except ValueError:
-        return _parse_integral_float(word)
+        number = parse_float(word)
+        return int(number) if number.is_integer() and abs(number) < 2**53 else None
     return value if abs(value) < 2**64 else None
-
-
-def _parse_integral_float(word: str) -> int | None:
-    try:
-        value = float(word)
-    except ValueError:
-        return None
-    return int(value) if value.is_integer() and abs(value) < 2**53 else None

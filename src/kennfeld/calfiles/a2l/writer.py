@@ -4,14 +4,14 @@ An unchanged number keeps its bytes; a changed one becomes the nearest raw value
 control unit are not updated.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.calfiles.a2l.conversion import IDENTITY, VerbalConversion
 from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis, encoding_of
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.reader import check_epk
@@ -20,34 +20,32 @@ from kennfeld.calfiles.a2l.storage import ObjectPart, Raw, Roundings, StorageFor
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
-from kennfeld.calfiles.format import Findings
-from kennfeld.formatting import count_labels, count_noun, join_names
+from kennfeld.calfiles.format import FileFindings
+from kennfeld.formatting import count_labels, count_noun, join_names, size_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
-_FIXED_POINT_TOLERANCE = (
-    1e-5  # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
-)
+# of its span, as far as a breakpoint that cannot change may be off in a file with few digits
+_FIXED_POINT_TOLERANCE = 1e-5
 
 
 @dataclass
 class Memory:
     """Bytes to write, by address: their bits, the mask of the bits that are set, and the label that sets them."""
 
-    findings: Findings
+    findings: FileFindings
     cells: dict[int, tuple[int, int, str]] = field(default_factory=dict)
     clashes: set[tuple[str, str]] = field(default_factory=set)
 
     def put(self, name: str, address: int, part: ObjectPart, raw: Any, where: Bool) -> None:
         """Put raw numbers of a part of an object at an address, those of `where`."""
-        kept = part.kept
+        storage = part.storage
         stored: Raw = np.asarray(raw)
-        if kept.difference:
+        if storage.difference:
             stored, where = np.diff(stored, prepend=stored.dtype.type(0)), np.full(stored.shape, bool(where.any()))
         chosen = np.asarray(where)
-        content, bits = encode_raw(
-            stored.astype(native(kept.data_type)), kept.data_type, kept.byte_order, kept.bit_mask
-        )
+        stored = stored.astype(native(storage.data_type))
+        content, bits = encode_raw(stored, storage.data_type, storage.byte_order, storage.bit_mask)
         places = part.offsets[chosen][..., None] + np.arange(content.shape[-1]) + address
         columns = (places, content[chosen], bits[chosen])
         for at, value, mask in zip(*(column.ravel().tolist() for column in columns), strict=True):
@@ -65,13 +63,13 @@ class Memory:
         """Return the bytes of the image to be changed, by address."""
         result = {}
         for run in _runs(sorted(self.cells)):
-            held = image.read(run[0], len(run))
-            if held is None:
+            before = image.read(run[0], len(run))
+            if before is None:
                 continue
             cells = (self.cells[at] for at in run)
-            new = bytes((old & ~mask & 255) | value for old, (value, mask, _) in zip(held, cells, strict=True))
-            if new != held:
-                result[run[0]] = new
+            after = bytes((old & ~mask & 255) | value for old, (value, mask, _) in zip(before, cells, strict=True))
+            if after != before:
+                result[run[0]] = after
         return result
 
 
@@ -84,20 +82,25 @@ def _runs(addresses: list[int]) -> Iterator[list[int]]:
             start = at
 
 
-def write_values(a2l: A2l, image: Image, parameters: ParameterSet, findings: Findings) -> bytes:
-    """Return the file of an image with the values of `parameters` in it; byte for byte the same where nothing changed.
+def write_values(a2l: A2l, image: Image, parameters: ParameterSet, findings: FileFindings) -> bytes:
+    """Return the file of an image with the values of `parameters` in it; byte for byte the same if nothing changed.
 
-    Notes an error for each value beyond what its data type or its limits allow and for each shape that the memory
-    does not have, and remarks on what is rounded, cannot be written or is not in the A2L file.
+    Reports an error for each value beyond what its data type or its limits allow and for each shape that the memory
+    does not have, and a warning on what is rounded, cannot be written or is not in the A2L file.
     """
-    writer = _ImageWriter(Labels(a2l, image), findings, parameters)
+    writer = _ImageWriter(Labels(a2l, image), findings, parameters, Memory(findings))
     writer.write()
     content = image.changed(writer.memory.changes(image))
     if content != image.raw:
         check_epk(a2l, image, findings)
         writer.roundings.report(findings)
         findings.warning(0, "", "checksums of the control unit are not updated; the flash tool must do it")
-        _warn_about_dependent(a2l, writer.done, findings)
+        # formulas of the A2L file are not evaluated
+        derived = (label for label in a2l.characteristics.values() if writer.changed.intersection(label.dependent_on))
+        dependent = [label.name for label in derived if label.name not in writer.changed]
+        if dependent:
+            message = f"not recomputed although labels in their formulas changed: {count_labels(dependent)}"
+            findings.warning(0, "", message)
         _report_shared_memory(a2l, image, content, writer, findings)
     return content
 
@@ -105,54 +108,55 @@ def write_values(a2l: A2l, image: Image, parameters: ParameterSet, findings: Fin
 @dataclass
 class _ImageWriter:
     labels: Labels
-    findings: Findings
-    given: ParameterSet
-    memory: Memory = field(init=False)
+    findings: FileFindings
+    parameters: ParameterSet
+    memory: Memory
     roundings: Roundings = field(default_factory=Roundings)
-    done: dict[str, None] = field(default_factory=dict)  # what may have changed
-    left: list[str] = field(default_factory=list)  # names the A2L file does not have
-
-    def __post_init__(self) -> None:
-        self.memory = Memory(self.findings)
+    changed: set[str] = field(default_factory=set)  # what may have changed
 
     def write(self) -> None:
-        """Return every group axis, parameter and text."""
+        """Write every group axis, parameter and text."""
+        a2l = self.labels.a2l
         self._warn_about_units()
-        for axis in self.given.axes:
-            if axis.name in self.labels.a2l.axis_pts:
-                self._try_write(self.labels.a2l.axis_pts[axis.name], partial(self._shared_axis, axis))
-        for item in self.given.chosen:
-            source = self.labels.a2l.characteristics.get(item.name)
+        for axis in self.parameters.axes:
+            if axis.name in a2l.axis_pts:
+                self._try_write(a2l.axis_pts[axis.name], axis)
+        unknown = []
+        for item in self.parameters.chosen:
+            source = a2l.characteristics.get(item.name)
             if source is None:
-                self.left.append(item.name)
-            elif isinstance(item, Text):
-                self._try_write(source, partial(self._text, item))
+                unknown.append(item.name)
             else:
-                self._try_write(source, partial(self._parameter, item))
-        others = list(dict.fromkeys(item.name for item in self.given.others))
+                self._try_write(source, item)
+        others = list(self.parameters.others_by_name)
         if others:
             message = f"further variants of {count_labels(others)} left out: the control unit has one place for each"
             self.findings.warning(0, "", message)
-        if self.left:
-            self.findings.warning(0, "", f"{count_labels(self.left)} left out: not in {self.labels.a2l.file}")
+        if unknown:
+            self.findings.warning(0, "", f"{count_labels(unknown)} left out: not in {a2l.file}")
 
     def _warn_about_units(self) -> None:
         """Warn about values in another unit than the control unit's; conversion is left to the user."""
-        found = []
-        for member in self.given.parameters:
+        differing = []
+        for member in self.parameters.parameters:
             source = self.labels.a2l.characteristics.get(member.name)
             unit = "" if source is None else self.labels.unit(source)
             if unit and member.unit and unit != member.unit:
-                found.append(f"{member.name} in {member.unit}, not {unit}")
-        if found:
-            shown = join_names(found, 3, "; ")
-            message = f"written without conversion, since {self.labels.a2l.file} states another unit: {shown}"
+                differing.append(f"{member.name} in {member.unit}, not {unit}")
+        if differing:
+            names = join_names(differing, 3, "; ")
+            message = f"written without conversion, since {self.labels.a2l.file} states another unit: {names}"
             self.findings.warning(0, "", message, "Check that this is intended.")
 
-    def _try_write(self, source: AxisPts | Characteristic, write: Callable[[], None]) -> None:
+    def _try_write(self, source: AxisPts | Characteristic, item: Axis | Parameter | Text) -> None:
         """Write a label, with a warning if it is not possible."""
         try:
-            write()
+            if isinstance(item, Axis):
+                self._shared_axis(item)
+            elif isinstance(item, Text):
+                self._text(item)
+            else:
+                self._parameter(item)
         except A2lError as error:
             self.findings.warning(0, source.name, f"cannot be written: it {error}")
         except AbsentError:
@@ -166,234 +170,199 @@ class _ImageWriter:
             return
         points = _memory_order(axis.breakpoints, shared.falling)
         if points.size != len(shared.axis):
-            self._resized_axis(shared, points)
+            self._resize_axis(shared, points, len(shared.axis))
         else:
-            self._numbers(shared.source, shared.part, points, shared.source.address, "breakpoint")
+            self._numbers(shared.source, shared.part, points, "breakpoint")
 
-    def _resized_axis(self, shared: SharedAxis, points: Float) -> None:
+    def _resize_axis(self, shared: SharedAxis, points: Float, before: int) -> None:
         """Change the size of an axis, if the memory stores its point count, with all tables that share it."""
         name = shared.source.name
         users = [
-            one.name
-            for one in self.labels.a2l.characteristics.values()
-            if any(axis.axis_pts_ref == name for axis in one.axes) and one.name not in self.given
+            label.name
+            for label in self.labels.a2l.characteristics.values()
+            if any(axis.axis_pts_ref == name for axis in label.axes) and label.name not in self.parameters
         ]
         if users:
-            self._wrong(
-                name,
-                f"has {points.size} breakpoints, but the image has {len(shared.axis or ())}, and {count_labels(users)} "
-                "sharing them are not given",
-                "Include these tables.",
-            )
+            message = f"has {points.size} breakpoints, but the image has {before}"
+            message = f"{message}, and {count_labels(users)} sharing them are not given"
+            self.findings.error(0, name, message, "Include these tables.")
             return
-        places = self._resized(shared.source, {"AXIS_PTS_X": points.size}, (len(shared.axis or ()),))
+        places = self._resize(shared.source, {"AXIS_PTS_X": points.size}, (before,))
         if places is not None:
-            part = self.labels.part(shared.source.address, places, "AXIS_PTS_X", shared.part.kept)
-            self._counts(shared.source, places)
-            self._numbers(shared.source, part, points, shared.source.address, "breakpoint", everything=True)
+            part = self.labels.part(shared.source.address, places, "AXIS_PTS_X", shared.part.storage)
+            self._numbers(shared.source, part, points, "breakpoint", everything=True)
 
-    def _resized(
+    def _resize(
         self, source: AxisPts | Characteristic, counts: Mapping[str, int], before: tuple[int, ...]
     ) -> PartOffsets | None:
-        """Locate all parts for other point counts; None, with an error, if the memory stores no counts."""
+        """Locate all parts for other point counts, and write these; None, with an error, if that is impossible."""
         layout = self.labels.layout(source.record_layout)
-        stored = {f"AXIS_PTS_{one.direction}" for one in layout.components if one.kind == "NO_AXIS_PTS"}
-        shared = isinstance(source, Characteristic) and {
-            f"AXIS_PTS_{direction}"
-            for direction, axis in zip(DIRECTIONS, source.axes, strict=False)
-            if axis.attribute == "COM_AXIS"
-        }
-        sizes = " x ".join(map(str, counts.values()))
-        said = f"has {sizes} points, but {' x '.join(map(str, before))} in the image"
-        if not set(counts) <= stored | (shared or set()):
-            self._wrong(source.name, f"{said}, which stores no point count", "Use the same number.")
+        adjustable = {f"AXIS_PTS_{part.direction}" for part in layout.components if part.kind == "NO_AXIS_PTS"}
+        for direction, axis in zip(DIRECTIONS, source.axes if isinstance(source, Characteristic) else (), strict=False):
+            if axis.attribute == "COM_AXIS":
+                adjustable.add(f"AXIS_PTS_{direction}")
+        message = f"has {_size(tuple(counts.values()))} points, but {_size(before)} in the image"
+        if not counts.keys() <= adjustable:
+            self.findings.error(0, source.name, f"{message}, which stores no point count", "Use the same number.")
             return None
         try:
-            return self.labels.places(source, counts)
+            places = self.labels.places(source, counts)
         except A2lError as error:
-            self._wrong(source.name, f"{said}: it {error}")
+            self.findings.error(0, source.name, f"{message}: it {error}")
+            return None
         except AbsentError:
-            self._wrong(source.name, f"{said}, where there is no room for them")
-        return None
-
-    def _counts(self, source: AxisPts | Characteristic, places: PartOffsets) -> None:
-        """Write the numbers of points that the memory keeps."""
+            self.findings.error(0, source.name, f"{message}, where there is no room for them")
+            return None
         for key, component in places.components.items():
-            if component.kind != "NO_AXIS_PTS":
-                continue
-            number = places.counts[f"AXIS_PTS_{component.direction}"]
-            order = self.labels.order(source)
-            kept = StorageFormat(component.data_type, order, self.labels.plain)
-            part = self.labels.part(source.address, places, key, kept)
-            self._numbers(source, part, np.array(float(number)), source.address, "number of points")
+            if component.kind == "NO_AXIS_PTS":
+                number = np.array(float(places.counts[f"AXIS_PTS_{component.direction}"]))
+                storage = StorageFormat(component.data_type, self.labels.order(source), IDENTITY)
+                part = self.labels.part(source.address, places, key, storage)
+                self._numbers(source, part, number, "number of points")
+        return places
 
     def _parameter(self, member: Parameter) -> None:
         label = self.labels.label(member.name)
         if label.member is None:
-            message = "is a text in the control unit"
-            self.findings.warning(0, member.name, f"{message}; the number given is not written")
-            return
-        if label.member.values.ndim != member.values.ndim or len(label.axes) != len(member.axes):
-            self._wrong(member.name, f"is a {member.kind}, but a {label.member.kind} in the control unit")
-            return
-        if member.values.shape != label.member.values.shape:
-            self._resized_table(label, member)
-            return
-        for direction, mine, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
-            self._axis(label, direction, mine, axis)
-        values = label.in_memory_order(member.values)
-        self._numbers(label.source, label.part, values, label.source.address, "value", member)
+            message = "is a text in the control unit; the number given is not written"
+            self.findings.warning(0, member.name, message)
+        elif label.member.values.ndim != member.values.ndim or len(label.axes) != len(member.axes):
+            message = f"is a {member.kind}, but a {label.member.kind} in the control unit"
+            self.findings.error(0, member.name, message)
+        elif member.values.shape != label.member.values.shape:
+            self._resize_table(label, member)
+        else:
+            for direction, stored, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
+                self._axis(label, direction, stored, axis)
+            self._numbers(label.source, label.part, label.in_memory_order(member.values), "value")
 
-    def _axis(self, label: Label, direction: str, mine: AxisInMemory, axis: Axis) -> None:
-        points = _memory_order(axis.breakpoints, mine.falling)
-        if mine.part is not None:
-            self._numbers(
-                label.source, mine.part, points, label.source.address, f"{direction} breakpoint", locked=mine.read_only
-            )
+    def _axis(self, label: Label, direction: str, stored: AxisInMemory, axis: Axis) -> None:
+        if stored.part is not None:
+            points = _memory_order(axis.breakpoints, stored.falling)
+            item = f"{direction} breakpoint"
+            self._numbers(label.source, stored.part, points, item, locked=stored.read_only)
             return
-        wanted = self._shared_points(mine)
-        span = float(np.ptp(wanted)) or 1.0
-        if np.any(np.abs(axis.breakpoints - wanted) > _FIXED_POINT_TOLERANCE * span):
-            at = int(np.argmax(np.abs(axis.breakpoints - wanted)))
-            which = f"where the common axis {mine.shared} has" if mine.shared else "which the control unit fixes to"
-            message = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {wanted[at]:g}"
-            self._wrong(label.source.name, message, "Use the same breakpoints.")
+        expected = self._shared_points(stored)
+        difference = np.abs(axis.breakpoints - expected)
+        if np.any(difference > _FIXED_POINT_TOLERANCE * (float(np.ptp(expected)) or 1.0)):
+            at = int(np.argmax(difference))
+            which = f"where the common axis {stored.shared} has" if stored.shared else "which the control unit fixes to"
+            message = f"has the {direction} breakpoint {axis.breakpoints[at]:g}, {which} {expected[at]:g}"
+            self.findings.error(0, label.source.name, message, "Use the same breakpoints.")
 
-    def _shared_points(self, mine: AxisInMemory) -> Float:
+    def _shared_points(self, stored: AxisInMemory) -> Float:
         """Return the breakpoints that a common axis will have."""
-        given = next((axis for axis in self.given.axes if axis.name == mine.shared), None) if mine.shared else None
-        return mine.axis.breakpoints if given is None else given.breakpoints
+        axes = (axis for axis in self.parameters.axes if stored.shared and axis.name == stored.shared)
+        return next(axes, stored.axis).breakpoints
 
-    def _resized_table(self, label: Label, member: Parameter) -> None:
-        before, sizes = label.part.physical.shape, member.values.shape
+    def _resize_table(self, label: Label, member: Parameter) -> None:
+        source, before, sizes = label.source, label.part.physical.shape, member.values.shape
         if not label.axes:
-            said = " x ".join(map(str, sizes))
-            self._wrong(member.name, f"has {said} values, but {' x '.join(map(str, before))} in the control unit")
+            message = f"has {_size(sizes)} values, but {_size(before)} in the control unit"
+            self.findings.error(0, member.name, message)
             return
-        both = zip(DIRECTIONS, sizes, before, strict=False)
-        counts = {f"AXIS_PTS_{direction}": size for direction, size, old in both if size != old}
-        places = self._resized(label.source, counts, before)
+        pairs = zip(DIRECTIONS, sizes, before, strict=False)
+        counts = {f"AXIS_PTS_{direction}": size for direction, size, old in pairs if size != old}
+        places = self._resize(source, counts, before)
         if places is None:
             return
-        self._counts(label.source, places)
-        for direction, mine, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
-            points, key = _memory_order(axis.breakpoints, mine.falling), f"AXIS_PTS_{direction}"
-            if mine.part is not None:
-                part = self.labels.part(label.source.address, places, key, mine.part.kept)
-                self._numbers(
-                    label.source, part, points, label.source.address, f"{direction} breakpoint", everything=True
-                )
-            elif len(self._shared_points(mine)) == len(axis):
-                self._axis(label, direction, mine, axis)
+        for direction, stored, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
+            points, key = _memory_order(axis.breakpoints, stored.falling), f"AXIS_PTS_{direction}"
+            if stored.part is not None:
+                part = self.labels.part(source.address, places, key, stored.part.storage)
+                self._numbers(source, part, points, f"{direction} breakpoint", everything=True)
+            elif len(self._shared_points(stored)) == len(axis):
+                self._axis(label, direction, stored, axis)
             else:
-                self._wrong(member.name, f"has {len(axis)} {direction} breakpoints, but its axis has another number")
-        part = self.labels.part(label.source.address, places, "FNC_VALUES", label.part.kept)
-        values = label.in_memory_order(member.values)
-        self._numbers(label.source, part, values, label.source.address, "value", member, everything=True)
+                message = f"has {len(axis)} {direction} breakpoints, but its axis has another number"
+                self.findings.error(0, member.name, message)
+        part = self.labels.part(source.address, places, "FNC_VALUES", label.part.storage)
+        self._numbers(source, part, label.in_memory_order(member.values), "value", everything=True)
 
     def _text(self, text: Text) -> None:
         label = self.labels.label(text.name)
         if label.text is None:
-            message = f"is a {label.source.type} in the control unit"
-            self.findings.warning(0, text.name, f"{message}; the text given is not written")
+            message = f"is a {label.source.type} in the control unit; the text given is not written"
+            self.findings.warning(0, text.name, message)
             return
         if text.kind != label.text.kind:
             self.findings.warning(0, text.name, f"is of kind {text.kind}, but {label.text.kind} in the control unit")
         if text.text == label.text.text:
             return
         if label.source.read_only:
-            self._read_only(label.source, 1)
-        elif label.words is not None:
-            self._word(label, text)
-        else:
-            self._characters(label, text)
-
-    def _word(self, label: Label, text: Text) -> None:
-        words = label.part.kept.conversion.words
-        raw = None if words is None else words.raw(text.text)
-        if raw is None or words is None:
-            known = ", ".join(dict.fromkeys(word for _, _, word in words.table.ranges)) if words else ""
-            self._wrong(text.name, f"must be one of its texts, got {text.text[:40]!r}", f"Choose from {known[:200]}.")
+            self._warn_about_read_only(label.source, 1)
             return
-        self.done[text.name] = None
-        self.memory.put(label.source.name, label.source.address, label.part, np.asarray(raw), np.asarray(True))
+        raw = self._raw_word(label.words, text) if label.words is not None else self._raw_characters(label, text)
+        if raw is not None:
+            self.changed.add(text.name)
+            where = np.asarray(raw != label.part.stored) if label.words is None else np.asarray(True)
+            self.memory.put(text.name, label.source.address, label.part, raw, where)
 
-    def _characters(self, label: Label, text: Text) -> None:
+    def _raw_word(self, words: VerbalConversion, text: Text) -> Raw | None:
+        raw = words.raw(text.text)
+        if raw is not None:
+            return np.asarray(raw)
+        known = ", ".join(dict.fromkeys(word for _, _, word in words.table.ranges))
+        message = f"must be one of its texts, got {text.text[:40]!r}"
+        self.findings.error(0, text.name, message, f"Choose from {known[:200]}.")
+        return None
+
+    def _raw_characters(self, label: Label, text: Text) -> Raw | None:
         size = label.part.stored.size
         content = text.text.encode(encoding_of(label.source), errors="replace")
         if len(content) > size:
-            self._wrong(text.name, f"has {len(content)} characters, but there is room for {size}", "Shorten the text.")
-            return
+            message = f"has {len(content)} characters, but there is room for {size}"
+            self.findings.error(0, text.name, message, "Shorten the text.")
+            return None
         raw = np.frombuffer(content.ljust(size, b"\0"), dtype=np.uint8).astype(np.float64)
-        if label.part.kept.data_type == "SBYTE":
-            raw = np.where(raw > 127, raw - 256, raw)
-        self.done[text.name] = None
-        self.memory.put(text.name, label.source.address, label.part, raw, raw != label.part.stored)
+        return np.where(raw > 127, raw - 256, raw) if label.part.storage.data_type == "SBYTE" else raw
 
     def _numbers(
         self,
         source: AxisPts | Characteristic,
         part: ObjectPart,
         values: Float,
-        address: int,
         item: str,
-        member: Parameter | None = None,
         *,
         everything: bool = False,
         locked: bool = False,
     ) -> None:
         """Write the numbers that differ from the memory, or all if `everything` is set."""
         unlike = part.unlike(values) | everything
-        if not unlike.any():
+        rounded = nearest_raw(source.name, part, values, unlike, item, self.findings) if unlike.any() else None
+        if rounded is None:
             return
-        axes = None if member is None else member.axes
-        found = nearest_raw(source.name, part, values, unlike, item, axes, self.findings)
-        if found is None:
-            return
-        changed = (found.raw != part.raw) & unlike
+        changed = (rounded.raw != part.raw) & unlike
         if (source.read_only or locked) and changed.any():
-            self._read_only(source, int(changed.sum()))
+            self._warn_about_read_only(source, int(changed.sum()))
             return
-        self.done[source.name] = None
-        self.roundings.keep(source.name, found)
-        self.memory.put(source.name, address, part, found.raw, changed | everything)
+        self.changed.add(source.name)
+        self.roundings.keep(source.name, rounded)
+        self.memory.put(source.name, source.address, part, rounded.raw, changed | everything)
 
-    def _read_only(self, source: AxisPts | Characteristic, count: int) -> None:
+    def _warn_about_read_only(self, source: AxisPts | Characteristic, count: int) -> None:
         message = f"is READ_ONLY: {count_noun(count, 'changed value')} not written"
         self.findings.warning(0, source.name, message)
-
-    def _wrong(self, name: str, message: str, remedy: str = "") -> None:
-        self.findings.error(0, name, message, remedy)
 
 
 def _memory_order(points: Float, falling: bool) -> Float:
     return points[::-1] if falling else points
 
 
-def _warn_about_dependent(a2l: A2l, changed: Collection[str], findings: Findings) -> None:
-    """Warn about labels that formulas derive from changed ones."""
-    found = [
-        one.name
-        for one in a2l.characteristics.values()
-        if one.name not in changed and any(name in changed for name in one.dependent_on)
-    ]
-    if found:
-        message = f"not recomputed although labels in their formulas changed: {count_labels(found)}"
-        findings.warning(0, "", message)
+def _size(shape: tuple[int, ...]) -> str:
+    return size_text(shape)
 
 
-def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: Findings) -> None:
+def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: FileFindings) -> None:
     """Report labels that change only because they share memory with others."""
-    after = Labels(a2l, read_image(content, image.name, Findings(image.name)))
+    after = Labels(a2l, read_image(content, image.name, FileFindings(image.name)))
+    message = "changes unintentionally: it shares memory with another label that is changed"
     for name in a2l.characteristics:
-        if name in writer.done or name in a2l.axis_pts:
+        if name in writer.changed or name in a2l.axis_pts:
             continue
         try:
             before, now = writer.labels.label(name), after.label(name)
         except (A2lError, AbsentError):
             continue
-        if before.places.offsets.keys() == now.places.offsets.keys() and before.same_numbers(now):
-            continue
-        given = name in writer.given
-        message = "changes unintentionally: it shares memory with another label that is changed"
-        (findings.error if given else findings.warning)(0, name, message)
+        if before.places.offsets.keys() != now.places.offsets.keys() or not before.same_numbers(now):
+            (findings.error if name in writer.parameters else findings.warning)(0, name, message)

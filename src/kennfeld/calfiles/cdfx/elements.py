@@ -2,20 +2,20 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import isfinite, prod
+from math import isfinite, nan, prod
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings
-from kennfeld.calfiles.xml_tree import PARTED, Element
+from kennfeld.calfiles.content import parse_float
+from kennfeld.calfiles.format import FileFindings
+from kennfeld.calfiles.xml_tree import SEPARATOR, Element
 from kennfeld.formatting import count_noun
+from kennfeld.parameters import LABELS
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"
-
 _VALUE_TAGS = ("SW-VALUE-CONT", "SW-AXIS-CONTS", "SW-CS-HISTORY", "SW-MODEL-LINK", "CATEGORY")
-
 _NUMBERS = ("V", "VF", "VH")
 
 
@@ -35,9 +35,8 @@ class Instance:
 
     @property
     def labels(self) -> dict[str, Any]:
-        """The attributes that parameters and texts keep."""
-        named = {"display_name": self.display_name, "variant": self.variant}
-        return {"description": self.description, "functions": self.functions, **named}
+        """The attributes that parameters and texts keep, with the unit of the values."""
+        return {label: getattr(self, label) for label in LABELS} | {"unit": self.unit}
 
     @property
     def unit(self) -> str:
@@ -45,13 +44,16 @@ class Instance:
         return self.value.line_of("UNIT-DISPLAY-NAME") if self.value else ""
 
 
-def instances(root: Element, findings: Findings) -> list[Instance]:
+def instances(root: Element, findings: FileFindings) -> list[Instance]:
     """Return all labels with values, once per variant, in file order; report what is skipped."""
     results: list[Instance] = []
     for tree in _trees(root):
         for element in tree.all("SW-INSTANCE"):
             results += _flatten(element, "", findings)
-    _report_histories(root, findings)
+    # those of values and axes are no histories of labels
+    histories = sum(element.tag == "SW-CS-HISTORY" for element in root.walk(("SW-VALUE-CONT", "SW-AXIS-CONTS")))
+    if histories:
+        findings.warning(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} skipped")
     return results
 
 
@@ -64,16 +66,16 @@ def _trees(element: Element) -> Iterator[Element]:
             yield from _trees(child)
 
 
-def _flatten(element: Element, outer: str, findings: Findings) -> Iterator[Instance]:
+def _flatten(element: Element, outer: str, findings: FileFindings) -> Iterator[Instance]:
     """Return an instance and those within it; INCA may write the label a.b.c as c in b in a."""
     name = element.line_of("SHORT-NAME").strip()
-    name = name if not outer or name.startswith("[") else f"{outer}.{name}"
-    name = outer + name if outer and name.startswith("[") else name
+    if outer:
+        name = outer + name if name.startswith("[") else f"{outer}.{name}"
     if not name:
         findings.error(element.line, "", "SW-INSTANCE has no SHORT-NAME", "Give it a name.")
         return
     inner = list(element.all("SW-INSTANCE"))
-    for holder, variant in _holders(element, bool(inner), name, findings):
+    for variant, holder in _holders(element, bool(inner), name, findings):
         value, axes = holder.first("SW-VALUE-CONT"), holder.first("SW-AXIS-CONTS")
         yield Instance(
             name,
@@ -90,24 +92,21 @@ def _flatten(element: Element, outer: str, findings: Findings) -> Iterator[Insta
         yield from _flatten(child, name, findings)
 
 
-def _holders(element: Element, has_inner: bool, name: str, findings: Findings) -> Iterator[tuple[Element, str]]:
-    """Yield the elements that contain values: the instance itself, or each variant with its name."""
+def _holders(element: Element, has_inner: bool, name: str, findings: FileFindings) -> Iterator[tuple[str, Element]]:
+    """Yield the elements that contain values, each with its variant: the instance itself, or one per variant."""
     variants = element.first(_VARIANTS)
     results: dict[str, Element] = {}
     for holder in variants.all(_VARIANT) if variants else ():
-        first = results.setdefault(_variant(holder), holder)
+        # Engine=2,Gear=1; a reference without a value stands alone
+        parts = [child for child in holder.children if child.tag not in _VALUE_TAGS]
+        criteria = ",".join(word for child in parts for word in _criteria(child))
+        first = results.setdefault(criteria, holder)
         if first is not holder:
             message = f"is a variant with the same criteria as in line {first.line}; skipped"
             findings.warning(holder.line, name, message)
-    if results:
-        yield from ((holder, variant) for variant, holder in results.items())
-    elif element.first("SW-VALUE-CONT") is not None or not has_inner:
-        yield element, ""
-
-
-def _variant(holder: Element) -> str:
-    """Return the criteria of a variant: `Engine=2,Gear=1`; a reference without a value stands alone."""
-    return ",".join(word for child in holder.children if child.tag not in _VALUE_TAGS for word in _criteria(child))
+    if not results and (element.first("SW-VALUE-CONT") is not None or not has_inner):
+        results[""] = element
+    yield from results.items()
 
 
 def _criteria(element: Element) -> Iterator[str]:
@@ -117,31 +116,18 @@ def _criteria(element: Element) -> Iterator[str]:
         yield f"{references[0].text.strip()}={values[0]}"
         return
     if element.text.strip():
-        yield " ".join(element.text.replace(PARTED, " ").split())
+        yield " ".join(element.text.replace(SEPARATOR, " ").split())
     for child in element.children:
         yield from _criteria(child)
 
 
-def _report_histories(root: Element, findings: Findings) -> None:
-    histories = 0
-    waiting: list[Element] = [root]
-    while waiting:
-        element = waiting.pop()
-        histories += element.tag == "SW-CS-HISTORY"
-        if element.tag not in ("SW-VALUE-CONT", "SW-AXIS-CONTS"):
-            waiting += element.children
-    if histories:
-        findings.warning(0, "", f"{histories} histor{'y' if histories == 1 else 'ies'} skipped")
-
-
-@dataclass
+@dataclass(frozen=True)
 class Values:
     """The content of a SW-VALUES-PHYS, flat, with the shape given by its groups; x is the last index."""
 
-    line: int
-    numbers: list[float] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
-    shape: tuple[int, ...] = ()
+    numbers: list[float]
+    texts: list[str]
+    shape: tuple[int, ...]
 
     def shaped(self, sizes: tuple[int, ...]) -> Float | None:
         """Return the numbers as an array of these sizes, x first; None if count or grouping differs."""
@@ -150,27 +136,23 @@ class Values:
         return np.array(self.numbers, dtype=np.float64).reshape(sizes[::-1]).T
 
 
-def values_of(holder: Element | None, name: str, findings: Findings) -> Values | None:
+def values_of(holder: Element | None, name: str, findings: FileFindings) -> Values | None:
     """Return the values within a SW-VALUE-CONT or SW-AXIS-CONT.
 
     None if there are none, and with an error for each invalid number.
     """
-    found = None if holder is None else holder.first("SW-VALUES-PHYS")
-    if found is None:
+    element = None if holder is None else holder.first("SW-VALUES-PHYS")
+    if element is None:
         return None
-    values = Values(found.line)
-    taken = _ValueWalker(name, findings, values)
-    shape = taken.group(found)
-    if shape is None or taken.wrong:
-        return None
-    values.shape = shape
-    return values
+    walker = _ValueWalker(name, findings)
+    shape = walker.group(element)
+    return None if shape is None or walker.has_errors else Values(walker.numbers, walker.texts, shape)
 
 
 def array_size(holder: Element) -> tuple[int, ...]:
     """Return the SW-ARRAYSIZE, x first; empty if it states nothing usable."""
-    found = holder.first("SW-ARRAYSIZE")
-    words = [word.strip() for word in found.words("V")] if found else []
+    sizes = holder.first("SW-ARRAYSIZE")
+    words = [word.strip() for word in sizes.words("V")] if sizes else []
     if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
         return ()
     return tuple(int(word) for word in words)
@@ -181,24 +163,24 @@ class _ValueWalker:
     """Walks the groups of one value; `group` returns the shape, or None if rows differ in length."""
 
     name: str
-    findings: Findings
-    values: Values
-    wrong: bool = False
+    findings: FileFindings
+    numbers: list[float] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+    has_errors: bool = False
 
     def group(self, element: Element) -> tuple[int, ...] | None:
         groups = list(element.all("VG"))
         if not groups:
-            before = len(self.values.numbers) + len(self.values.texts)
+            before = len(self.numbers) + len(self.texts)
             self._take(element)
-            return (len(self.values.numbers) + len(self.values.texts) - before,)
+            return (len(self.numbers) + len(self.texts) - before,)
         shapes = [self.group(group) for group in groups]
         if None in shapes:
             return None
         odd = next((i for i, shape in enumerate(shapes) if shape != shapes[0]), None)
         if odd is not None:
-            message = (
-                f"group {odd + 1} has {_describe_size(shapes[odd])}, but the first has {_describe_size(shapes[0])}"
-            )
+            size, first = (count_noun(prod(shapes[at] or ()), "value") for at in (odd, 0))
+            message = f"group {odd + 1} has {size}, but the first has {first}"
             self.findings.error(groups[odd].line, self.name, message)
             return None
         return (len(groups), *(shapes[0] or ()))
@@ -206,45 +188,32 @@ class _ValueWalker:
     def _take(self, element: Element) -> None:
         for child in element.children:
             if child.tag == "VT":
-                self.values.texts.append(child.text)
+                self.texts.append(child.text)
             elif child.tag in _NUMBERS:
-                words = child.text.split(PARTED)
-                # Python would read 1_000 as a thousand.
-                numbers = None if "_" in child.text else _parse_numbers(child.tag, words)
-                if numbers is None:
-                    self._wrong(child, words)
+                words = child.text.split(SEPARATOR)
+                numbers = [_parse_number(child.tag, word) for word in words]
+                if all(map(isfinite, numbers)):
+                    self.numbers += numbers
                 else:
-                    self.values.numbers += numbers
+                    self._report_wrong_numbers(child, words, numbers)
 
-    def _wrong(self, child: Element, words: list[str]) -> None:
-        """Report each invalid number with its line."""
+    def _report_wrong_numbers(self, child: Element, words: list[str], numbers: list[float]) -> None:
         line = child.line
-        for word in words:
-            if "_" in word or _parse_numbers(child.tag, [word]) is None:
-                shown = word.strip()[:60]
-                remedy = "Write a decimal point." if _has_comma(shown) else ""
+        for word, number in zip(words, numbers, strict=True):
+            if not isfinite(number):
+                text = word.strip()[:60]
+                has_comma = "," in text and isfinite(parse_float(text.replace(",", ".")))
+                remedy = "Write a decimal point." if has_comma else ""
                 at = line + word[: len(word) - len(word.lstrip())].count("\n")
-                self.findings.error(at, self.name, f"must be a finite number, got {shown!r}", remedy)
+                self.findings.error(at, self.name, f"must be a finite number, got {text!r}", remedy)
             line += word.count("\n")
-        self.wrong = True
+        self.has_errors = True
 
 
-def _describe_size(shape: tuple[int, ...] | None) -> str:
-    return count_noun(prod(shape or ()), "value")
-
-
-def _parse_numbers(tag: str, words: list[str]) -> list[float] | None:
-    """Return the numbers of words; None if one of them is none, or not finite."""
+def _parse_number(tag: str, word: str) -> float:
+    if tag != "VH":
+        return parse_float(word)
     try:
-        numbers = [float(int(word, 16)) for word in words] if tag == "VH" else list(map(float, words))
+        return nan if "_" in word else float(int(word, 16))
     except (ValueError, OverflowError):
-        return None
-    return numbers if all(map(isfinite, numbers)) else None
-
-
-def _has_comma(word: str) -> bool:
-    """Check whether a word would be a number with a decimal point instead of a comma."""
-    try:
-        return "," in word and isfinite(float(word.replace(",", ".")))
-    except ValueError:
-        return False
+        return nan

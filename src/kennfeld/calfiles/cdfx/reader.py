@@ -7,7 +7,6 @@ same lookup, or if the file states them.
 """
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import prod
 
@@ -15,11 +14,11 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set, drop_trailing_ones
-from kennfeld.calfiles.xml_tree import Element, collection_paused, parse_xml
-from kennfeld.formatting import count_labels, count_noun
-from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.calfiles.content import describe_fall, drop_trailing_ones
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
+from kennfeld.calfiles.xml_tree import Element, parse_xml
+from kennfeld.formatting import count_labels, count_noun, size_text
+from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
 _ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
 _VERSION = re.compile(r"CDF(\d)(\d)")
@@ -28,7 +27,6 @@ _SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so mis
 _WORDS: dict[str, TextKind] = {"ASCII": "text", "BOOLEAN": "boolean"}  # categories whose text is no enumeration
 _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
 _TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
-_DIRECTIONS = ("x", "y", "z", "fourth")
 _MAX_DIMENSIONS = 4
 
 
@@ -41,42 +39,30 @@ def read_cdfx(source: CalibrationSource) -> ReadResult:
     """Return the parameters of a CDFX file, with or without variants; the first variant of a label is used.
 
     Raises `InputError` with all findings; text tables, axes that cannot be resolved and histories are skipped
-    with a remark. Entities are refused.
+    with a warning. Entities are refused.
     """
-    with collection_paused():
-        return _read(source, Findings(source.name))
-
-
-def _read(source: CalibrationSource, findings: Findings) -> ReadResult:
+    findings = FileFindings(source.name)
     root = parse_xml(source.raw, findings, "V")
     if root is None:
         findings.finish()
         raise AssertionError("a document that is not read has a finding")
     reader = _CdfxReader(findings)
-    found = instances(root, findings)
-    if not found and not _contains_tag(root, "SW-INSTANCE-TREE"):
+    labels = instances(root, findings)
+    if not labels and all(element.tag != "SW-INSTANCE-TREE" for element in root.walk()):
         findings.error(root.line, "", "has no SW-INSTANCE-TREE, which contains the labels", "Export it as CDF 2.0.")
-    for instance in found:
+    for instance in labels:
         if instance.category in ("COM_AXIS", "RES_AXIS", "CURVE_AXIS"):
             reader.take_axis(instance)
-    for instance in found:
+    for instance in labels:
         if instance.category not in ("COM_AXIS", "RES_AXIS"):
             reader.take(instance)
-    reader.warn_about_numeric_booleans()
-    remarks = findings.finish()
+    if reader.numeric_booleans:
+        message = "BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK"
+        findings.warning(0, "", f"{message}: {count_labels(list(reader.numeric_booleans))}")
+    warnings = findings.finish()
     version = _VERSION.fullmatch(root.line_of("CATEGORY").strip())
     kind = f"CDFX {version[1]}.{version[2]}" if version else "CDFX"
-    return ReadResult(kind, reader.parameters(), remarks)
-
-
-def _contains_tag(root: Element, tag: str) -> bool:
-    waiting = [root]
-    while waiting:
-        element = waiting.pop()
-        if element.tag == tag:
-            return True
-        waiting += element.children
-    return False
+    return ReadResult(kind, build_set(reader.items, reader.groups.values()), warnings)
 
 
 @dataclass(frozen=True)
@@ -99,33 +85,23 @@ class _Positions:
 
 
 class _CdfxReader:
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         self.findings = findings
-        self.items: dict[tuple[str, str], Parameter | Text] = {}  # by name and variant
+        self.items: dict[Key, Item] = {}
         self.kinds: dict[str, type] = {}  # of the first variant of each label
         self.groups: dict[str, Axis] = {}
         self.positions: dict[str, _Positions] = {}
         self.broken: set[str] = set()  # axes with a finding of their own
-        self.numbered: list[str] = []  # booleans that are given as numbers
-        self.taken: dict[tuple[str, str], tuple[int, object]] = {}  # each name and variant: its line, what it holds
-
-    def parameters(self) -> ParameterSet:
-        return build_set(self.items, self.groups.values())
-
-    def warn_about_numeric_booleans(self) -> None:
-        """Remark on booleans that are given as numbers, whose category is not kept."""
-        if self.numbered:
-            names = count_labels(list(dict.fromkeys(self.numbered)))
-            message = f"BOOLEAN with a number, read as a number and written as VALUE or VAL_BLK: {names}"
-            self.findings.warning(0, "", message)
+        self.numeric_booleans: dict[str, None] = {}
+        self.taken: dict[Key, tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
     def take_axis(self, instance: Instance) -> None:
         """Keep an axis that tables refer to."""
-        # A CURVE_AXIS is a parameter too, whose findings are noted where it is taken.
-        findings = Findings("") if instance.category == "CURVE_AXIS" else self.findings
-        values = values_of(instance.value, instance.name, findings)
+        # A CURVE_AXIS is a parameter too, whose findings are reported when it is taken.
+        is_curve = instance.category == "CURVE_AXIS"
+        values = values_of(instance.value, instance.name, FileFindings("") if is_curve else self.findings)
         if instance.variant and (instance.name in self.groups or instance.name in self.positions):
-            if instance.category != "CURVE_AXIS":  # which is a curve in each of its variants
+            if not is_curve:  # which is a curve in each of its variants
                 self._skip(instance, f"is the axis in another variant ({instance.variant})")
             return
         if values is not None and values.texts:
@@ -133,35 +109,23 @@ class _CdfxReader:
                 self._skip(instance, "contains text instead of breakpoints")
         elif instance.category == "COM_AXIS":
             self._take_group(instance, values)
-        elif values is not None and (found := self._positions(instance, values)):
-            self.positions[instance.name] = found
+        elif values is not None and (positions := _positions(instance, values)):
+            self.positions[instance.name] = positions
         if instance.category == "RES_AXIS":
             message = "RES_AXIS only provides breakpoints of tables; skipped as a parameter"
             self.findings.warning(instance.line, instance.name, message)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points = None if values is None else np.array(values.numbers)
-        wrong = "has no breakpoints" if points is None else _points_fault(points)
-        if wrong or points is None:
+        fault = "has no breakpoints" if points is None else _points_fault(points)
+        if fault or points is None:
             self.broken.add(instance.name)
             if values is not None or _is_empty(instance.value):
-                self._wrong(instance, f"COM_AXIS {wrong}")
+                self._wrong(instance, f"COM_AXIS {fault}")
             return
         axis = Axis(points, unit=instance.unit, name=instance.name)
         if self._is_new(instance, axis):
             self.groups[instance.name] = axis
-
-    def _positions(self, instance: Instance, values: Values) -> _Positions | None:
-        if instance.category == "RES_AXIS":
-            if len(values.shape) != 2 or values.shape[1] != 2:
-                return None
-            inputs, positions = np.array(values.numbers).reshape(-1, 2).T
-            return _Positions(inputs, positions, instance.unit)
-        axis = values_of(instance.axes[0], instance.name, Findings("")) if len(instance.axes) == 1 else None
-        if axis is None or len(axis.numbers) != len(values.numbers):
-            return None
-        unit = instance.axes[0].line_of("UNIT-DISPLAY-NAME")
-        return _Positions(np.array(axis.numbers), np.array(values.numbers), unit)
 
     def take(self, instance: Instance) -> None:
         """Check an instance and add it."""
@@ -186,36 +150,38 @@ class _CdfxReader:
 
     def _take_text(self, instance: Instance, values: Values) -> None:
         if values.numbers or len(values.texts) > 1:
-            found = count_noun(len(values.numbers) + len(values.texts), "value")
-            self._wrong(instance, f"{instance.category} has {found} instead of one text")
+            count = count_noun(len(values.numbers) + len(values.texts), "value")
+            self._wrong(instance, f"{instance.category} has {count} instead of one text")
             return
         kind = _WORDS.get(instance.category, "enumeration")
-        text = Text(instance.name, "".join(values.texts), kind=kind, unit=instance.unit, **instance.labels)
-        self._hold(instance, text)
+        self._hold(instance, Text(instance.name, "".join(values.texts), kind=kind, **instance.labels))
 
     def _take_member(self, instance: Instance, values: Values) -> None:
-        makers: dict[str, Callable[[Instance, Values], Parameter | None]] = dict.fromkeys(_SCALARS, self._scalar)
-        makers |= dict.fromkeys(_BLOCKS, self._block)
-        member = makers.get(instance.category, self._table)(instance, values)
-        if instance.category.startswith("BOOLEAN") and member is not None:
-            self.numbered.append(instance.name)
+        if instance.category in _SCALARS:
+            member = self._scalar(instance, values)
+        elif instance.category in _BLOCKS:
+            member = self._block(instance, values)
+        else:
+            member = self._table(instance, values)
         if member is not None:
             self._hold(instance, member)
+            if instance.category.startswith("BOOLEAN"):
+                self.numeric_booleans[instance.name] = None
 
-    def _hold(self, instance: Instance, item: Parameter | Text) -> None:
+    def _hold(self, instance: Instance, item: Item) -> None:
         first = self.kinds.setdefault(instance.name, type(item))
         if first is not type(item) and Text in (first, type(item)):
             self._skip(instance, "is a text in one variant and a number in another")
         elif self._is_new(instance, item):
             self.items[instance.name, instance.variant] = item
 
-    def _is_new(self, instance: Instance, made: object) -> bool:
+    def _is_new(self, instance: Instance, item: object) -> bool:
         """Check whether a name occurs for the first time; a repetition must be equal."""
-        line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, made))
-        if first is not made and first != made:
+        line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, item))
+        if first is not item and first != item:
             message = f"{instance.name} is already defined in line {line}, with different content"
             self._wrong(instance, message, "Keep one of the two.")
-        return first is made
+        return first is item
 
     def _scalar(self, instance: Instance, values: Values) -> Parameter | None:
         if len(values.numbers) != 1:
@@ -224,7 +190,7 @@ class _CdfxReader:
         if instance.category.startswith("DEP"):
             message = "is a dependent value: its number is read, the formula for it is in the A2L file"
             self.findings.warning(instance.line, instance.name, message)
-        return parameter(instance.name, values.numbers[0], unit=instance.unit, **instance.labels)
+        return parameter(instance.name, values.numbers[0], **instance.labels)
 
     def _block(self, instance: Instance, values: Values) -> Parameter | None:
         assert instance.value is not None
@@ -232,74 +198,74 @@ class _CdfxReader:
         if len(shape) == 1:
             shape = drop_trailing_ones(stated) if prod(stated) == shape[0] and stated else shape
         elif stated and drop_trailing_ones(stated) != drop_trailing_ones(shape):
-            said, found = (" x ".join(map(str, sizes)) for sizes in (stated, shape))
-            self._wrong(instance, f"SW-ARRAYSIZE states {said} values, but the groups contain {found}")
+            size, actual = (size_text(sizes) for sizes in (stated, shape))
+            self._wrong(instance, f"SW-ARRAYSIZE states {size} values, but the groups contain {actual}")
             return None
         if not values.numbers or (len(values.shape) == 1 and stated and prod(stated) != len(values.numbers)):
-            asked = f", but SW-ARRAYSIZE states {' x '.join(map(str, stated))}" if stated else ""
-            self._wrong(instance, f"{instance.category} has {count_noun(len(values.numbers), 'value')}{asked}")
+            stated_size = f", but SW-ARRAYSIZE states {' x '.join(map(str, stated))}" if stated else ""
+            self._wrong(instance, f"{instance.category} has {count_noun(len(values.numbers), 'value')}{stated_size}")
             return None
         if len(shape) > _MAX_DIMENSIONS:
             self._skip(instance, f"has {len(shape)} dimensions, but a value block has at most {_MAX_DIMENSIONS}")
             return None
         array = values.shaped(shape)
         assert array is not None
-        return Block(instance.name, array, unit=instance.unit, **instance.labels)
+        return Block(instance.name, array, **instance.labels)
 
     def _table(self, instance: Instance, values: Values) -> Parameter | None:
-        wanted = _TABLES[instance.category]
-        if len(instance.axes) != wanted:
-            found = count_noun(len(instance.axes), "SW-AXIS-CONT")
-            self._wrong(instance, f"{instance.category} has {found}, but needs {wanted}")
+        dimensions = _TABLES[instance.category]
+        if len(instance.axes) != dimensions:
+            message = f"has {count_noun(len(instance.axes), 'SW-AXIS-CONT')}, but needs {dimensions}"
+            self._wrong(instance, f"{instance.category} {message}")
             return None
-        sizes = values.shape[::-1] if len(values.shape) == wanted else (0,) * wanted
-        found_axes = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
-        axes = [axis for axis in found_axes if axis is not None]
-        if len(axes) < wanted:
+        sizes = values.shape[::-1] if len(values.shape) == dimensions else (0,) * dimensions
+        candidates = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
+        axes = [axis for axis in candidates if axis is not None]
+        if len(axes) < dimensions:
             return None
         array = values.shaped(tuple(map(len, axes)))
         if array is None:
-            has = " x ".join(map(str, values.shape[::-1]))
-            asked = " x ".join(str(len(axis)) for axis in axes)
-            self._wrong(instance, f"{instance.category} has {has} values, but its axes require {asked}")
+            size = size_text(values.shape[::-1])
+            required = size_text(map(len, axes))
+            self._wrong(instance, f"{instance.category} has {size} values, but its axes require {required}")
             return None
-        return parameter(instance.name, array, axes, unit=instance.unit, **instance.labels)
+        return parameter(instance.name, array, axes, **instance.labels)
 
     def _axis(self, instance: Instance, direction: int, size: int) -> Axis | None:
         cont = instance.axes[direction]
         reference = cont.line_of("SW-INSTANCE-REF").strip()
         category = cont.line_of("CATEGORY").strip().upper()
-        given = values_of(cont, instance.name, self.findings)
-        if given is not None and given.texts:
-            self._skip(instance, f"has text on its {_DIRECTIONS[direction]} axis")
+        values = values_of(cont, instance.name, self.findings)
+        letter = AXIS_LETTERS[direction]
+        if values is not None and values.texts:
+            self._skip(instance, f"has text on its {letter} axis")
             return None
-        points = None if given is None else np.array(given.numbers)
+        points = None if values is None else np.array(values.numbers)
         if category in ("RES_AXIS", "CURVE_AXIS") or reference in self.positions:
             return self._resolved(instance, direction, reference, points, size)
         if reference:
             return self._referred(instance, direction, reference, points)
         if points is None:
             if _is_empty(cont):
-                self._wrong(instance, f"has no {_DIRECTIONS[direction]} breakpoints")
+                self._wrong(instance, f"has no {letter} breakpoints")
             return None
         fault = _points_fault(points)
         if fault:
             remedy = "Each breakpoint must be greater than the previous one." if points.size else ""
-            self.findings.error(cont.line, instance.name, f"the {_DIRECTIONS[direction]} axis {fault}", remedy)
+            self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}", remedy)
             return None
         return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
 
     def _referred(self, instance: Instance, direction: int, reference: str, points: Float | None) -> Axis | None:
-        cont, letter = instance.axes[direction], _DIRECTIONS[direction]
+        cont, letter = instance.axes[direction], AXIS_LETTERS[direction]
         if reference in self.broken:
             return None
-        if reference not in self.groups and (points is None or _points_fault(points)):
-            message = f"refers to the {letter} axis {reference}, which is not in this file"
-            self._skip(instance, message, "Export the axis too.")
-            return None
-        if reference not in self.groups and points is not None:
-            unit = cont.line_of("UNIT-DISPLAY-NAME")
-            self.groups[reference] = Axis(points, unit=unit, name=reference)
+        if reference not in self.groups:
+            if points is None or _points_fault(points):
+                message = f"refers to the {letter} axis {reference}, which is not in this file"
+                self._skip(instance, message, "Export the axis too.")
+                return None
+            self.groups[reference] = Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"), name=reference)
         group = self.groups[reference]
         unit = cont.line_of("UNIT-DISPLAY-NAME") if cont.first("UNIT-DISPLAY-NAME") else group.unit
         if points is None or np.array_equal(points, group.breakpoints):
@@ -322,8 +288,7 @@ class _CdfxReader:
             points = known.breakpoints(size)
         if points is None or _points_fault(points):
             kind = cont.line_of("CATEGORY").strip() or "axis"
-            message = f"has breakpoints that cannot be derived from the {kind} {reference}"
-            self._skip(instance, message)
+            self._skip(instance, f"has breakpoints that cannot be derived from the {kind} {reference}")
             return None
         return Axis(points, unit=unit)
 
@@ -341,13 +306,20 @@ def _is_empty(holder: Element | None) -> bool:
 
 def _points_fault(points: Float) -> str:
     """Return what is wrong with breakpoints, or an empty text."""
+    fall = describe_fall(points)
     if not points.size:
         return "has no breakpoints"
-    falling = np.flatnonzero(points[1:] <= points[:-1])
-    if not falling.size:
-        return ""
-    at = int(falling[0])
-    return (
-        f"is not strictly increasing: breakpoint {at + 2} ({points[at + 1]:g}) does not exceed "
-        f"breakpoint {at + 1} ({points[at]:g})"
-    )
+    return f"is not strictly increasing: {fall}" if fall else ""
+
+
+def _positions(instance: Instance, values: Values) -> _Positions | None:
+    if instance.category == "RES_AXIS":
+        if len(values.shape) != 2 or values.shape[1] != 2:
+            return None
+        inputs, positions = np.array(values.numbers).reshape(-1, 2).T
+        return _Positions(inputs, positions, instance.unit)
+    axis = values_of(instance.axes[0], instance.name, FileFindings("")) if len(instance.axes) == 1 else None
+    if axis is None or len(axis.numbers) != len(values.numbers):
+        return None
+    unit = instance.axes[0].line_of("UNIT-DISPLAY-NAME")
+    return _Positions(np.array(axis.numbers), np.array(values.numbers), unit)

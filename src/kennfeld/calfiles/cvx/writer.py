@@ -1,17 +1,17 @@
 """Writes CVX 2.1 with comma and decimal point; numbers in the shortest form that reads back exactly."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings, Item
+from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
 from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.parameters import Axis, Text
 
-Item = Parameter | Text
 _NAME = re.compile(r'[^\s",:*][^",]*')
 
 
@@ -26,7 +26,7 @@ def write_cvx(parameters: ParameterSet, file: str) -> str:
     items = (*parameters.texts, *parameters.parameters, *parameters.others)
     records = ['CALIBRATION VALUES V2.1,.,*,"",\n', *_header_records(items)]
     for item in items:
-        records += _text_records(item) if isinstance(item, Text) else _member_records(item)
+        records += _item_records(item)
     records += [_axis_record(axis.name, "AXIS_PTS", axis) for axis in parameters.axes]
     return "\n".join(records).replace("\n", "\r\n")
 
@@ -52,11 +52,6 @@ def _criteria(variant: str) -> list[tuple[str, str]]:
     return [(name, value) if equals else ("", name) for name, equals, value in parts]
 
 
-def _text_records(text: Text) -> Iterator[str]:
-    kind = "ASCII" if text.kind == "text" else "VALUE"
-    yield _record(text.name, f"{kind},{_format_unit(text.unit)},{_quote(text.text)}", *_coding(text))
-
-
 def _coding(item: Item) -> list[str]:
     """Return the lines with functions, variant and display name; INCA leaves an empty line before them."""
     lines = [f'FUNCTION,,{_quote(name)},""' for name in item.functions]
@@ -70,28 +65,26 @@ def _variant_lines(item: Item) -> list[str]:
     return [f"VARIANT,,{','.join(pairs)}"] if pairs else []
 
 
-def _member_records(member: Parameter) -> Iterator[str]:
-    names = ",".join(axis.name for axis in member.axes).rstrip(",")
-    if member.kind == "scalar":
-        lines = [f"VALUE,{_format_unit(member.unit)},{_format_numbers(member.values.reshape(1))}"]
-    elif member.kind == "block":
-        first, *others = np.atleast_2d(member.values.T)
-        lines = [
-            f"VAL_BLK,{_format_unit(member.unit)},{_format_numbers(first)}",
-            *(f",,{_format_numbers(row)}" for row in others),
-        ]
+def _item_records(item: Item) -> Iterator[str]:
+    unit = _format_unit(item.unit)
+    if isinstance(item, Text):
+        kind = "ASCII" if item.kind == "text" else "VALUE"
+        yield _record(item.name, f"{kind},{unit},{_quote(item.text)}", *_coding(item))
+        return
+    first, *others = map(_format_numbers, np.atleast_2d(item.values.T))
+    lines = [f"{unit},,{first}"]
+    if item.kind in ("scalar", "block"):
+        lines = [f"{'VALUE' if item.kind == 'scalar' else 'VAL_BLK'},{unit},{first}"]
+    elif item.kind == "curve":
+        lines.insert(0, f"CURVE,{item.axes[0].name}".rstrip(","))
     else:
-        first, *others = np.atleast_2d(member.values.T)
         # The line after MAP is that of embedded breakpoints, which INCA leaves empty and every reader skips.
-        lines = [f"MAP,{names}", ""] if member.kind == "map" else [f"CURVE,{names}".rstrip(",")]
-        lines += [
-            f"{_format_unit(member.unit)},,{_format_numbers(first)}",
-            *(f",,{_format_numbers(row)}" for row in others),
-        ]
-    yield _record(member.name, *lines, *_coding(member))
-    for letter, axis in zip("XY", member.axes, strict=False):
+        names = ",".join(axis.name for axis in item.axes).rstrip(",")
+        lines[:0] = [f"MAP,{names}", ""]
+    yield _record(item.name, *lines, *(f",,{row}" for row in others), *_coding(item))
+    for letter, axis in zip("XY", item.axes, strict=False):
         if not axis.name:
-            yield _axis_record(member.name, f"{letter}_AXIS_PTS", axis, *_variant_lines(member))
+            yield _axis_record(item.name, f"{letter}_AXIS_PTS", axis, *_variant_lines(item))
 
 
 def _axis_record(name: str, kind: str, axis: Axis, *coding: str) -> str:
@@ -115,32 +108,25 @@ def _quote(text: str) -> str:
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    findings, seen = Findings(file), set[str]()
-    for name in [*parameters, *(text.name for text in parameters.texts)]:
-        if name in seen:
-            findings.error(0, name, "is defined twice", "Rename one of the two.")
-        seen.add(name)
-    for name in [*parameters, *(text.name for text in parameters.texts), *(axis.name for axis in parameters.axes)]:
+    findings = FileFindings(file)
+    report_repeated((item.name for item in parameters.chosen), findings)
+    for name in [item.name for item in (*parameters.chosen, *parameters.axes)]:
         if not _NAME.fullmatch(name) or holds_control_characters(name) or name != name.strip():
             findings.error(0, name, f"{name!r} is not a valid CVX name: it must have no commas or quotes", "Rename it.")
-    groups = {axis.name: axis for axis in parameters.axes}
-    for item in (*parameters.parameters, *parameters.texts, *parameters.others):
-        for message in _text_faults(item) if isinstance(item, Text) else _faults(item, groups):
-            findings.error(0, item.name, message, "Write it as .json.")
+    for item in (*parameters.chosen, *parameters.others):
+        for message in _faults(item, parameters):
+            findings.error(0, item.name, message, USE_JSON)
     findings.finish()
 
 
-def _text_faults(text: Text) -> Iterator[str]:
-    if holds_control_characters(text.text):
-        yield "CVX cannot store a text with line breaks"
-
-
-def _faults(member: Parameter, groups: Mapping[str, Axis]) -> Iterator[str]:
-    for axis in member.axes:
-        known = groups.get(axis.name)
-        if axis.name and (known is None or not np.array_equal(known.breakpoints, axis.breakpoints)):
-            yield f"the variant {member.variant!r} has other breakpoints for the group axis {axis.name}"
-    if member.kind in ("cube", "rbf") or member.values.ndim > 2 or member.size == 0:
-        yield f"CVX cannot store {'an' if member.kind == 'rbf' else 'a'} {member.kind} of shape {member.values.shape}"
-    elif not np.isfinite(member.values).all():
-        yield "CVX cannot store non-finite values"
+def _faults(item: Item, parameters: ParameterSet) -> Iterator[str]:
+    if isinstance(item, Text):
+        if holds_control_characters(item.text):
+            yield "CVX cannot store a text with line breaks"
+        return
+    for name in differing_groups(item, parameters):
+        yield f"the variant {item.variant!r} has other breakpoints for the group axis {name}"
+    if item.kind in ("cube", "rbf") or item.values.ndim > 2 or item.size == 0:
+        yield f"CVX cannot store {'an' if item.kind == 'rbf' else 'a'} {item.kind} of shape {item.values.shape}"
+    else:
+        yield from value_faults(item, "CVX")

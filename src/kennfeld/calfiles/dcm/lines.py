@@ -7,22 +7,14 @@ can point at it and the writer can replace single numbers in place.
 import re
 from dataclasses import dataclass, field
 
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import nearest
 
 Statement = tuple[int, str, str]  # line number, keyword, the rest of the line
 
-_SIZE_COUNTS = {
-    "FESTWERT": 0,
-    "TEXTSTRING": 0,
-    "KENNLINIE": 1,
-    "FESTKENNLINIE": 1,
-    "GRUPPENKENNLINIE": 1,
-    "STUETZSTELLENVERTEILUNG": 1,
-    "KENNFELD": 2,
-    "FESTKENNFELD": 2,
-    "GRUPPENKENNFELD": 2,
-}  # keyword: how many sizes follow the name
+_SIZE_COUNTS = {"FESTWERT": 0, "TEXTSTRING": 0, "STUETZSTELLENVERTEILUNG": 1}  # keyword: how many sizes follow the name
+_SIZE_COUNTS |= {"KENNLINIE": 1, "FESTKENNLINIE": 1, "GRUPPENKENNLINIE": 1}
+_SIZE_COUNTS |= {"KENNFELD": 2, "FESTKENNFELD": 2, "GRUPPENKENNFELD": 2}
 _BLOCKS = frozenset({*_SIZE_COUNTS, "FESTWERTEBLOCK"})
 _LIST_KEYWORDS = frozenset({"FUNKTIONEN", "VARIANTENKODIERUNG"})
 _SINGLE_LINES = frozenset({"KONSERVIERUNG_FORMAT", "MODULKOPF"})
@@ -55,7 +47,7 @@ class DcmBlock:
 
     def text_of(self, keyword: str) -> str:
         """Return the quoted text of an attribute, or an empty text."""
-        return next((unquote(rest) for _, key, rest in self.statements if key == keyword), "")
+        return unquote(self.rest_of(keyword))
 
     def rest_of(self, keyword: str) -> str:
         """Return the rest of the line after a keyword, verbatim."""
@@ -64,20 +56,8 @@ class DcmBlock:
     @property
     def functions(self) -> tuple[str, ...]:
         """The functions that use it, quoted or not, each once."""
-        return tuple(
-            dict.fromkeys(
-                word for _, key, rest in self.statements if key == "FUNKTION" for word in split_words(rest) if word
-            )
-        )
-
-
-@dataclass
-class DcmLines:
-    """The blocks of a file, its version (1 if none is stated) and the criteria of its variant coding."""
-
-    version: str
-    blocks: list[DcmBlock]
-    criteria: frozenset[str] = frozenset()  # which distinguish variants
+        words = (word for _, key, rest in self.statements if key == "FUNKTION" for word in split_words(rest))
+        return tuple(dict.fromkeys(filter(None, words)))
 
 
 def split_words(rest: str) -> list[str]:
@@ -107,29 +87,16 @@ def recognises_dcm(text: str) -> bool:
     return _RECOGNISED.search(text) is not None
 
 
-def split_blocks(text: str, findings: Findings) -> DcmLines:
-    """Split DCM text into blocks; other content is reported with its line."""
-    splitter = _Splitter(findings)
-    for number, line in enumerate(text.split("\n"), 1):
-        parts = line.split(None, 1)
-        # nearly all lines of a file are these, so they take the short way
-        if len(parts) == 2 and parts[0] in _BLOCK_KEYWORDS and splitter.block is not None:
-            splitter.block.statements.append((number, parts[0], parts[1]))
-        elif parts:
-            splitter.feed(number, line, parts[0], parts[1] if len(parts) > 1 else "")
-    splitter.close_open_block()
-    splitter.note_unknown_keywords()
-    return DcmLines(splitter.version, splitter.blocks, frozenset(splitter.criteria))
+class DcmLines:
+    """The blocks of a file, its version (1 if none is stated) and the criteria that distinguish variants."""
 
-
-class _Splitter:
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         self.findings = findings
         self.version = "1"
         self.blocks: list[DcmBlock] = []
-        self.block: DcmBlock | None = None
+        self.block: DcmBlock | None = None  # the one that is open
         self.criteria: set[str] = set()
-        self.unknown: dict[str, Statement] = {}
+        self.unknown: dict[str, tuple[int, str]] = {}  # keyword: its first line and block
         self.guessed = 0
 
     def feed(self, number: int, line: str, keyword: str, rest: str) -> None:
@@ -137,23 +104,36 @@ class _Splitter:
         if self.block is not None and keyword in _BLOCK_KEYWORDS:
             self.block.statements.append((number, keyword, rest))
         elif keyword[0] in "*!.":
-            self._comment(number, line)
+            match = _GROUP_AXIS.match(line) if self.block is not None and "SST" in line else None
+            if match and self.block is not None:
+                self.block.statements.append((number, match[1], match[2] or ""))
         elif keyword == "END":
             self._end(number)
-        elif keyword in _BLOCKS or keyword in _LIST_KEYWORDS:
+        elif keyword in _LIST_KEYWORDS:
             self.close_open_block()
-            self.block = self._opened(number, keyword, rest)
+            self.block = DcmBlock(keyword, "", number)
+        elif keyword in _BLOCKS:
+            self.close_open_block()
+            self._open(number, keyword, rest)
         elif keyword in _SINGLE_LINES:
-            self._single(keyword, rest)
-        else:
-            self._stranger(number, keyword, rest)
+            self.close_open_block()
+            if keyword == "KONSERVIERUNG_FORMAT":
+                self.version = rest.strip() or "2.0"
+        elif self.block is None:
+            self._stranger_outside(number, keyword, rest)
+        elif keyword == "KRITERIUM" and self.block.keyword == "VARIANTENKODIERUNG":
+            self.criteria.update(split_words(rest)[:1])
+        elif self.block.keyword in _BLOCKS:
+            self.unknown.setdefault(keyword, (number, self.block.name))
 
-    def _comment(self, number: int, line: str) -> None:
-        if self.block is None or "SST" not in line:
-            return
-        match = _GROUP_AXIS.match(line)
-        if match:
-            self.block.statements.append((number, match[1], match[2] or ""))
+    def _open(self, number: int, keyword: str, rest: str) -> None:
+        name, sizes = _parse_header(keyword, rest)
+        self.block = DcmBlock(keyword, name, number, sizes)
+        if sizes is None:
+            header = "a name and its size, like 'Name 7' or 'Name 4 @ 2'"
+            if keyword in _SIZE_COUNTS:
+                header = ("only a name", "a name and one size", "a name and two sizes, x and y")[_SIZE_COUNTS[keyword]]
+            self.findings.error(number, name, f"{keyword} needs {header}", "", f"{keyword} {rest}")
 
     def _end(self, number: int) -> None:
         if self.block is None:
@@ -171,63 +151,46 @@ class _Splitter:
             self.findings.error(self.block.line, self.block.name, message, remedy)
         self.block = None
 
-    def _opened(self, number: int, keyword: str, rest: str) -> DcmBlock:
-        if keyword in _LIST_KEYWORDS:
-            return DcmBlock(keyword, "", number)
-        name, sizes = _parse_header(keyword, rest)
-        if sizes is None:
-            self.findings.error(number, name, f"{keyword} needs {_required_header(keyword)}", "", f"{keyword} {rest}")
-        return DcmBlock(keyword, name, number, sizes)
-
-    def _single(self, keyword: str, rest: str) -> None:
-        self.close_open_block()
-        if keyword == "KONSERVIERUNG_FORMAT":
-            self.version = rest.strip() or "2.0"
-
-    def _stranger(self, number: int, keyword: str, rest: str) -> None:
-        """Handle an unknown keyword; one similar to a known one is an error."""
-        if self.block is not None:
-            if keyword == "KRITERIUM" and self.block.keyword == "VARIANTENKODIERUNG":
-                self.criteria.update(split_words(rest)[:1])
-            if self.block.keyword not in ("", *_LIST_KEYWORDS):
-                self.unknown.setdefault(keyword, (number, self.block.name, rest))
-            return
+    def _stranger_outside(self, number: int, keyword: str, rest: str) -> None:
+        """Handle a keyword that opens no block; one similar to a known one is an error."""
         if keyword in _BLOCK_KEYWORDS:
             self.findings.error(number, "", f"{keyword} is outside any block", "", f"{keyword} {rest}")
             return
-        guess = self._guess(keyword)
+        self.guessed += 1
+        guess = nearest(keyword[:60], _KEYWORDS) if self.guessed <= _MAX_GUESSES else ""
         if guess:
             self.findings.error(number, rest.split(" ")[0], f"unknown keyword {keyword}", guess)
         else:
-            self.unknown.setdefault(keyword, (number, "", rest))
+            self.unknown.setdefault(keyword, (number, ""))
         self.block = DcmBlock("", "", number)
 
-    def _guess(self, keyword: str) -> str:
-        self.guessed += 1
-        return nearest(keyword[:60], _KEYWORDS) if self.guessed <= _MAX_GUESSES else ""
 
-    def note_unknown_keywords(self) -> None:
-        """Warn about each unknown keyword once, at its first line."""
-        for keyword, (number, item, _) in self.unknown.items():
-            self.findings.warning(number, item, f"unknown keyword {keyword[:60]}; skipped")
-
-
-def _required_header(keyword: str) -> str:
-    if keyword == "FESTWERTEBLOCK":
-        return "a name and its size, like 'Name 7' or 'Name 4 @ 2'"
-    return ("only a name", "a name and one size", "a name and two sizes, x and y")[_SIZE_COUNTS[keyword]]
+def split_blocks(text: str, findings: FileFindings) -> DcmLines:
+    """Split DCM text into blocks; other content is reported with its line."""
+    lines = DcmLines(findings)
+    for number, line in enumerate(text.split("\n"), 1):
+        parts = line.split(None, 1)
+        # nearly all lines of a file are these, so they take the short way
+        if len(parts) == 2 and parts[0] in _BLOCK_KEYWORDS and lines.block is not None:
+            lines.block.statements.append((number, parts[0], parts[1]))
+        elif parts:
+            lines.feed(number, line, parts[0], parts[1] if len(parts) > 1 else "")
+    lines.close_open_block()
+    for keyword, (number, item) in lines.unknown.items():
+        findings.warning(number, item, f"unknown keyword {keyword[:60]}; skipped")
+    return lines
 
 
 def _parse_header(keyword: str, rest: str) -> tuple[str, tuple[int, ...] | None]:
     if keyword == "FESTWERTEBLOCK":
         match = _BLOCK_HEADER.match(rest)
-        name, given = (match[1], [size for size in match.groups()[1:] if size]) if match else (rest.strip(), [])
+        name, sizes = (match[1], [size for size in match.groups()[1:] if size]) if match else (rest.strip(), [])
+        usable = bool(sizes)
     else:
         parts = rest.split()
         count = max(len(parts) - _SIZE_COUNTS[keyword], 1)
         # Only group axes are known to have names with blanks.
-        count = count if keyword == "STUETZSTELLENVERTEILUNG" else min(count, 1)
-        name, given = " ".join(parts[:count]), parts[count:]
-    wanted = (1, 2) if keyword == "FESTWERTEBLOCK" else (_SIZE_COUNTS[keyword],)
-    usable = name and len(given) in wanted and all(_SIZE.fullmatch(size) for size in given)
-    return name, tuple(int(size) for size in given) if usable else None
+        count = count if keyword == "STUETZSTELLENVERTEILUNG" else 1
+        name, sizes = " ".join(parts[:count]), parts[count:]
+        usable = bool(name) and len(sizes) == _SIZE_COUNTS[keyword]
+    return name, tuple(map(int, sizes)) if usable and all(map(_SIZE.fullmatch, sizes)) else None

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings, Item
+from kennfeld.calfiles.storable import USE_JSON, report_repeated, value_faults
 from kennfeld.formatting import holds_control_characters, one_line
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Text
@@ -29,9 +30,7 @@ def whole_text(parameters: ParameterSet) -> str:
     A table with a group axis becomes a GRUPPENKENNLINIE or GRUPPENKENNFELD, and each group axis is written once.
     Bounds, locks, axis inputs and extrapolation cannot be stored in DCM.
     """
-    further: dict[str, list[Parameter | Text]] = {}
-    for item in parameters.others:
-        further.setdefault(item.name, []).append(item)
+    further = parameters.others_by_name
     blocks = []
     for item in parameters.chosen:
         others = further.get(item.name, [])
@@ -42,7 +41,7 @@ def whole_text(parameters: ParameterSet) -> str:
     return "\n".join([_HEADER, *_lists(parameters), *blocks])
 
 
-def shares_block(item: Parameter | Text, other: Parameter | Text) -> bool:
+def shares_block(item: Item, other: Item) -> bool:
     """Check whether another variant is a line in the block of a single value, as `VAR VariantA=27.5`."""
     single = isinstance(item, Text) or item.kind == "scalar"
     return single and not item.variant and bool(other.variant) and "=" not in other.variant
@@ -59,7 +58,7 @@ def _lists(parameters: ParameterSet) -> Iterator[str]:
             if equals:
                 values.setdefault(criterion, {})[value] = None
     if values:
-        lines = [f"   KRITERIUM {name} {' '.join(found)}" for name, found in values.items()]
+        lines = [f"   KRITERIUM {name} {' '.join(words)}" for name, words in values.items()]
         yield "\n".join(["VARIANTENKODIERUNG", *lines, "END", ""])
 
 
@@ -69,38 +68,33 @@ def _quote_if_needed(name: str) -> str:
 
 def check_storable(parameters: ParameterSet, file: str) -> None:
     """Raise `InputError` naming every parameter that DCM cannot store, such as cubes and non-finite values."""
-    findings = Findings(file)
-    used = {axis.name for member in parameters.parameters for axis in member.axes}
-    for name in _repeated_names([*parameters, *(text.name for text in parameters.texts)]):
-        findings.error(0, name, "is defined twice", "Rename one of the two.")
+    findings = FileFindings(file)
+    report_repeated((item.name for item in parameters.chosen), findings)
     for item in (*parameters.chosen, *parameters.others):
         for message, remedy in _item_faults(item):
             findings.error(0, item.name, message, remedy)
+    used = {axis.name for member in parameters.parameters for axis in member.axes}
     for axis in parameters.axes:
-        for message, remedy in _axis_faults(axis, used):
-            findings.error(0, axis.name, message, remedy)
+        if axis.name not in used:
+            for message, remedy in _name_faults(axis.name):
+                findings.error(0, axis.name, message, remedy)
+        elif axis.name != axis.name.strip() or holds_control_characters(axis.name):
+            message = f"{axis.name!r} is not a valid name of a DCM group axis: surrounding blanks are lost"
+            findings.error(0, axis.name, message, "Rename it.")
     findings.finish()
 
 
-def _repeated_names(names: list[str]) -> list[str]:
-    return sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
-
-
-def _item_faults(item: Parameter | Text) -> Iterator[tuple[str, str]]:
+def _item_faults(item: Item) -> Iterator[tuple[str, str]]:
     yield from _name_faults(item.name)
     if any(map(holds_control_characters, (item.variant, *item.functions))) or '"' in "".join(item.functions):
         yield "DCM cannot store line breaks in a variant, or quotes in a function", "Rename it."
     if isinstance(item, Text):
         if holds_control_characters(item.text):
-            yield "DCM cannot store a text with line breaks or control characters", "Write it as .json."
-    elif item.kind == "rbf":
-        yield "DCM cannot store a radial basis function expansion", "Write it as .json."
-    elif item.kind not in _KEYWORDS or item.values.ndim > 2:
-        yield f"DCM cannot store a {item.kind} of {item.values.ndim} dimensions", "Write it as .json."
-    elif item.size == 0:
-        yield "DCM cannot store an empty block", "Write it as .json."
-    elif not np.isfinite(item.values).all():
-        yield "DCM cannot store non-finite values", "Set finite values, or write it as .json."
+            yield "DCM cannot store a text with line breaks or control characters", USE_JSON
+    elif item.kind != "rbf" and (item.kind not in _KEYWORDS or item.values.ndim > 2):
+        yield f"DCM cannot store a {item.kind} of {item.values.ndim} dimensions", USE_JSON
+    else:
+        yield from ((message, USE_JSON) for message in value_faults(item, "DCM"))
 
 
 def _name_faults(name: str) -> Iterator[tuple[str, str]]:
@@ -108,38 +102,35 @@ def _name_faults(name: str) -> Iterator[tuple[str, str]]:
         yield f"{name!r} is not a valid DCM name: it must be one word without quotes", "Rename it."
 
 
-def _axis_faults(axis: Axis, used: set[str]) -> Iterator[tuple[str, str]]:
-    if axis.name not in used:
-        yield from _name_faults(axis.name)
-    elif axis.name != axis.name.strip() or holds_control_characters(axis.name):
-        yield f"{axis.name!r} is not a valid name of a DCM group axis: surrounding blanks are lost", "Rename it."
-
-
-def item_block(item: Parameter | Text, variants: Iterable[Parameter | Text] = ()) -> str:
+def item_block(item: Item, variants: Iterable[Item] = ()) -> str:
     """Return the block of a parameter or text, ending in a line feed; `variants` are further values of a single one."""
     body = _text_body(item) if isinstance(item, Text) else _parameter_body(item)
-    values = [f"   {variant_line(other)}" for other in variants]
+    values = []
+    for other in variants:
+        value = quote(other.text) if isinstance(other, Text) else repr(float(other.values))
+        values.append(f"   VAR {other.variant}={value}")
     return "\n".join([*body, *values, "END", ""])
-
-
-def variant_line(other: Parameter | Text) -> str:
-    """Return the value of another variant: `VAR VariantA=27.5`."""
-    value = quote(other.text) if isinstance(other, Text) else repr(float(other.values))
-    return f"VAR {other.variant}={value}"
 
 
 def _parameter_body(member: Parameter) -> Iterator[str]:
     group = "GRUPPEN" if any(axis.name for axis in member.axes) else ""
-    sizes = " @ ".join(map(str, member.values.shape)) if isinstance(member, Block) else _sizes(member.axes)
+    sizes = (" @ " if isinstance(member, Block) else " ").join(map(str, member.values.shape))
+    axes = list(zip(_LETTERS, member.axes, strict=False))
     yield f"{group}{_KEYWORDS[member.kind]} {member.name} {sizes}".rstrip()
     yield from _labels(member)
-    yield from (f"   EINHEIT_{letter} {quote(axis.unit)}" for letter, axis in _lettered_axes(member))
+    yield from (f"   EINHEIT_{letter} {quote(axis.unit)}" for letter, axis in axes)
     yield f"   EINHEIT_W {quote(member.unit)}"
-    yield from (f"*SST{letter}\t{axis.name}" for letter, axis in _lettered_axes(member) if axis.name)
-    yield from _numbers_of(member)
+    yield from (f"*SST{letter}\t{axis.name}" for letter, axis in axes if axis.name)
+    if member.axes:
+        yield from _numbers("ST/X", member.axes[0].breakpoints)
+    # One row a line group for a two-dimensional block too, so that a reader sees its shape.
+    for at, row in enumerate(np.atleast_2d(member.values.T)):
+        if len(member.axes) > 1:
+            yield f"   ST/Y   {float(member.axes[1].breakpoints[at])!r}"
+        yield from _numbers("WERT", row)
 
 
-def _labels(item: Parameter | Text) -> Iterator[str]:
+def _labels(item: Item) -> Iterator[str]:
     yield f"   LANGNAME {quote(item.description)}"
     if item.functions:
         yield f"   FUNKTION {' '.join(map(_quote_if_needed, item.functions))}"
@@ -147,19 +138,6 @@ def _labels(item: Parameter | Text) -> Iterator[str]:
         yield f"   DISPLAYNAME {_quote_if_needed(item.display_name)}"
     if item.variant:
         yield f"   VAR {item.variant}"
-
-
-def _numbers_of(member: Parameter) -> Iterator[str]:
-    if member.axes:
-        yield from _numbers("ST/X", member.axes[0].breakpoints)
-    if len(member.axes) < 2:
-        # One row a line group for a two-dimensional block, so that a reader sees its shape.
-        for row in np.atleast_2d(member.values.T):
-            yield from _numbers("WERT", row)
-        return
-    for point, row in zip(member.axes[1].breakpoints, member.values.T, strict=True):
-        yield f"   ST/Y   {float(point)!r}"
-        yield from _numbers("WERT", row)
 
 
 def _numbers(keyword: str, values: Float) -> Iterator[str]:
@@ -181,14 +159,6 @@ def axis_block(axis: Axis) -> str:
     lines = [f"STUETZSTELLENVERTEILUNG {axis.name} {len(axis)}", "*SST", '   LANGNAME ""']
     lines += [f"   EINHEIT_X {quote(axis.unit)}", *_numbers("ST/X", axis.breakpoints)]
     return "\n".join([*lines, "END", ""])
-
-
-def _lettered_axes(member: Parameter) -> Iterable[tuple[str, Axis]]:
-    return zip(_LETTERS, member.axes, strict=False)
-
-
-def _sizes(axes: tuple[Axis, ...]) -> str:
-    return " ".join(str(len(axis)) for axis in axes)
 
 
 def quote(text: str) -> str:

@@ -17,10 +17,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date, time, timedelta
 from io import BytesIO
+from math import isfinite, nan
 
 from kennfeld import workbooks
-from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.errors import InputError
+from kennfeld.calfiles.content import parse_float
+from kennfeld.calfiles.format import CalibrationSource, FileFindings
+from kennfeld.errors import InputError, Location
 from kennfeld.parameters import TextKind
 from kennfeld.workbooks import Workbook, column_letters
 
@@ -34,7 +36,6 @@ AXIS_HEADING = ("axis", "input", "unit", "group axis")
 CORNERS = ("x right", "y down / x right")  # of one direction, of two and more
 TEXT_KINDS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 KINDS = ("scalar", "block", "curve", "map", "cube", *TEXT_KINDS)
-LETTERS = "xyzw"
 _MAX_NAME_LENGTH = 31  # characters, a limit of Excel
 _INVALID_IN_NAME = re.compile(r"[\[\]:*?/\\\x00-\x1f]")
 
@@ -50,17 +51,17 @@ def sheet_names(names: Iterable[str]) -> list[str]:
     ['MapX', 'mapx (2)', 'a(0)', 'Axes (2)']
     """
     taken = {name.casefold() for name in (INDEX, SCALARS, TEXTS, AXES, "History")}
-    found = []
+    sheets = []
     for name in names:
-        wanted = _INVALID_IN_NAME.sub("_", name.replace("[", "(").replace("]", ")")).strip("' ") or "_"
-        result, count = wanted[:_MAX_NAME_LENGTH].rstrip("' "), 1
-        while result.casefold() in taken or not result:
-            count += 1
-            ending = f" ({count})"
-            result = wanted[: _MAX_NAME_LENGTH - len(ending)] + ending
-        taken.add(result.casefold())
-        found.append(result)
-    return found
+        valid = _INVALID_IN_NAME.sub("_", name.replace("[", "(").replace("]", ")")).strip("' ") or "_"
+        sheet, number = valid[:_MAX_NAME_LENGTH].rstrip("' "), 1
+        while sheet.casefold() in taken or not sheet:
+            number += 1
+            ending = f" ({number})"
+            sheet = valid[: _MAX_NAME_LENGTH - len(ending)] + ending
+        taken.add(sheet.casefold())
+        sheets.append(sheet)
+    return sheets
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Sheet:
 
     name: str
     rows: list[list[object]]
+    findings: FileFindings
 
     def cell(self, row: int, column: int) -> object:
         """Return the value of a cell; None if it is empty or beyond the last one."""
@@ -82,17 +84,50 @@ class Sheet:
         value = self.cell(row, column)
         return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
 
-    def width(self, row: int) -> int:
-        """Return the number of columns of a row."""
-        return len(self.rows[row]) if row < len(self.rows) else 0
+    def words(self, row: int) -> list[str]:
+        """Return the texts of a row without regard to case."""
+        return [str(cell).strip().casefold() for cell in self.rows[row]]
 
     def place(self, row: int, column: int) -> str:
-        """Return the location of a cell for messages.
-
-        >>> Sheet("MapX", []).place(3, 2)
-        'Sheet MapX cell C4'
-        """
+        """Return the location of a cell for messages: `Sheet MapX cell C4`."""
         return f"Sheet {self.name} cell {column_letters(column)}{row + 1}"
+
+    def error(self, message: str, remedy: str = "") -> None:
+        """Add an error, whose message names the cell."""
+        self.findings.error(0, "", message, remedy)
+
+    def has_number(self, row: int, column: int) -> bool:
+        return not number_fault(self.cell(row, column))
+
+    def number(self, row: int, column: int) -> float | None:
+        """Return the number of a cell; None, with an error, if it contains none."""
+        value = self.cell(row, column)
+        fault = number_fault(value)
+        number = float(value) if isinstance(value, (int, float)) and not fault else nan
+        if fault:
+            is_text = isinstance(value, str) and isfinite(parse_float(value.replace(",", ".")))
+            remedy = "Write it as a number: the cell contains text." if is_text else "Write a number."
+            self.error(f"{self.place(row, column)} {fault}", remedy)
+        elif not isfinite(number):
+            self.error(f"{self.place(row, column)} must be finite, got {number}")
+        return number if isfinite(number) else None
+
+    def breakpoints(self, cells: list[tuple[int, int]]) -> "AxisCells | None":
+        """Return the breakpoints in some cells; None, with an error for each cell that contains no number."""
+        points = [self.number(*cell) for cell in cells]
+        numbers = [point for point in points if point is not None]
+        return AxisCells(numbers, cells) if len(numbers) == len(points) else None
+
+
+@dataclass
+class AxisCells:
+    """The breakpoints of one direction, the cell of each, and what the sheet says about the axis."""
+
+    points: list[float]
+    cells: list[tuple[int, int]]
+    input: str = ""
+    unit: str = ""
+    group: str = ""
 
 
 def number_fault(value: object) -> str:
@@ -106,7 +141,7 @@ def number_fault(value: object) -> str:
     return "" if isinstance(value, (int, float)) else f"must be a number, got {str(value)[:60]!r}"
 
 
-def looks_like_a_workbook(source: CalibrationSource) -> bool:
+def recognises_excel(source: CalibrationSource) -> bool:
     """Check whether a file, of which the beginning may suffice, is an .xlsx."""
     if not source.raw.startswith(_ZIP):
         return False
@@ -126,7 +161,7 @@ def is_calibration_workbook(source: CalibrationSource) -> bool:
             names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))
         if INDEX.encode() not in names:
             return False
-        return index_heading(sheet_of(open_source(source), INDEX)) is not None
+        return index_heading(sheet_of(open_source(source), INDEX, FileFindings(source.name))) is not None
     except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
         return False
 
@@ -134,19 +169,18 @@ def is_calibration_workbook(source: CalibrationSource) -> bool:
 def index_heading(sheet: Sheet) -> int | None:
     """Return the row with the headings of the index."""
     for row in range(min(len(sheet.rows), 50)):
-        words = {str(cell).strip().casefold() for cell in sheet.rows[row]}
-        if {INDEX_HEADING[0], INDEX_HEADING[1], INDEX_HEADING[-1]} <= words:
+        if {INDEX_HEADING[0], INDEX_HEADING[1], INDEX_HEADING[-1]} <= set(sheet.words(row)):
             return row
     return None
 
 
 def open_source(source: CalibrationSource) -> Workbook:
     """Open a workbook; raises `InputError` if it is damaged, encrypted or too large."""
-    return workbooks.opened(source.name, source.raw)
+    return workbooks.open_workbook(source.name, source.raw)
 
 
-def sheet_of(book: Workbook, name: str) -> Sheet:
+def sheet_of(book: Workbook, name: str, findings: FileFindings) -> Sheet:
     """Return the cells of a sheet; raises `InputError` if it is damaged, or formulas in it have no saved values."""
-    if (unsaved := book.unsaved(name)) is not None:
-        raise InputError.of(book.name, str(unsaved), unsaved.remedy)
-    return Sheet(name, book.cells(name))
+    if (unsaved := book.unsaved_formulas(name)) is not None:
+        raise InputError.of(Location(book.name), str(unsaved), unsaved.remedy)
+    return Sheet(name, book.cells(name), findings)

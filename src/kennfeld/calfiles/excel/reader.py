@@ -5,33 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.calfiles.excel.layout import (
-    AXES,
-    AXES_HEADING,
-    INDEX,
-    INDEX_HEADING,
-    KINDS,
-    SCALARS,
-    SCALARS_HEADING,
-    TEXT_KINDS,
-    TEXTS,
-    TEXTS_HEADING,
-    Sheet,
-    index_heading,
-    number_fault,
-    open_source,
-    sheet_of,
-)
-from kennfeld.calfiles.excel.tables import AxisCells, Grid, read_grid, read_number
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult, build_set
-from kennfeld.errors import ArgumentError
+from kennfeld.calfiles.excel import layout
+from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, open_source, sheet_of
+from kennfeld.calfiles.excel.tables import read_grid
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
+from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import nearest
-from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook
 
-Item = Parameter | Text
-Key = tuple[str, str]  # name and variant
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 
 
@@ -40,19 +22,20 @@ def read_excel(source: CalibrationSource) -> ReadResult:
 
     Of a label with several variants the first one counts. Raises `InputError` with all findings and its cell.
     """
-    findings = Findings(source.name)
+    findings = FileFindings(source.name)
     book = open_source(source)
-    index = sheet_of(book, INDEX) if INDEX in book.names else Sheet(INDEX, [])
+    index = sheet_of(book, layout.INDEX, findings) if layout.INDEX in book.names else Sheet(layout.INDEX, [], findings)
     heading = index_heading(index)
     if heading is None:
-        message = f"is an Excel workbook without a sheet {INDEX} that lists name, kind and sheet of each parameter"
-        findings.error(0, "", message, "Use a workbook of measured data as a dataset.")
-        findings.finish()
-    assert heading is not None
+        message = (
+            f"is an Excel workbook without a sheet {layout.INDEX} that lists name, kind and sheet of each parameter"
+        )
+        raise InputError.of(Location(source.name), message, "Use a workbook of measured data as a dataset.")
     reader = _SheetReader(book, findings)
-    reader.read(_rows(index, heading, INDEX_HEADING, findings))
-    remarks = findings.finish()
-    return ReadResult("Excel", reader.parameters(), remarks)
+    reader.read(_rows(index, heading, layout.INDEX_HEADING))
+    warnings = findings.finish()
+    axes = [_axis(cells, name) for name, (_, cells) in reader.groups.items()]
+    return ReadResult("Excel", build_set(reader.items, axes), warnings)
 
 
 @dataclass(frozen=True)
@@ -83,28 +66,24 @@ class _SheetRow:
         return {"description": self.text("description"), "functions": functions, **named}
 
 
-def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...], findings: Findings) -> list[_SheetRow]:
+def _rows(sheet: Sheet, heading: int | None, words: tuple[str, ...]) -> list[_SheetRow]:
     """Return the rows of a list below its headings, whose columns may have moved."""
     if heading is None:
-        heading = next((row for row in range(min(len(sheet.rows), 50)) if words[0] in _words(sheet, row)), None)
+        heading = next((row for row in range(min(len(sheet.rows), 50)) if words[0] in sheet.words(row)), None)
     if heading is None:
-        findings.error(0, "", f"Sheet {sheet.name} has no header row", f"Its first row must be: {', '.join(words)}.")
+        sheet.error(f"Sheet {sheet.name} has no header row", f"Its first row must be: {', '.join(words)}.")
         return []
-    found = _words(sheet, heading)
-    columns = {word: found.index(word) for word in words if word in found}
-    rows = [_SheetRow(sheet, row, columns) for row in range(heading + 1, len(sheet.rows))]
+    headings = sheet.words(heading)
+    columns = {word: headings.index(word) for word in words if word in headings}
     first = columns.get(words[0], 0)
-    return [row for row in rows if sheet.text(row.row, first).strip()]
-
-
-def _words(sheet: Sheet, row: int) -> list[str]:
-    return [str(cell).strip().casefold() for cell in sheet.rows[row]]
+    rows = range(heading + 1, len(sheet.rows))
+    return [_SheetRow(sheet, row, columns) for row in rows if sheet.text(row, first).strip()]
 
 
 @dataclass
 class _SheetReader:
     book: Workbook
-    findings: Findings
+    findings: FileFindings
     items: dict[Key, Item] = field(default_factory=dict)
     groups: dict[str, tuple[Sheet, AxisCells]] = field(default_factory=dict)
     broken: set[str] = field(default_factory=set)  # group axes with a finding of their own
@@ -112,22 +91,19 @@ class _SheetReader:
 
     def read(self, index: list[_SheetRow]) -> None:
         """Read all items of the index in order, then single values that were added elsewhere."""
-        self._read_groups()
-        singles = self._listed(SCALARS, SCALARS_HEADING)
-        texts = self._listed(TEXTS, TEXTS_HEADING)
+        if layout.AXES in self.book.names:
+            self._read_groups(sheet_of(self.book, layout.AXES, self.findings))
+        singles = self._listed(layout.SCALARS, layout.SCALARS_HEADING)
+        texts = self._listed(layout.TEXTS, layout.TEXTS_HEADING)
         seen: dict[Key, _SheetRow] = {}
         for row in index:
-            first = seen.setdefault(row.key, row)
-            if first is not row:
-                self._wrong(f"{row.place('name')} repeats the name {row.name}", "Delete one of the two rows.")
-            else:
+            if seen.setdefault(row.key, row) is row:
                 self._take(row, singles, texts)
+            else:
+                self._wrong(f"{row.place('name')} repeats the name {row.name}", "Delete one of the two rows.")
         for key, row in {**singles, **texts}.items():
             if key not in seen:
                 self._hold(key, self._single(row) if key in singles else _text(row))
-
-    def parameters(self) -> ParameterSet:
-        return build_set(self.items, [_axis(cells, name) for name, (_, cells) in self.groups.items()])
 
     def _wrong(self, message: str, remedy: str = "") -> None:
         self.findings.error(0, "", message, remedy)
@@ -143,28 +119,25 @@ class _SheetReader:
     def _listed(self, name: str, heading: tuple[str, ...]) -> dict[Key, _SheetRow]:
         """Return the rows of the sheet of single values or texts."""
         results: dict[Key, _SheetRow] = {}
-        if name not in self.book.names:
-            return results
-        for row in _rows(sheet_of(self.book, name), None, heading, self.findings):
-            if row.key in results:
+        for row in _rows(sheet_of(self.book, name, self.findings), None, heading) if name in self.book.names else ():
+            if results.setdefault(row.key, row) is not row:
                 self._wrong(f"{row.place('name')} repeats the name {row.name}", "Delete one of the two rows.")
-            results.setdefault(row.key, row)
         return results
 
     def _take(self, row: _SheetRow, singles: dict[Key, _SheetRow], texts: dict[Key, _SheetRow]) -> None:
         kind, sheet = row.text("kind").strip().casefold(), row.text("sheet").strip()
-        if kind not in KINDS:
-            remedy = nearest(kind, KINDS) or f"Must be one of: {', '.join(KINDS)}."
+        if kind not in layout.KINDS:
+            remedy = nearest(kind, layout.KINDS) or f"Must be one of: {', '.join(layout.KINDS)}."
             self._wrong(f"{row.place('kind')} must be a kind of parameter, got {row.text('kind')[:60]!r}", remedy)
             return
-        text_kind = next((one for one in TEXT_KINDS if one == kind), None)
-        if text_kind or sheet.casefold() == SCALARS.casefold() or kind == "scalar":
-            listed, name = (texts, TEXTS) if text_kind else (singles, SCALARS)
+        text_kind = next((known for known in layout.TEXT_KINDS if known == kind), None)
+        if text_kind or sheet.casefold() == layout.SCALARS.casefold() or kind == "scalar":
+            listed, name = (texts, layout.TEXTS) if text_kind else (singles, layout.SCALARS)
             if row.key not in listed:
                 self._wrong(f"{row.place('name')} names {row.name}, which is not on the sheet {name}", "Add it there.")
                 return
-            found = listed[row.key]
-            self._hold(row.key, _text(found, text_kind, row.text("unit")) if text_kind else self._single(found))
+            entry = listed[row.key]
+            self._hold(row.key, _text(entry, text_kind, row.text("unit")) if text_kind else self._single(entry))
         elif sheet not in self.book.names:
             message = f"{row.place('sheet')} refers to the unknown sheet {sheet!r}"
             self._wrong(message, nearest(sheet, self.book.names) or "Write the name of the sheet with its numbers.")
@@ -172,13 +145,13 @@ class _SheetReader:
             message = f"{row.place('sheet')} refers to the sheet {sheet!r}, which {self.users[sheet]} already uses"
             self._wrong(message, "Each table needs its own sheet.")
         else:
-            self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet)))
+            self._hold(row.key, self._table(row, kind, sheet_of(self.book, sheet, self.findings)))
 
     def _single(self, row: _SheetRow) -> Parameter | None:
         if "value" not in row.columns:
             self._wrong(f"Sheet {row.sheet.name} has no column 'value'")
             return None
-        number = read_number(row.sheet, row.row, row.columns["value"], self.findings)
+        number = row.sheet.number(row.row, row.columns["value"])
         if number is None:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
@@ -191,7 +164,7 @@ class _SheetReader:
         return Block(row.name, np.full([1] * len(size), number), **attributes)
 
     def _table(self, row: _SheetRow, kind: str, sheet: Sheet) -> Parameter | None:
-        grid = read_grid(sheet, self.findings)
+        grid = read_grid(sheet)
         if grid is None:
             return None
         attributes = row.labels() | {"unit": row.text("unit")}
@@ -201,12 +174,10 @@ class _SheetReader:
         if not least <= len(grid.axes) <= most:
             self._wrong(f"Sheet {sheet.name} has a table of {len(grid.axes)} dimensions, which does not fit a {kind}")
             return None
-        axes = [self._table_axis(sheet, cells) for cells in grid.axes]
-        if None in axes:
+        candidates = [self._table_axis(sheet, cells) for cells in grid.axes]
+        axes = [axis for axis in candidates if axis is not None]
+        if len(axes) < len(candidates):
             return None
-        return self._made(row, grid, [axis for axis in axes if axis is not None], attributes)
-
-    def _made(self, row: _SheetRow, grid: Grid, axes: list[Axis], attributes: dict[str, Any]) -> Parameter | None:
         try:
             return parameter(row.name, grid.values, axes, **attributes)
         except ArgumentError as error:
@@ -217,21 +188,21 @@ class _SheetReader:
         if cells.group:
             if cells.group in self.broken:
                 return None
-            where, known = self.groups.setdefault(cells.group, (sheet, cells))
-            if not self._agrees(sheet, cells, where, known):
+            home, known = self.groups.setdefault(cells.group, (sheet, cells))
+            if not self._agrees(sheet, cells, home, known):
                 return None
         return _axis(cells, cells.group) if self._increases(sheet, cells) else None
 
-    def _agrees(self, sheet: Sheet, cells: AxisCells, where: Sheet, known: AxisCells) -> bool:
+    def _agrees(self, sheet: Sheet, cells: AxisCells, home: Sheet, known: AxisCells) -> bool:
         """Check whether the copy of a group axis equals its definition."""
-        remedy = f"Edit group axes only on the sheet {AXES}, and let Excel recalculate."
+        remedy = f"Edit group axes only on the sheet {layout.AXES}, and let Excel recalculate."
         if len(cells.points) != len(known.points):
-            found = f"{sheet.place(*cells.cells[0])} starts {len(cells.points)} breakpoints"
-            self._wrong(f"{found}, but the group axis {cells.group} has {len(known.points)}", remedy)
+            start = f"{sheet.place(*cells.cells[0])} starts {len(cells.points)} breakpoints"
+            self._wrong(f"{start}, but the group axis {cells.group} has {len(known.points)}", remedy)
             return False
         for point, cell, other, place in zip(cells.points, cells.cells, known.points, known.cells, strict=True):
             if point != other:
-                origin = f"{other:.15g} of the group axis {cells.group} in {where.place(*place)}"
+                origin = f"{other:.15g} of the group axis {cells.group} in {home.place(*place)}"
                 self._wrong(f"{sheet.place(*cell)} contains {point:.15g} instead of {origin}", remedy)
                 return False
         return True
@@ -245,16 +216,14 @@ class _SheetReader:
                 return False
         return True
 
-    def _read_groups(self) -> None:
-        if AXES not in self.book.names:
-            return
-        sheet = sheet_of(self.book, AXES)
-        for row in _rows(sheet, None, AXES_HEADING, self.findings):
-            name = row.text(AXES_HEADING[0]).strip()
-            start = row.columns.get("breakpoints", len(AXES_HEADING) - 1)
-            cells = _breakpoints(sheet, row.row, start, self.findings)
+    def _read_groups(self, sheet: Sheet) -> None:
+        for row in _rows(sheet, None, layout.AXES_HEADING):
+            name = row.text(layout.AXES_HEADING[0]).strip()
+            cells = _breakpoints(sheet, row.row, row.columns.get("breakpoints", len(layout.AXES_HEADING) - 1))
             if name in self.groups:
-                self._wrong(f"{row.place(AXES_HEADING[0])} repeats the name {name}", "Delete one of the two rows.")
+                self._wrong(
+                    f"{row.place(layout.AXES_HEADING[0])} repeats the name {name}", "Delete one of the two rows."
+                )
             elif cells is None or not self._increases(sheet, cells):
                 self.broken.add(name)
             else:
@@ -266,16 +235,14 @@ def _text(row: _SheetRow, kind: TextKind = "text", unit: str = "") -> Text:
     return Text(row.name, row.text("text"), kind=kind, unit=unit, **row.labels())
 
 
-def _breakpoints(sheet: Sheet, row: int, start: int, findings: Findings) -> AxisCells | None:
+def _breakpoints(sheet: Sheet, row: int, start: int) -> AxisCells | None:
     end = start
     while sheet.cell(row, end) is not None:
         end += 1
-    if not number_fault(sheet.cell(row, end + 1)) or end == start:
-        findings.error(0, "", f"{sheet.place(row, end)} is empty; a breakpoint is missing")
-        return None
-    points = [read_number(sheet, row, column, findings) for column in range(start, end)]
-    known = [point for point in points if point is not None]
-    return AxisCells(known, [(row, c) for c in range(start, end)]) if len(known) == len(points) else None
+    if end > start and not sheet.has_number(row, end + 1):
+        return sheet.breakpoints([(row, column) for column in range(start, end)])
+    sheet.error(f"{sheet.place(row, end)} is empty; a breakpoint is missing")
+    return None
 
 
 def _axis(cells: AxisCells, name: str) -> Axis:

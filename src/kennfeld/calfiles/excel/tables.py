@@ -6,20 +6,9 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, LETTERS, Sheet, number_fault
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, AxisCells, Sheet
 from kennfeld.formatting import count_noun
-
-
-@dataclass
-class AxisCells:
-    """The breakpoints of one direction, the cell of each, and what the sheet says about the axis."""
-
-    points: list[float]
-    cells: list[tuple[int, int]]
-    input: str = ""
-    unit: str = ""
-    group: str = ""
+from kennfeld.parameters import AXIS_LETTERS
 
 
 @dataclass
@@ -35,59 +24,26 @@ class _Page:
     """One rectangle of numbers, with the breakpoints beyond x and y in the row above it."""
 
     row: int
-    further: list[float]
-    further_cells: list[tuple[int, int]]
+    further: AxisCells
     x: AxisCells
     y: AxisCells | None
     values: Float
 
 
-def read_number(sheet: Sheet, row: int, column: int, findings: Findings) -> float | None:
-    """Return the number of a cell; None with a finding where it holds none."""
-    value = sheet.cell(row, column)
-    fault = number_fault(value)
-    if fault:
-        remedy = "Write a number." if not _has_comma(value) else "Write it as a number: the cell contains text."
-        findings.error(0, "", f"{sheet.place(row, column)} {fault}", remedy)
-        return None
-    assert isinstance(value, (int, float))
-    number = float(value)
-    if not np.isfinite(number):
-        findings.error(0, "", f"{sheet.place(row, column)} must be finite, got {number}")
-        return None
-    return number
-
-
-def _has_comma(value: object) -> bool:
-    if not isinstance(value, str):
-        return False
-    try:
-        float(value.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def read_grid(sheet: Sheet, findings: Findings) -> Grid | None:
+def read_grid(sheet: Sheet) -> Grid | None:
     """Return the table of a sheet; None, with findings, if it is broken.
 
     A table ends where its breakpoints end, so that notes and sums may stand next to it or below it, apart from it.
     """
     corners = [row for row in range(len(sheet.rows)) if _is_corner(sheet, row)]
     if not corners:
-        message = f"Sheet {sheet.name} contains no table"
-        findings.error(
-            0,
-            "",
-            message,
-            f"Write {CORNERS[1]!r} into the cell above and left of the numbers, {CORNERS[0]!r} for a single row.",
-        )
+        single_row, table = CORNERS
+        remedy = f"Write {table!r} into the cell above and left of the numbers, {single_row!r} for a single row."
+        sheet.error(f"Sheet {sheet.name} contains no table", remedy)
         return None
-    pages = [_page(sheet, row, findings) for row in corners]
-    whole = [page for page in pages if page is not None]
-    if len(whole) < len(pages):
-        return None
-    grid = _stack_pages(sheet, whole, findings)
+    pages = [_page(sheet, row) for row in corners]
+    complete = [page for page in pages if page is not None]
+    grid = _stack_pages(sheet, complete) if len(complete) == len(pages) else None
     if grid is not None:
         _describe(sheet, corners[0], grid)
     return grid
@@ -98,146 +54,123 @@ def _is_corner(sheet: Sheet, row: int) -> bool:
     return isinstance(cell, str) and " ".join(cell.split()).casefold().startswith(CORNERS)
 
 
-def _page(sheet: Sheet, row: int, findings: Findings) -> _Page | None:
+def _page(sheet: Sheet, row: int) -> _Page | None:
     """Read the page whose corner is in a row."""
-    x = _read_x_axis(sheet, row, findings)
+    right, below = 1, row + 1
+    while sheet.cell(row, right) is not None:
+        right += 1
+    x = _read_axis(sheet, [(row, column) for column in range(1, right)], (row, 1), "x")
     downwards = sheet.text(row, 0).strip().casefold().startswith("y")
-    y = _read_y_axis(sheet, row, findings) if downwards else None
-    further = _read_higher_axes(sheet, row, findings)
+    while sheet.cell(below, 0) is not None and not _is_end_of_table(sheet, below):
+        below += 1
+    y = _read_axis(sheet, [(at, 0) for at in range(row + 1, below)], (row + 1, 0), "y") if downwards else None
+    further = _read_higher_axes(sheet, row)
     if x is None or further is None or (downwards and y is None):
         return None
     rows = [cell[0] for cell in y.cells] if y else [row + 1]
     columns = [cell[1] for cell in x.cells]
-    numbers = [[read_number(sheet, r, c, findings) for c in columns] for r in rows]
-    _report_stray_numbers(sheet, row, rows, columns, downwards, findings)
+    numbers = [[sheet.number(r, c) for c in columns] for r in rows]
+    _report_stray_numbers(sheet, row, rows, columns, downwards)
     if any(number is None for line in numbers for number in line):
         return None
     values = np.array(numbers, dtype=np.float64).reshape(len(rows), len(columns)).T
-    return _Page(row, further[0], further[1], x, y, values)
+    return _Page(row, further, x, y, values)
 
 
-def _read_x_axis(sheet: Sheet, row: int, findings: Findings) -> AxisCells | None:
-    end = 1
-    while sheet.cell(row, end) is not None:
-        end += 1
-    return _axis(sheet, [(row, column) for column in range(1, end)], (row, 1), "x", findings)
-
-
-def _read_y_axis(sheet: Sheet, row: int, findings: Findings) -> AxisCells | None:
-    end = row + 1
-    while sheet.cell(end, 0) is not None and not _is_end_of_table(sheet, end):
-        end += 1
-    return _axis(sheet, [(at, 0) for at in range(row + 1, end)], (row + 1, 0), "y", findings)
+def _read_axis(sheet: Sheet, cells: list[tuple[int, int]], first: tuple[int, int], letter: str) -> AxisCells | None:
+    if cells:
+        return sheet.breakpoints(cells)
+    sheet.error(f"{sheet.place(*first)} is empty; the {letter} breakpoints begin here")
+    return None
 
 
 def _is_end_of_table(sheet: Sheet, row: int) -> bool:
     """Check whether a row below a table is not part of it, but a note or the next page."""
-    return _is_corner(sheet, row) or (
-        number_fault(sheet.cell(row, 0)) != ""
-        and (number_fault(sheet.cell(row, 1)) != "" or sheet.text(row, 0).strip().casefold() == LETTERS[2])
-    )
+    if _is_corner(sheet, row):
+        return True
+    return not sheet.has_number(row, 0) and (not sheet.has_number(row, 1) or _starts_page(sheet, row))
 
 
-def _axis(
-    sheet: Sheet, cells: list[tuple[int, int]], first: tuple[int, int], letter: str, findings: Findings
-) -> AxisCells | None:
-    if not cells:
-        findings.error(0, "", f"{sheet.place(*first)} is empty; the {letter} breakpoints begin here")
-        return None
-    points = [read_number(sheet, *cell, findings) for cell in cells]
-    known = [point for point in points if point is not None]
-    return AxisCells(known, cells) if len(known) == len(points) else None
+def _starts_page(sheet: Sheet, row: int) -> bool:
+    return sheet.text(row, 0).strip().casefold() == AXIS_LETTERS[2]
 
 
-def _report_stray_numbers(
-    sheet: Sheet, corner: int, rows: list[int], columns: list[int], downwards: bool, findings: Findings
-) -> None:
+def _report_stray_numbers(sheet: Sheet, corner: int, rows: list[int], columns: list[int], downwards: bool) -> None:
     """Report numbers next to a table without a breakpoint."""
     right, below = columns[-1] + 1, rows[-1] + 1
-    if any(not number_fault(sheet.cell(row, right)) for row in rows):
+    if any(sheet.has_number(row, right) for row in rows):
         message = f"{sheet.place(corner, right)} is empty; the numbers below it have no x breakpoint"
-        findings.error(0, "", message, "Write the breakpoint, or leave an empty column next to the table.")
-    is_page = sheet.text(below, 0).strip().casefold() == LETTERS[2]
-    if downwards and not is_page and any(not number_fault(sheet.cell(below, column)) for column in columns):
+        sheet.error(message, "Write the breakpoint, or leave an empty column next to the table.")
+    if downwards and not _starts_page(sheet, below) and any(sheet.has_number(below, column) for column in columns):
         message = f"{sheet.place(below, 0)} is empty; the numbers next to it have no y breakpoint"
-        findings.error(0, "", message, "Write the breakpoint, or leave an empty row below the table.")
+        sheet.error(message, "Write the breakpoint, or leave an empty row below the table.")
 
 
-def _read_higher_axes(sheet: Sheet, row: int, findings: Findings) -> tuple[list[float], list[tuple[int, int]]] | None:
+def _read_higher_axes(sheet: Sheet, row: int) -> AxisCells | None:
     """Return the breakpoints in the row `z | 0.5 | w | 7` above a page; empty if there is none."""
     cells = []
-    for column, letter in enumerate(LETTERS[2:]):
+    for column, letter in enumerate(AXIS_LETTERS[2:]):
         if row == 0 or sheet.text(row - 1, 2 * column).strip().casefold() != letter:
             break
-        if letter == LETTERS[2] and not number_fault(sheet.cell(row - 1, 0)):
+        if letter == AXIS_LETTERS[2] and sheet.has_number(row - 1, 0):
             break
         cells.append((row - 1, 2 * column + 1))
-    points = [read_number(sheet, *cell, findings) for cell in cells]
-    known = [point for point in points if point is not None]
-    return (known, cells) if len(known) == len(points) else None
+    return sheet.breakpoints(cells)
 
 
-def _stack_pages(sheet: Sheet, pages: list[_Page], findings: Findings) -> Grid | None:
+def _stack_pages(sheet: Sheet, pages: list[_Page]) -> Grid | None:
     """Stack the pages into one table; they must have the same breakpoints and be complete."""
     first = pages[0]
-    wrong = False
+    agree = True
     for page in pages[1:]:
-        pairs = [(page.x, first.x), (page.y, first.y)]
-        differing = [
-            pair for pair in pairs if pair[0] and pair[1] and _report_difference(sheet, pair[0], pair[1], findings)
-        ]
-        wrong |= bool(differing)
-        if (page.y is None) != (first.y is None) or len(page.further) != len(first.further):
-            findings.error(0, "", f"{sheet.place(page.row, 0)} starts a page with another layout than the first one")
-            wrong = True
-    if wrong:
-        return None
-    if len(pages) > 1 and not first.further:
+        for axis, known in ((page.x, first.x), (page.y, first.y)):
+            agree &= not (axis and known and _report_difference(sheet, axis, known))
+        if (page.y is None) != (first.y is None) or len(page.further.points) != len(first.further.points):
+            sheet.error(f"{sheet.place(page.row, 0)} starts a page with another layout than the first one")
+            agree = False
+    if agree and len(pages) > 1 and not first.further.points:
         message = f"{sheet.place(pages[1].row, 0)} starts a second table"
-        findings.error(0, "", message, "Keep one of the two, or write 'z' and a breakpoint above each page.")
+        sheet.error(message, "Keep one of the two, or write 'z' and a breakpoint above each page.")
         return None
-    return _cube(sheet, pages, findings)
+    return _cube(sheet, pages) if agree else None
 
 
-def _report_difference(sheet: Sheet, axis: AxisCells, first: AxisCells, findings: Findings) -> bool:
+def _report_difference(sheet: Sheet, axis: AxisCells, first: AxisCells) -> bool:
     if len(axis.points) != len(first.points):
-        found, wanted = count_noun(len(axis.points), "breakpoint"), len(first.points)
-        findings.error(
-            0, "", f"{sheet.place(*axis.cells[0])} starts an axis of {found}, but the first page has {wanted}"
-        )
+        size, expected = count_noun(len(axis.points), "breakpoint"), len(first.points)
+        message = f"{sheet.place(*axis.cells[0])} starts an axis of {size}, but the first page has {expected}"
+        sheet.error(message)
         return True
-    for point, cell, known, where in zip(axis.points, axis.cells, first.points, first.cells, strict=True):
+    for point, cell, known, place in zip(axis.points, axis.cells, first.points, first.cells, strict=True):
         if point != known:
-            message = f"{sheet.place(*cell)} contains {point:.15g}, but {sheet.place(*where)} contains {known:.15g}"
-            findings.error(
-                0, "", message, "All pages of a table have the same breakpoints: change those of the first page."
-            )
+            message = f"{sheet.place(*cell)} contains {point:.15g}, but {sheet.place(*place)} contains {known:.15g}"
+            sheet.error(message, "All pages of a table have the same breakpoints: change those of the first page.")
             return True
     return False
 
 
-def _cube(sheet: Sheet, pages: list[_Page], findings: Findings) -> Grid | None:
+def _cube(sheet: Sheet, pages: list[_Page]) -> Grid | None:
     first = pages[0]
-    axes = [first.x, *([first.y] if first.y else [])]
     known: dict[tuple[float, ...], _Page] = {}
     for page in pages:
-        if tuple(page.further) in known:
-            findings.error(0, "", f"{sheet.place(page.row - 1, 1)} repeats an earlier page", "Keep one of the two.")
+        if known.setdefault(tuple(page.further.points), page) is not page:
+            sheet.error(f"{sheet.place(page.row - 1, 1)} repeats an earlier page", "Keep one of the two.")
             return None
-        known[tuple(page.further)] = page
-    for direction in range(len(first.further)):
-        results: dict[float, tuple[int, int]] = {}
+    higher = []
+    for direction in range(len(first.further.points)):
+        cells: dict[float, tuple[int, int]] = {}
         for page in pages:
-            results.setdefault(page.further[direction], page.further_cells[direction])
-        axes.append(AxisCells(list(results), list(results.values())))
-    beyond = [axis.points for axis in axes[len(axes) - len(first.further) :]]
-    missing = next((place for place in product(*beyond) if place not in known), None)
+            cells.setdefault(page.further.points[direction], page.further.cells[direction])
+        higher.append(AxisCells(list(cells), list(cells.values())))
+    places = list(product(*(axis.points for axis in higher)))
+    missing = next((place for place in places if place not in known), None)
     if missing is not None:
-        said = ", ".join(f"{letter} = {point:.15g}" for letter, point in zip(LETTERS[2:], missing, strict=False))
-        findings.error(0, "", f"Sheet {sheet.name} has no page for {said}", "Add it.")
+        place = ", ".join(f"{letter} = {point:.15g}" for letter, point in zip(AXIS_LETTERS[2:], missing, strict=False))
+        sheet.error(f"Sheet {sheet.name} has no page for {place}", "Add it.")
         return None
-    pages_in_order = [known[place].values for place in product(*beyond)]
-    values = np.stack(pages_in_order, axis=-1).reshape(*first.values.shape, *map(len, beyond))
+    values = np.stack([known[place].values for place in places], axis=-1)
+    values = values.reshape(*first.values.shape, *(len(axis.points) for axis in higher))
+    axes = [first.x, *([first.y] if first.y else []), *higher]
     return Grid(values if first.y else values[:, 0], axes)
 
 
@@ -247,12 +180,12 @@ def _describe(sheet: Sheet, corner: int, grid: Grid) -> None:
     start = next((row for row in range(corner) if sheet.text(row, 0).strip().casefold() == head[0]), None)
     if start is None:
         return
-    columns = {sheet.text(start, column).strip().casefold(): column for column in range(sheet.width(start))}
+    columns = {word: column for column, word in enumerate(sheet.words(start))}
     for row in range(start + 1, corner):
         letter = sheet.text(row, 0).strip().casefold()
         if not letter:
             return
-        if letter in LETTERS[: len(grid.axes)]:
-            axis = grid.axes[LETTERS.index(letter)]
-            said = {word: sheet.text(row, columns[word]) for word in head[1:] if word in columns}
-            axis.input, axis.unit, axis.group = (said.get(word, "") for word in head[1:])
+        if letter in AXIS_LETTERS[: len(grid.axes)]:
+            axis = grid.axes[AXIS_LETTERS.index(letter)]
+            labels = (sheet.text(row, columns[word]) if word in columns else "" for word in head[1:])
+            axis.input, axis.unit, axis.group = labels

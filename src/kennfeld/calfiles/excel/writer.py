@@ -1,7 +1,6 @@
 """Writes parameters as an Excel workbook with one sheet per table."""
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from io import BytesIO
@@ -11,27 +10,15 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.excel.layout import (
-    AXES,
-    AXES_HEADING,
-    AXIS_HEADING,
-    CORNERS,
-    INDEX,
-    INDEX_HEADING,
-    LETTERS,
-    SCALARS,
-    SCALARS_HEADING,
-    TEXTS,
-    TEXTS_HEADING,
-    sheet_names,
-)
-from kennfeld.calfiles.format import Findings, WriteResult
-from kennfeld.formatting import holds_control_characters
+from kennfeld.calfiles.excel import layout
+from kennfeld.calfiles.excel.layout import sheet_names
+from kennfeld.calfiles.format import FileFindings, Item, WriteResult
+from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
+from kennfeld.formatting import holds_control_characters, size_text
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
 from kennfeld.workbooks import column_letters
 
-Item = Parameter | Text
 _MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
 _MAX_LINKS = 60_000
 _UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff\ufffe\uffff]|\A<r>(?=.*</r>\Z)", re.DOTALL)
@@ -62,7 +49,8 @@ class _WorkbookWriter:
         self.parameters = parameters
         self.items: list[Item] = [*parameters.chosen, *parameters.others]
         tables = [item for item in self.items if isinstance(item, Parameter) and not _is_single(item)]
-        self.tables = dict(zip(map(id, tables), sheet_names(_title(table) for table in tables), strict=True))
+        titles = [f"{table.name} {table.variant}" if table.variant else table.name for table in tables]
+        self.tables = dict(zip(map(id, tables), sheet_names(titles), strict=True))
         self.axis_rows = {axis.name: row for row, axis in enumerate(parameters.axes, 1)}
         self.sheet_type = _exact_sheet_class()
         self.bold = book.add_format({"bold": True})
@@ -73,18 +61,18 @@ class _WorkbookWriter:
 
     def write(self) -> None:
         """Write all sheets, the index first."""
-        singles = [t for t in self.items if isinstance(t, Parameter) and _is_single(t)]
-        texts = [t for t in self.items if isinstance(t, Text)]
-        self._list(INDEX, INDEX_HEADING, map(self._index_row, self.items), links=True)
+        singles = [item for item in self.items if isinstance(item, Parameter) and _is_single(item)]
+        texts = [item for item in self.items if isinstance(item, Text)]
+        self._list(layout.INDEX, layout.INDEX_HEADING, map(self._index_row, self.items), links=True)
         if singles:
-            self._list(SCALARS, SCALARS_HEADING, map(_scalar_row, singles))
+            self._list(layout.SCALARS, layout.SCALARS_HEADING, map(_scalar_row, singles))
         if texts:
-            self._list(TEXTS, TEXTS_HEADING, map(_text_row, texts))
+            rows = ((text.name, text.text, text.description, *_labels(text)) for text in texts)
+            self._list(layout.TEXTS, layout.TEXTS_HEADING, rows)
         if self.parameters.axes:
             self._group_axes()
         for item in self.items:
-            if id(item) in self.tables:
-                assert isinstance(item, Parameter)
+            if isinstance(item, Parameter) and id(item) in self.tables:
                 self._table(item)
 
     def _sheet(self, name: str) -> Any:
@@ -112,118 +100,85 @@ class _WorkbookWriter:
         sheet.write_url(row, column, f"internal:'{quoted}'!A1", self.link, text or target)
 
     def _index_row(self, item: Item) -> tuple[str, ...]:
-        if isinstance(item, Text):
-            return (item.name, item.kind, "", item.unit, item.description, *_labels(item), TEXTS)
-        size = "" if item.kind == "scalar" else _size(item)
-        sheet = self.tables.get(id(item), SCALARS)
-        return (item.name, item.kind, size, item.unit, item.description, *_labels(item), sheet)
+        sheet = layout.TEXTS if isinstance(item, Text) else self.tables.get(id(item), layout.SCALARS)
+        return (item.name, item.kind, _size(item), item.unit, item.description, *_labels(item), sheet)
 
     def _group_axes(self) -> None:
-        sheet = self._sheet(AXES)
-        for column, word in enumerate(AXES_HEADING):
-            sheet.write_string(0, column, word, self.head)
+        sheet = self._sheet(layout.AXES)
+        sheet.write_row(0, 0, layout.AXES_HEADING, self.head)
         for row, axis in enumerate(self.parameters.axes, 1):
             for column, word in enumerate((axis.name, axis.unit, axis.input)):
                 sheet.write_string(row, column, word, self.bold if column == 0 else None)
-            for column, point in enumerate(axis.breakpoints.tolist(), len(AXES_HEADING) - 1):
-                sheet.write_number(row, column, point, self.axis)
+            sheet.write_row(row, len(layout.AXES_HEADING) - 1, axis.breakpoints.tolist(), self.axis)
         sheet.freeze_panes(1, 1)
         sheet.set_column(0, 0, 32)
 
     def _table(self, table: Parameter) -> None:
         sheet = self._sheet(self.tables[id(table)])
-        self._link(sheet, 0, 0, INDEX, table.name)
+        self._link(sheet, 0, 0, layout.INDEX, table.name)
         sheet.write_string(0, 1, f"{table.kind} [{table.unit}]" if table.unit else table.kind, self.bold)
         sheet.write_string(1, 0, table.description)
-        row = 2
-        if table.axes:
-            row = self._axis_rows(sheet, table)
-        values = table.values if table.values.ndim > 1 else table.values[:, None]
-        axes = [*table.index_axes, *[None] * (table.values.ndim == 1)]
-        self._pages(sheet, table, values, axes, row + 1)
+        row = self._axis_rows(sheet, table) if table.axes else 2
+        self._pages(sheet, table, row + 1)
         sheet.set_column(0, 0, 24)
 
     def _axis_rows(self, sheet: Any, table: Parameter) -> int:
-        for column, word in enumerate(AXIS_HEADING):
-            sheet.write_string(3, column, word, self.head)
-        for row, (letter, axis) in enumerate(zip(LETTERS, table.axes, strict=False), 4):
+        sheet.write_row(3, 0, layout.AXIS_HEADING, self.head)
+        for row, (letter, axis) in enumerate(zip(AXIS_LETTERS, table.axes, strict=False), 4):
             for column, word in enumerate((letter, axis.input, axis.unit)):
                 sheet.write_string(row, column, word)
             if axis.name:
-                self._link(sheet, row, 3, AXES, axis.name)
+                self._link(sheet, row, 3, layout.AXES, axis.name)
         return 4 + len(table.axes)
 
-    def _pages(self, sheet: Any, table: Parameter, values: Float, axes: list[Axis | None], row: int) -> None:
-        """Return the numbers of a table, a page for each of its breakpoints beyond x and y."""
-        x, y, *further = axes
-        assert x is not None
+    def _pages(self, sheet: Any, table: Parameter, row: int) -> None:
+        """Write the numbers of a table, a page for each of its breakpoints beyond x and y."""
+        x, *others = table.index_axes
+        y, further = others[:1], others[1:]
+        values = table.values if y else table.values[:, None]
         first = row + bool(further)  # of the corner of the first page
-        written: dict[tuple[int, int], str] = {}  # the cell of each breakpoint beyond x and y
-        pages = product(*(range(len(axis)) for axis in further[::-1] if axis is not None))
-        for page, indices in enumerate(pages):
-            self._page_heading(sheet, further, indices[::-1], row, written)
+        written: dict[tuple[int, int], tuple[int, int]] = {}  # the cell of each breakpoint beyond x and y
+        for page, reversed_indices in enumerate(product(*(range(len(axis)) for axis in further[::-1]))):
+            indices = reversed_indices[::-1]
+            for number, (letter, axis, at) in enumerate(zip(AXIS_LETTERS[2:], further, indices, strict=False)):
+                # the row `z | 0.5 | w | 7` above a page; a breakpoint that comes again follows the first one
+                cell = (row, 2 * number + 1)
+                sheet.write_string(row, 2 * number, letter, self.head)
+                self._point(sheet, cell, axis, at, written.get((number, at)))
+                written.setdefault((number, at), cell)
             row += bool(further)
             sheet.write_string(row, 0, _corner(table), self.head)
-            original = first if page else None
-            self._across(sheet, x, row, original)
-            if y is not None:
-                self._down(sheet, y, row, original)
-            elif len(axes) == 2:
+            for at in range(len(x)):
+                self._point(sheet, (row, at + 1), x, at, (first, at + 1) if page else None)
+            for at in range(len(y[0]) if y else 0):
+                self._point(sheet, (row + at + 1, 0), y[0], at, (first + at + 1, 0) if page else None)
+            if not y:
                 sheet.write_string(row + 1, 0, f"values [{table.unit}]" if table.unit else "values", self.axis)
-            self._numbers(sheet, row + 1, values.T[indices].T)
+            self._numbers(sheet, row + 1, values.T[reversed_indices].T)
             row += 2 + values.shape[1]
         sheet.freeze_panes(0 if further else first + 1, 1)
 
-    def _page_heading(
-        self,
-        sheet: Any,
-        axes: list[Axis | None],
-        indices: tuple[int, ...],
-        row: int,
-        written: dict[tuple[int, int], str],
-    ) -> None:
-        """Return the row `z | 0.5 | w | 7` above a page; a breakpoint that comes again follows the first one."""
-        for column, (letter, axis, at) in enumerate(zip(LETTERS[2:], axes, indices, strict=False)):
-            assert axis is not None
-            sheet.write_string(row, 2 * column, letter, self.head)
-            known = written.get((column, at))
-            if known:
-                sheet.write_formula(row, 2 * column + 1, known, self.group, float(axis.breakpoints[at]))
-            else:
-                self._point(sheet, row, 2 * column + 1, axis, at)
-                written[column, at] = f"={column_letters(2 * column + 1)}{row + 1}"
-
-    def _across(self, sheet: Any, axis: Axis, row: int, original: int | None) -> None:
-        """Return the x breakpoints in a row; those of a later page follow the ones in the row `original`."""
-        for at, point in enumerate(axis.breakpoints.tolist()):
-            if original is None:
-                self._point(sheet, row, at + 1, axis, at)
-            else:
-                sheet.write_formula(row, at + 1, f"={column_letters(at + 1)}{original + 1}", self.group, point)
-
-    def _down(self, sheet: Any, axis: Axis, row: int, original: int | None) -> None:
-        """Return the y breakpoints below a row; those of a later page follow the ones below the row `original`."""
-        for at, point in enumerate(axis.breakpoints.tolist(), 1):
-            if original is None:
-                self._point(sheet, row + at, 0, axis, at - 1)
-            else:
-                sheet.write_formula(row + at, 0, f"=A{original + at + 1}", self.group, point)
-
-    def _point(self, sheet: Any, row: int, column: int, axis: Axis, at: int) -> None:
+    def _point(self, sheet: Any, cell: tuple[int, int], axis: Axis, at: int, original: tuple[int, int] | None) -> None:
+        """Write a breakpoint; it follows the cell `original` of an earlier page, or the sheet of group axes."""
         point = float(axis.breakpoints[at])
-        if axis.name:
-            source = f"={AXES}!{column_letters(at + len(AXES_HEADING) - 1)}{self.axis_rows[axis.name] + 1}"
-            sheet.write_formula(row, column, source, self.group, point)
+        source = "" if original is None else _cell_name(*original)
+        if axis.name and not source:
+            source = f"{layout.AXES}!{_cell_name(self.axis_rows[axis.name], at + len(layout.AXES_HEADING) - 1)}"
+        if source:
+            sheet.write_formula(*cell, f"={source}", self.group, point)
         else:
-            sheet.write_number(row, column, point, self.axis)
+            sheet.write_number(*cell, point, self.axis)
 
     def _numbers(self, sheet: Any, row: int, values: Float) -> None:
-        """Return a page of numbers with its heat colours; `values` is indexed x, y."""
+        """Write a page of numbers with its heat colours; `values` is indexed x, y."""
         width, height = values.shape
         for at, line in enumerate(values.T.tolist()):
-            for column, number in enumerate(line, 1):
-                sheet.write_number(row + at, column, number)
+            sheet.write_row(row + at, 1, line)
         sheet.conditional_format(row, 1, row + height - 1, width, {"type": "3_color_scale", **_COLOURS})
+
+
+def _cell_name(row: int, column: int) -> str:
+    return f"{column_letters(column)}{row + 1}"
 
 
 def _exact_sheet_class() -> type:
@@ -232,6 +187,7 @@ def _exact_sheet_class() -> type:
     class ExactSheet(Worksheet):  # type: ignore[misc]
         """A sheet whose numbers read back exactly: xlsxwriter itself writes 16 digits, some numbers need 17."""
 
+        # xlsxwriter has no public setting for the digits; a test of exact round trips fails if this is not called
         def _xml_number_element(self, number: float, attributes: Sequence[tuple[str, str]] = ()) -> None:
             written = "".join(f' {key}="{value}"' for key, value in attributes)
             self.fh.write(f"<c{written}><v>{float(number)!r}</v></c>")
@@ -245,52 +201,37 @@ def _is_single(member: Parameter) -> bool:
 
 
 def _scalar_row(member: Parameter) -> tuple[str | float, ...]:
-    size = "" if member.kind == "scalar" else _size(member)
-    return (member.name, float(member.values.ravel()[0]), member.unit, member.description, *_labels(member), size)
-
-
-def _text_row(text: Text) -> tuple[str, ...]:
-    return (text.name, text.text, text.description, *_labels(text))
+    value = float(member.values.ravel()[0])
+    return (member.name, value, member.unit, member.description, *_labels(member), _size(member))
 
 
 def _labels(item: Item) -> tuple[str, str, str]:
     return ", ".join(item.functions), item.display_name, item.variant
 
 
-def _size(member: Parameter) -> str:
-    return " x ".join(map(str, member.values.shape))
-
-
-def _title(table: Parameter) -> str:
-    return f"{table.name} {table.variant}" if table.variant else table.name
+def _size(item: Item) -> str:
+    return size_text(item.values.shape) if isinstance(item, Parameter) else ""
 
 
 def _corner(table: Parameter) -> str:
-    corner = CORNERS[table.values.ndim > 1]
+    corner = layout.CORNERS[table.values.ndim > 1]
     if not table.axes:
         return corner
-    said = [f"{axis.input} [{axis.unit}]".replace("[]", "").strip() for axis in table.axes[:2][::-1]]
-    return f"{corner}: {' / '.join(said)}" if any(said) else corner
+    labels = [f"{axis.input} [{axis.unit}]".replace("[]", "").strip() for axis in table.axes[:2][::-1]]
+    return f"{corner}: {' / '.join(labels)}" if any(labels) else corner
 
 
 def _refuse(parameters: ParameterSet, file: str) -> None:
-    findings = Findings(file)
-    _refuse_twice(parameters, findings)
-    groups = {axis.name: axis for axis in parameters.axes}
+    findings = FileFindings(file)
+    report_repeated((item.name for item in parameters.chosen), findings)  # the index could not distinguish them
     for item in (*parameters.chosen, *parameters.others, *parameters.axes):
         if not item.name.strip() or item.name != item.name.strip() or holds_control_characters(item.name):
             findings.error(0, item.name, f"{item.name!r} is not a valid name in Excel", "Rename it.")
-        faults = [*_text_faults(item), *(_faults(item, groups) if isinstance(item, Parameter) else ())]
-        for message in faults:
-            findings.error(0, item.name, message, "Write it as .json.")
+        for message in _text_faults(item):
+            findings.error(0, item.name, message, USE_JSON)
+        for message in _faults(item, parameters) if isinstance(item, Parameter) else ():
+            findings.error(0, item.name, message, USE_JSON)
     findings.finish()
-
-
-def _refuse_twice(parameters: ParameterSet, findings: Findings) -> None:
-    """Report names used twice, which the index could not distinguish."""
-    names = Counter([*parameters, *(text.name for text in parameters.texts)])
-    for name in (name for name, count in names.items() if count > 1):
-        findings.error(0, name, "is defined twice", "Rename one of the two.")
 
 
 def _text_faults(item: Item | Axis) -> Iterator[str]:
@@ -307,19 +248,13 @@ def _text_faults(item: Item | Axis) -> Iterator[str]:
         yield f"an Excel cell stores at most {_MAX_TEXT} characters"
 
 
-def _faults(member: Parameter, groups: dict[str, Axis]) -> Iterator[str]:
+def _faults(member: Parameter, parameters: ParameterSet) -> Iterator[str]:
+    yield from value_faults(member, "Excel")
     if member.kind == "rbf":
-        yield "Excel cannot store a radial basis function expansion"
         return
-    if member.size == 0:
-        yield "Excel cannot store an empty block"
-    elif not np.isfinite(member.values).all():
-        yield "Excel cannot store non-finite values"
     sizes = [*member.values.shape, 1, 1]
     rows = (sizes[1] + 3) * int(np.prod(sizes[2:])) + 10
-    if sizes[0] >= _MAX_COLUMNS - len(AXES_HEADING) or rows >= _MAX_ROWS:
+    if sizes[0] >= _MAX_COLUMNS - len(layout.AXES_HEADING) or rows >= _MAX_ROWS:
         yield f"an Excel sheet cannot store its {_size(member)} values"
-    for axis in member.axes:
-        known = groups.get(axis.name)
-        if axis.name and (known is None or not np.array_equal(known.breakpoints, axis.breakpoints)):
-            yield f"the variant {member.variant!r} has other breakpoints for the group axis {axis.name}"
+    for name in differing_groups(member, parameters):
+        yield f"the variant {member.variant!r} has other breakpoints for the group axis {name}"

@@ -11,22 +11,6 @@ _MAX_LINE_LENGTH = 600  # characters of a line
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
-    """Consecutive bytes of one line: where they belong and where their digits are in the file."""
-
-    address: int
-    content: bytes
-    at: int  # of the first digit in the file
-    checksum_at: int
-    line: int
-
-    @property
-    def end(self) -> int:
-        """The address after the last byte."""
-        return self.address + len(self.content)
-
-
-@dataclass(frozen=True, slots=True)
 class Segment:
     """Consecutive memory."""
 
@@ -37,6 +21,15 @@ class Segment:
     def end(self) -> int:
         """The address after the last byte."""
         return self.address + len(self.content)
+
+
+@dataclass(frozen=True, slots=True)
+class Record(Segment):
+    """Consecutive bytes of one line: where they belong and where their digits are in the file."""
+
+    at: int  # of the first digit in the file
+    checksum_at: int
+    line: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +47,22 @@ class Image:
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
         """All memory as segments without gaps, by ascending address."""
-        return tuple(_join_run(run) for run in _contiguous_runs(self._sorted))
+        spans: list[tuple[int, int]] = []  # first address and end of each segment
+        for record in self._sorted:
+            if spans and record.address <= spans[-1][1]:
+                spans[-1] = (spans[-1][0], max(spans[-1][1], record.end))
+            else:
+                spans.append((record.address, record.end))
+        starts = [start for start, _ in spans]
+        contents = [bytearray(end - start) for start, end in spans]
+        for record in self.records:  # in the order of the file, since the last one counts
+            at = bisect_right(starts, record.address) - 1
+            contents[at][record.address - starts[at] : record.end - starts[at]] = record.content
+        return tuple(Segment(start, bytes(content)) for start, content in zip(starts, contents, strict=True))
 
     @cached_property
-    def _sorted(self) -> list[tuple[Record, int]]:
-        return sorted(zip(self.records, range(len(self.records)), strict=True), key=lambda one: one[0].address)
+    def _sorted(self) -> list[Record]:
+        return sorted(self.records, key=lambda record: record.address)
 
     @cached_property
     def _starts(self) -> list[int]:
@@ -71,20 +75,20 @@ class Image:
 
     def holds(self, address: int, size: int) -> bool:
         """Check whether all bytes of a range are present."""
-        segment = self._segment(address)
-        return segment is not None and size >= 0 and address + size <= segment.end
+        return self._segment(address, size) is not None
 
     def read(self, address: int, size: int) -> bytes | None:
         """Return the bytes of a range, None if one of them is missing."""
-        segment = self._segment(address)
-        if segment is None or size < 0 or address + size > segment.end:
+        segment = self._segment(address, size)
+        if segment is None:
             return None
         start = address - segment.address
         return segment.content[start : start + size]
 
-    def _segment(self, address: int) -> Segment | None:
+    def _segment(self, address: int, size: int) -> Segment | None:
+        """Return the segment that contains a whole range."""
         at = bisect_right(self._starts, address) - 1
-        return self.segments[at] if at >= 0 else None
+        return self.segments[at] if at >= 0 and size >= 0 and address + size <= self.segments[at].end else None
 
     def changed(self, changes: Mapping[int, bytes]) -> bytes:
         """Return the file with other bytes at some addresses; checksums of the records follow.
@@ -92,49 +96,27 @@ class Image:
         Raises `ArgumentError` if the image has no such address.
         """
         text = bytearray(self.raw)
-        starts = [record.address for record, _ in self._sorted]
+        starts = [record.address for record in self._sorted]
         longest = max((len(record.content) for record in self.records), default=0)
         checksums: dict[int, int] = {}
         for address, content in changes.items():
             if not self.holds(address, len(content)):
                 raise ArgumentError(f"{len(content)} bytes at 0x{address:X} are not in {self.name}")
             for record in self._touched(starts, longest, address, len(content)):
-                moved = _overwrite(text, record, address, content)
-                checksums[record.checksum_at] = checksums.get(record.checksum_at, 0) + moved
-        for at, moved in checksums.items():
+                increase = _overwrite(text, record, address, content)
+                checksums[record.checksum_at] = checksums.get(record.checksum_at, 0) + increase
+        for at, increase in checksums.items():
             before = bytes.fromhex(text[at : at + 2].decode())
-            if moved % 256:
-                _put_digits(text, at, before, bytes([(before[0] - moved) % 256]))
+            if increase % 256:
+                _put_digits(text, at, before, bytes([(before[0] - increase) % 256]))
         return bytes(text)
 
     def _touched(self, starts: list[int], longest: int, address: int, size: int) -> Iterator[Record]:
         at = bisect_right(starts, address - longest)
         while at < len(starts) and starts[at] < address + size:
-            record = self._sorted[at][0]
-            if record.end > address:
-                yield record
+            if self._sorted[at].end > address:
+                yield self._sorted[at]
             at += 1
-
-
-def _contiguous_runs(ordered: list[tuple[Record, int]]) -> Iterator[list[tuple[Record, int]]]:
-    run: list[tuple[Record, int]] = []
-    end = 0
-    for record, at in ordered:
-        if run and record.address > end:
-            yield run
-            run = []
-        end = max(end, record.end) if run else record.end
-        run.append((record, at))
-    if run:
-        yield run
-
-
-def _join_run(run: list[tuple[Record, int]]) -> Segment:
-    first = run[0][0].address
-    content = bytearray(max(record.end for record, _ in run) - first)
-    for record, _ in sorted(run, key=lambda one: one[1]):
-        content[record.address - first : record.end - first] = record.content
-    return Segment(first, bytes(content))
 
 
 def _overwrite(text: bytearray, record: Record, address: int, content: bytes) -> int:
@@ -165,6 +147,6 @@ def _put_digits(text: bytearray, at: int, before: bytes, now: bytes) -> None:
 def _uses_small_letters(text: bytearray, at: int) -> bool:
     first, last = max(0, at - _MAX_LINE_LENGTH), at + _MAX_LINE_LENGTH
     start = max(first, text.rfind(b"\n", first, at) + 1, text.rfind(b"\r", first, at) + 1)
-    end = min((found for mark in (b"\n", b"\r") if (found := text.find(mark, at, last)) >= 0), default=last)
+    end = min((place for mark in (b"\n", b"\r") if (place := text.find(mark, at, last)) >= 0), default=last)
     line = bytes(text[start:end])
     return line != line.upper()

@@ -11,18 +11,16 @@ is accepted and kept.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from kennfeld.calfiles.flash.image import Image, Record
-from kennfeld.calfiles.format import Findings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
 
 _MAX_LISTED = 20  # findings of one kind that are listed
 _FILLER = b" \t\r\n\x1a\0"  # between lines and after the last one
-
 _ADDRESS_SIZES = {"0": 2, "1": 2, "2": 3, "3": 4, "5": 2, "6": 3, "7": 4, "8": 3, "9": 2}  # bytes of each type
-
 _SEGMENT_SIZE = 1 << 16
 _DATA_SIZES = {1: 0, 2: 2, 3: 4, 4: 2, 5: 4}  # bytes of each type but data
 
@@ -39,30 +37,6 @@ class Line:
     at: int
 
 
-@dataclass
-class LineFindings:
-    """Findings on lines; of many of one kind only the first are reported, with their number."""
-
-    findings: Findings
-    counts: dict[str, int] = field(default_factory=dict)
-    last: dict[str, int] = field(default_factory=dict)
-
-    def error(self, line: Line, message: str, kind: str, remedy: str = "") -> None:
-        self.counts[kind] = self.counts.get(kind, 0) + 1
-        self.last[kind] = line.number
-        if self.counts[kind] <= _MAX_LISTED:
-            self.findings.error(line.number, "", message, remedy, line.text[:80].decode("latin-1"))
-
-    def close(self, records: Sequence[Record]) -> None:
-        """Report the number of findings not listed, or that the file is empty."""
-        if not self.counts and not records:
-            self.findings.error(0, "", "contains no data")
-        for kind, count in self.counts.items():
-            if count > _MAX_LISTED:
-                more = count_noun(count - _MAX_LISTED, "further line")
-                self.findings.error(self.last[kind], "", f"{more} up to here with {kind}")
-
-
 class RecordReader(ABC):
     """Base of the readers; a format defines how a line is read, and what a missing end record means.
 
@@ -71,22 +45,29 @@ class RecordReader(ABC):
 
     overhead = 1
     total = 0
+    mark = b":"  # what a line begins with; the digits follow
+    record_name = "Intel HEX record"
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         self.findings = findings
-        self.line_findings = LineFindings(findings)
         self.records: list[Record] = []
         self.ended = False
+        self.faults: dict[str, list[int]] = {}  # the lines of each kind of fault
 
     def read(self, raw: bytes) -> list[Record]:
-        """Return all records of a file, in its order; what is wrong is noted."""
+        """Return all records of a file, in its order; what is wrong is reported."""
         trailing: Line | None = None
         for line in lines_of(raw):
             if self.ended:
                 trailing = trailing or line
             else:
                 self.take(line)
-        self.line_findings.close(self.records)
+        if not self.faults and not self.records:
+            self.findings.error(0, "", "contains no data")
+        for kind, lines in self.faults.items():
+            if len(lines) > _MAX_LISTED:
+                more = count_noun(len(lines) - _MAX_LISTED, "further line")
+                self.findings.error(lines[-1], "", f"{more} up to here with {kind}")
         if not self.ended:
             self.lack_end()
         elif trailing is not None:
@@ -94,9 +75,28 @@ class RecordReader(ABC):
         report_overlaps(self.records, self.findings)
         return self.records
 
-    @abstractmethod
+    def error(self, line: Line, message: str, kind: str, remedy: str = "") -> None:
+        """Add an error in a line; of many of one kind only the first are reported, with their number."""
+        lines = self.faults.setdefault(kind, [])
+        lines.append(line.number)
+        if len(lines) <= _MAX_LISTED:
+            self.findings.error(line.number, "", message, remedy, line.text[:80].decode("latin-1"))
+
     def take(self, line: Line) -> None:
         """Check a line and add its content."""
+        content = decode_hex(line.text[len(self.mark) :]) if line.text.startswith(self.mark[:1]) else None
+        if content is None or not self.is_long_enough(line, content):
+            self.error(line, f"is not an {self.record_name}", "no valid record", "The file is damaged.")
+        elif self.is_sound(line, content):
+            self.add(line, content)
+
+    @abstractmethod
+    def is_long_enough(self, line: Line, content: bytes) -> bool:
+        """Check whether a line has all parts of a record of its type."""
+
+    @abstractmethod
+    def add(self, line: Line, content: bytes) -> None:
+        """Add the content of a record."""
 
     @abstractmethod
     def lack_end(self) -> None:
@@ -104,17 +104,16 @@ class RecordReader(ABC):
 
     def is_sound(self, line: Line, content: bytes) -> bool:
         """Check the length and checksum of a line."""
-        held = len(content) - self.overhead
-        right = (self.total - sum(content[:-1])) % 256
-        if content[0] != held:
-            message = f"states {content[0]} bytes, but contains {held}"
-            self.line_findings.error(line, message, "a wrong length", "The file is damaged.")
-        elif content[-1] != right:
-            message = f"has the checksum {content[-1]:02X}, but its bytes give {right:02X}"
-            self.line_findings.error(line, message, "a wrong checksum", "The file is damaged; transfer it again.")
-        else:
-            return True
-        return False
+        size = len(content) - self.overhead
+        checksum = (self.total - sum(content[:-1])) % 256
+        if content[0] != size:
+            message = f"states {content[0]} bytes, but contains {size}"
+            self.error(line, message, "a wrong length", "The file is damaged.")
+            return False
+        if content[-1] != checksum:
+            message = f"has the checksum {content[-1]:02X}, but its bytes give {checksum:02X}"
+            self.error(line, message, "a wrong checksum", "The file is damaged; transfer it again.")
+        return content[-1] == checksum
 
 
 def lines_of(raw: bytes) -> Iterator[Line]:
@@ -130,50 +129,44 @@ def lines_of(raw: bytes) -> Iterator[Line]:
 def decode_hex(digits: bytes) -> bytes | None:
     """Convert hexadecimal digits to bytes, None if they are invalid."""
     try:
-        found = bytes.fromhex(digits.decode("ascii"))
+        content = bytes.fromhex(digits.decode("ascii"))
     except ValueError:
         return None
-    return found if 2 * len(found) == len(digits) else None
+    return content if 2 * len(content) == len(digits) else None
 
 
-def report_overlaps(records: list[Record], findings: Findings) -> None:
+def report_overlaps(records: list[Record], findings: FileFindings) -> None:
     """Warn about records that define the same memory twice."""
-    results: list[Record] = []
+    overlapping: list[Record] = []
     end = -1
-    for record in sorted(records, key=lambda one: one.address):
+    for record in sorted(records, key=lambda record: record.address):
         if record.address < end:
-            results.append(record)
+            overlapping.append(record)
         end = max(end, record.end)
-    if results:
-        first = min(results, key=lambda one: one.line)
-        message = f"{count_noun(len(results), 'record')} overlap with others, the first at 0x{first.address:X}"
+    if overlapping:
+        first = min(overlapping, key=lambda record: record.line)
+        message = f"{count_noun(len(overlapping), 'record')} overlap with others, the first at 0x{first.address:X}"
         findings.warning(first.line, "", f"{message}; the last record takes precedence")
-
-
-def read_s_records(raw: bytes, name: str, findings: Findings) -> Image:
-    """Return the image in a file of S-records; errors are noted for every line that is wrong."""
-    return Image(name, "S-records", raw, SRecordReader(findings).read(raw))
 
 
 class SRecordReader(RecordReader):
     total = 255
+    mark = b"S0"
+    record_name = "S-record"
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         super().__init__(findings)
         self.lines = 0  # of bytes
 
-    def take(self, line: Line) -> None:
-        kind = line.text[1:2].decode("latin-1")
-        content = decode_hex(line.text[2:]) if line.text[:1] == b"S" else None
-        if content is None or kind not in _ADDRESS_SIZES or len(content) < _ADDRESS_SIZES[kind] + 2:
-            self.line_findings.error(line, "is not an S-record", "no valid record", "The file is damaged.")
-        elif self.is_sound(line, content):
-            self._record(line, kind, content)
+    def is_long_enough(self, line: Line, content: bytes) -> bool:
+        size = _ADDRESS_SIZES.get(line.text[1:2].decode("latin-1"))
+        return size is not None and len(content) >= size + 2
 
     def lack_end(self) -> None:
         self.findings.warning(0, "", "has no end record (S7, S8 or S9)", "Check that the file is complete.")
 
-    def _record(self, line: Line, kind: str, content: bytes) -> None:
+    def add(self, line: Line, content: bytes) -> None:
+        kind = line.text[1:2].decode("latin-1")
         size = _ADDRESS_SIZES[kind]
         address, data = int.from_bytes(content[1 : 1 + size], "big"), content[1 + size : -1]
         if kind in "123":
@@ -183,40 +176,31 @@ class SRecordReader(RecordReader):
                 self.records.append(Record(address, data, digits, digits + 2 * len(data), line.number))
         elif kind in "56" and address != self.lines % (1 << (8 * size)):
             message = f"states {count_noun(address, 'record')}, but there are {self.lines}"
-            self.line_findings.error(line, message, "a wrong count", "The file is damaged or truncated.")
+            self.error(line, message, "a wrong count", "The file is damaged or truncated.")
         elif kind in "789":
             self.ended = True
-
-
-def read_intel_hex(raw: bytes, name: str, findings: Findings) -> Image:
-    """Return the image in an Intel HEX file; errors are noted for every line that is wrong, and for a missing end."""
-    return Image(name, "Intel HEX", raw, IntelHexReader(findings).read(raw))
 
 
 class IntelHexReader(RecordReader):
     overhead = 5  # length, address, type and checksum
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FileFindings) -> None:
         super().__init__(findings)
         self.base, self.segmented = 0, False
 
-    def take(self, line: Line) -> None:
-        content = decode_hex(line.text[1:]) if line.text.startswith(b":") else None
-        if content is None or len(content) < self.overhead:
-            self.line_findings.error(line, "is not an Intel HEX record", "no valid record", "The file is damaged.")
-        elif self.is_sound(line, content):
-            self._record(line, content)
+    def is_long_enough(self, line: Line, content: bytes) -> bool:
+        return len(content) >= self.overhead
 
     def lack_end(self) -> None:
         self.findings.error(0, "", "has no end record (:00000001FF)", "The file is truncated; transfer it again.")
 
-    def _record(self, line: Line, content: bytes) -> None:
+    def add(self, line: Line, content: bytes) -> None:
         kind, data = content[3], content[4:-1]
         if kind == 0:
             self.records += self._data(line, int.from_bytes(content[1:3], "big"), data)
         elif kind not in _DATA_SIZES or len(data) != _DATA_SIZES[kind]:
             message = f"is a record of unknown type {kind:02X} with {len(data)} bytes"
-            self.line_findings.error(line, message, "an unknown type")
+            self.error(line, message, "an unknown type")
         elif kind == 1:
             self.ended = True
         elif kind in (2, 4):
@@ -239,14 +223,14 @@ def recognises_image(head: bytes) -> bool:
     return _INTEL.match(head) is not None or _MOTOROLA.match(head) is not None
 
 
-def read_image(raw: bytes, name: str, findings: Findings) -> Image:
-    """Return the image in a file; notes an error for each line that is wrong.
+def read_image(raw: bytes, name: str, findings: FileFindings) -> Image:
+    """Return the image in a file; reports each line that is wrong.
 
     Call `findings.finish()` before using the result.
     """
     if _MOTOROLA.match(raw):
-        return read_s_records(raw, name, findings)
+        return Image(name, "S-records", raw, SRecordReader(findings).read(raw))
     if raw.lstrip().startswith(b":"):
-        return read_intel_hex(raw, name, findings)
+        return Image(name, "Intel HEX", raw, IntelHexReader(findings).read(raw))
     findings.error(0, "", "is neither an Intel HEX nor an S-record file" if raw.strip() else "is empty")
     return Image(name, "", raw, ())

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import CalibrationSource, Findings, ReadResult
+from kennfeld.calfiles.content import parse_float
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import parse_xml
-from kennfeld.formatting import count_noun
-from kennfeld.parameter_set import ParameterSet
+from kennfeld.formatting import count_noun, size_text
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
 _MAX_FILE_BYTES = 20_000_000
@@ -79,7 +79,7 @@ class Pair:
     title: str = ""
 
 
-def find_definition(path: Path | None, signature: str, findings: Findings) -> str | None:
+def find_definition(path: Path | None, signature: str, findings: FileFindings) -> str | None:
     """Return the text of a tune's definition file: the one with its signature, or mainController.ini."""
     if path is None or not path.parent.is_dir():
         return None
@@ -89,11 +89,10 @@ def find_definition(path: Path | None, signature: str, findings: Findings) -> st
             return text
     for file, text in texts.items():
         if file.name.casefold() == "maincontroller.ini":
-            said = next(iter(_SIGNATURE.findall(text)), "")
-            message = f"{file.name} is for the firmware {said!r}, but the tune for {signature!r}"
-            findings.warning(
-                0, "", message, "Tables may have wrong axes: put the matching definition file next to the tune."
-            )
+            other = next(iter(_SIGNATURE.findall(text)), "")
+            message = f"{file.name} is for the firmware {other!r}, but the tune for {signature!r}"
+            remedy = "Tables may have wrong axes: put the matching definition file next to the tune."
+            findings.warning(0, "", message, remedy)
             return text
     return None
 
@@ -102,8 +101,8 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
     try:
         folders = [path.parent, path.parent / "projectCfg"]
         files = sorted(file for folder in folders if folder.is_dir() for file in folder.iterdir())
-        found = [file for file in files if file.suffix.casefold() == ".ini" and file.is_file()]
-        for file in found[:_MAX_FILES]:
+        definitions = [file for file in files if file.suffix.casefold() == ".ini" and file.is_file()]
+        for file in definitions[:_MAX_FILES]:
             if file.stat().st_size <= _MAX_FILE_BYTES:
                 yield file, CalibrationSource(file.name, file.read_bytes()).text
     except OSError:
@@ -130,32 +129,24 @@ def pairs_of(definition: str) -> list[Pair]:
         key = setting[1].casefold()
         words = [quoted or plain.strip() for quoted, plain in _WORD.findall(setting[2].partition(";")[0])]
         if key in ("table", "curve"):
-            bins, title = {}, _title(setting[2])
+            quoted_title = re.search(r'"([^"]*)"', setting[2])
+            bins, title = {}, quoted_title[1] if quoted_title else ""
         elif key in ("xbins", "ybins", "zbins") and words:
             bins[key] = words
             results += _complete_pair(section, key, bins, title)
     return results
 
 
-def _title(rest: str) -> str:
-    quoted = re.search(r'"([^"]*)"', rest)
-    return quoted[1] if quoted else ""
-
-
 def _complete_pair(section: str, key: str, bins: dict[str, list[str]], title: str) -> list[Pair]:
     """Return the pair that one more line of an editor completes."""
-    if section == "tableeditor":
-        if len(bins) < 3:
-            return []
-        x, y = bins["xbins"], bins["ybins"]
-        return [Pair(bins["zbins"][0], (x[0], y[0]), (_input_name(x), _input_name(y)), title)]
-    if key == "ybins" and "xbins" in bins:
-        return [Pair(bins["ybins"][0], (bins["xbins"][0],), (_input_name(bins["xbins"]), ""), title)]
-    return []
-
-
-def _input_name(words: list[str]) -> str:
-    return words[1] if len(words) > 1 and re.fullmatch(r"\w+", words[1]) else ""
+    is_table = section == "tableeditor"
+    if len(bins) < 3 if is_table else key != "ybins" or "xbins" not in bins:
+        return []
+    axes = [bins["xbins"], bins["ybins"]] if is_table else [bins["xbins"]]
+    inputs = [words[1] if len(words) > 1 and re.fullmatch(r"\w+", words[1]) else "" for words in axes]
+    return [
+        Pair(bins["zbins" if is_table else "ybins"][0], tuple(words[0] for words in axes), (*inputs, "")[:2], title)
+    ]
 
 
 def usual_pairs() -> list[Pair]:
@@ -184,6 +175,11 @@ class Constant:
         words = self.content.split()
         return words if all(map(_NUMBER.fullmatch, words)) else []
 
+    @property
+    def labels(self) -> dict[str, Any]:
+        """The attributes of its parameter or text."""
+        return {"unit": self.unit, "functions": (f"page {self.page}",) if self.page else ()}
+
 
 @dataclass(frozen=True, eq=False)
 class Msq:
@@ -192,7 +188,7 @@ class Msq:
     source: CalibrationSource
     text: str
     constants: Mapping[str, Constant]
-    items: Mapping[str, Parameter | Text]
+    items: Mapping[str, Item]
     axes: Mapping[str, Axis]
 
 
@@ -207,7 +203,7 @@ def read_msq(source: CalibrationSource) -> ReadResult:
     A table whose axes are unknown, or do not increase, is a value block, its axes too. Raises `InputError` with every
     finding; entities are refused.
     """
-    findings = Findings(source.name)
+    findings = FileFindings(source.name)
     if parse_xml(source.raw, findings) is None:
         findings.finish()
     text = "".join(source.lines)
@@ -216,20 +212,18 @@ def read_msq(source: CalibrationSource) -> ReadResult:
     definition = find_definition(source.path, signature, findings)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
     reader.free_texts(strings_of(definition or ""))
-    remarks = findings.finish()
-    members = [item for item in reader.items.values() if isinstance(item, Parameter)]
-    texts = [item for item in reader.items.values() if isinstance(item, Text)]
+    warnings = findings.finish()
     origin = Msq(source, text, reader.constants, reader.items, reader.axes)
-    kind = f"MSQ tune of {signature}" if signature else "MSQ tune"
-    return ReadResult(kind, ParameterSet(members, texts, reader.axes.values(), origin=origin), remarks)
+    parameters = build_set({(name, ""): item for name, item in reader.items.items()}, reader.axes.values(), origin)
+    return ReadResult(f"MSQ tune of {signature}" if signature else "MSQ tune", parameters, warnings)
 
 
 @dataclass
 class _MsqReader:
-    findings: Findings
+    findings: FileFindings
     constants: dict[str, Constant] = field(default_factory=dict)
     arrays: dict[str, Float] = field(default_factory=dict)  # a row for each y, as in the file
-    items: dict[str, Parameter | Text] = field(default_factory=dict)
+    items: dict[str, Item] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
 
     def find(self, text: str) -> str:
@@ -237,39 +231,33 @@ class _MsqReader:
         ends = [at for at, character in enumerate(text) if character == "\n"]
         page = signature = ""
         for part in _PART.finditer(text):
-            attributes = {name: unescape(one or other) for name, one, other in _ATTRIBUTE.findall(part[2] or "")}
+            attributes = {
+                name: unescape(double or single) for name, double, single in _ATTRIBUTE.findall(part[2] or "")
+            }
             if part[1] == "page":
                 page = attributes.get("number", "")
             elif part[1] == "versionInfo":
                 signature = attributes.get("signature", "")
             elif part[1]:
                 line = bisect(ends, part.start()) + 1
-                self._keep(attributes, Constant(attributes.get("name", ""), line, part.start(4), part[4], page=page))
+                self._keep(_constant(attributes, line, part.start(4), part[4], page))
         return signature
 
-    def _keep(self, attributes: Mapping[str, str], found: Constant) -> None:
-        counts = [attributes.get(key, "") for key in ("rows", "cols")]
-        sizes = (int(counts[0]), int(counts[1])) if all(map(_COUNT.fullmatch, counts)) else None
-        if sizes is None and _COUNT.fullmatch(counts[0]):
-            sizes = (int(counts[0]), 1)
-        digits = attributes.get("digits", "")
-        written = int(digits) if _COUNT.fullmatch(digits) and int(digits) < 20 else None
-        result = replace(found, unit=attributes.get("units", "").strip(), digits=written, sizes=sizes)
-        if not found.name:
-            self.findings.error(found.line, "", "a constant has no name", "Use a complete copy of the file.")
-        elif found.name in self.constants:
-            message = f"duplicate of line {self.constants[found.name].line}; skipped"
-            self.findings.warning(found.line, found.name, message)
+    def _keep(self, constant: Constant) -> None:
+        if not constant.name:
+            self.findings.error(constant.line, "", "a constant has no name", "Use a complete copy of the file.")
+        elif constant.name in self.constants:
+            message = f"duplicate of line {self.constants[constant.name].line}; skipped"
+            self.findings.warning(constant.line, constant.name, message)
         else:
-            self.constants[found.name] = result
-            self._value(result)
+            self.constants[constant.name] = constant
+            self._value(constant)
 
     def _value(self, constant: Constant) -> None:
         content = constant.content.strip()
         if content.startswith('"') and constant.sizes is not None:
-            self.findings.warning(
-                constant.line, constant.name, "is a list of words, which cannot be a parameter; skipped"
-            )
+            message = "is a list of words, which cannot be a parameter; skipped"
+            self.findings.warning(constant.line, constant.name, message)
         elif constant.words:
             array = self._array(constant)
             if array is not None:
@@ -281,17 +269,12 @@ class _MsqReader:
         else:
             quoted = len(content) > 1 and content[0] == content[-1] == '"'
             text, kind = unescape(content[1:-1] if quoted else content), _WORD_KINDS[quoted]
-            unit, functions = constant.unit, _page_functions(constant)
-            self.items[constant.name] = Text(constant.name, text, functions=functions, unit=unit, kind=kind)
+            self.items[constant.name] = Text(constant.name, text, kind=kind, **constant.labels)
 
     def _array(self, constant: Constant) -> Float | None:
-        numbers = []
-        for word in constant.words:
-            try:
-                numbers.append(float(word))
-            except ValueError:
-                numbers.append(np.nan)
-            if not isfinite(numbers[-1]):
+        numbers = list(map(parse_float, constant.words))
+        for word, number in zip(constant.words, numbers, strict=True):
+            if not isfinite(number):
                 self.findings.error(constant.line, constant.name, f"must be a finite number, got {word[:40]!r}")
                 return None
         rows, columns = constant.sizes or (1, len(numbers))
@@ -321,42 +304,44 @@ class _MsqReader:
     def _fits(self, pair: Pair, has_definition: bool) -> bool:
         """Check whether a pair gives a table its axes."""
         values = self.arrays.get(pair.values)
-        points = [self.arrays.get(name) for name in pair.axes]
-        if values is None or any(one is None for one in points) or pair.values in pair.axes:
+        points = [self.arrays[name].ravel() for name in pair.axes if name in self.arrays]
+        if values is None or len(points) < len(pair.axes) or pair.values in pair.axes:
             return False
-        sizes = tuple(one.size for one in points if one is not None)
+        line = self.constants[pair.values].line
+        sizes = tuple(axis.size for axis in points)
         if sizes != (values.shape[::-1] if len(sizes) > 1 else (values.size,)):
             if has_definition:
-                found = " x ".join(map(str, values.shape[::-1]))
-                message = f"has {found} values, but its axes have {' x '.join(map(str, sizes))}; read as a value block"
-                self.findings.warning(self.constants[pair.values].line, pair.values, message)
+                size, axes = (size_text(numbers) for numbers in (values.shape[::-1], sizes))
+                message = f"has {size} values, but its axes have {axes}; read as a value block"
+                self.findings.warning(line, pair.values, message)
             return False
-        fallen = [name for name in pair.axes if not self._increases(name, pair.values)]
+        fallen = [name for name, axis in zip(pair.axes, points, strict=True) if np.any(axis[1:] <= axis[:-1])]
+        for name in fallen:
+            message = f"is read as a value block: its breakpoints {name} are not strictly increasing"
+            self.findings.warning(line, pair.values, message)
         return not fallen
-
-    def _increases(self, name: str, user: str) -> bool:
-        points = self.arrays[name].ravel()
-        if np.all(points[1:] > points[:-1]):
-            return True
-        message = f"is read as a value block: its breakpoints {name} are not strictly increasing"
-        self.findings.warning(self.constants[user].line, user, message)
-        return False
 
     def _item(self, name: str, pair: Pair | None) -> Parameter:
         constant, array = self.constants[name], self.arrays[name]
-        labels: dict[str, Any] = {"unit": constant.unit, "functions": _page_functions(constant)}
         if pair is not None:
-            axes = [self._axis(one, given) for one, given in zip(pair.axes, pair.inputs, strict=False)]
-            return parameter(name, array.T if len(axes) > 1 else array.ravel(), axes, description=pair.title, **labels)
+            axes = []
+            for axis, quantity in zip(pair.axes, pair.inputs, strict=False):
+                points = self.arrays[axis].ravel()
+                # one axis for all tables that use the constant
+                axes.append(self.axes.setdefault(axis, Axis(points, quantity, self.constants[axis].unit, axis)))
+            values = array.T if len(axes) > 1 else array.ravel()
+            return parameter(name, values, axes, description=pair.title, **constant.labels)
         if constant.sizes is None and array.size == 1:
-            return Scalar(name, array[0, 0], **labels)
-        return Block(name, array.ravel() if 1 in array.shape else array.T, **labels)
-
-    def _axis(self, name: str, quantity: str) -> Axis:
-        """Return the breakpoints in a constant: one axis for all tables that use it."""
-        points = self.arrays[name].ravel()
-        return self.axes.setdefault(name, Axis(points, quantity, self.constants[name].unit, name))
+            return Scalar(name, array[0, 0], **constant.labels)
+        return Block(name, array.ravel() if 1 in array.shape else array.T, **constant.labels)
 
 
-def _page_functions(constant: Constant) -> tuple[str, ...]:
-    return (f"page {constant.page}",) if constant.page else ()
+def _constant(attributes: Mapping[str, str], line: int, begin: int, content: str, page: str) -> Constant:
+    rows, columns, digits = (
+        int(attributes[key]) if _COUNT.fullmatch(attributes.get(key, "")) else None
+        for key in ("rows", "cols", "digits")
+    )
+    unit, name = attributes.get("units", "").strip(), attributes.get("name", "")
+    sizes = None if rows is None else (rows, 1 if columns is None else columns)
+    digits = digits if digits is not None and digits < 20 else None
+    return Constant(name, line, begin, content, unit, digits, sizes, page)

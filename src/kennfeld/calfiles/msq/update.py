@@ -1,18 +1,16 @@
 """Rewrites a tune with other numbers and keeps every other character."""
 
-import re
 from html import escape
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.format import Findings, WriteResult
+from kennfeld.calfiles.content import replace_numbers
+from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.msq.reader import Constant, Msq
 from kennfeld.formatting import count_labels, count_noun, holds_control_characters
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter, Text
-
-_WORD = re.compile(r"\S+")
+from kennfeld.parameters import Axis, Text
 
 
 def write_msq(parameters: ParameterSet, file: str) -> WriteResult:
@@ -21,7 +19,7 @@ def write_msq(parameters: ParameterSet, file: str) -> WriteResult:
     Numbers are rounded to the digits of their constant, with a warning. Raises `InputError` if the set was not read
     from a tune, and for each parameter that the tune has not, or has in another size.
     """
-    findings = Findings(file)
+    findings = FileFindings(file)
     tune = parameters.origin
     if not isinstance(tune, Msq) or not tune.source.is_exact:
         message = "a tune can only be written over the tune it was read from, but this set was read from another format"
@@ -34,16 +32,16 @@ def write_msq(parameters: ParameterSet, file: str) -> WriteResult:
     for axis in parameters.axes:
         update.take_axis(axis)
     for item in parameters.others:
-        findings.error(
-            0, item.name, f"has the variant {item.variant!r}, but a tune has no variants", "Choose one of the variants."
-        )
-    update.warn_about_units()
-    remarks = findings.finish()
-    return WriteResult(tune.source.encoded(update.text()), remarks)
+        message = f"has the variant {item.variant!r}, but a tune has no variants"
+        findings.error(0, item.name, message, "Choose one of the variants.")
+    if update.units:
+        message = f"written without conversion, since the tune has another unit: {count_labels(update.units)}"
+        findings.warning(0, "", message, "Check that this is intended.")
+    return WriteResult(tune.source.encoded(update.text()), findings.finish())
 
 
 class _MsqUpdate:
-    def __init__(self, tune: Msq, findings: Findings) -> None:
+    def __init__(self, tune: Msq, findings: FileFindings) -> None:
         self.tune = tune
         self.findings = findings
         self.contents: dict[str, str] = {}
@@ -58,34 +56,29 @@ class _MsqUpdate:
                 done = constant.begin + len(constant.content)
         return "".join([*pieces, self.tune.text[done:]])
 
-    def warn_about_units(self) -> None:
-        """Warn about values in another unit than the tune; conversion is left to the user."""
-        if self.units:
-            message = f"written without conversion, since the tune has another unit: {count_labels(self.units)}"
-            self.findings.warning(0, "", message, "Check that this is intended.")
-
-    def take(self, item: Parameter | Text) -> None:
+    def take(self, item: Item) -> None:
         """Put one parameter or text into its constant."""
         before = self.tune.items.get(item.name)
         if before is None:
-            remedy = (
-                "Leave it out." if item.name not in self.tune.constants else "It is the axis of a table in the tune."
-            )
+            is_axis = item.name in self.tune.constants
+            remedy = "It is the axis of a table in the tune." if is_axis else "Leave it out."
             self.findings.error(0, item.name, "is not a parameter of the tune", remedy)
         elif isinstance(item, Text) or isinstance(before, Text):
             self._take_text(item, before)
         elif item.kind != before.kind or item.values.shape != before.values.shape:
-            found, wanted = (f"{one.kind} {' x '.join(map(str, one.values.shape))}".strip() for one in (item, before))
-            self.findings.error(
-                0, item.name, f"is a {found}, but a {wanted} in the tune", "Sizes are fixed by the firmware."
-            )
+            kinds = (f"{member.kind} {' x '.join(map(str, member.values.shape))}".strip() for member in (item, before))
+            message = "is a {}, but a {} in the tune".format(*kinds)
+            self.findings.error(0, item.name, message, "Sizes are fixed by the firmware.")
         else:
             if item.unit and before.unit and item.unit != before.unit:
                 self.units.append(item.name)
-            self._take_axes(item, before)
+            for axis, known in zip(item.axes, before.axes, strict=True):
+                if axis.name != known.name and not np.array_equal(axis.breakpoints, known.breakpoints):
+                    message = f"has its own axis, whose breakpoints differ from {known.name} in the tune"
+                    self.findings.error(0, item.name, message, f"Change the group axis {known.name}.")
             self._numbers(self.tune.constants[item.name], before.values.T.ravel(), item.values.T.ravel())
 
-    def _take_text(self, item: Parameter | Text, before: Parameter | Text) -> None:
+    def _take_text(self, item: Item, before: Item) -> None:
         if not isinstance(item, Text) or not isinstance(before, Text):
             self.findings.error(0, item.name, "is a text in one file and a number in the other")
             return
@@ -99,21 +92,13 @@ class _MsqUpdate:
             head, tail = (content[: first + 1], content[last:]) if first < last else ("", "")
             self.contents[item.name] = f"{head}{escape(item.text, quote=False)}{tail}"
 
-    def _take_axes(self, item: Parameter, before: Parameter) -> None:
-        for now, known in zip(item.axes, before.axes, strict=True):
-            if now.name != known.name and not np.array_equal(now.breakpoints, known.breakpoints):
-                message = f"has its own axis, whose breakpoints differ from {known.name} in the tune"
-                self.findings.error(0, item.name, message, f"Change the group axis {known.name}.")
-
     def take_axis(self, axis: Axis) -> None:
         """Put the breakpoints of a group axis into their constant."""
         before = self.tune.axes.get(axis.name)
         if before is None or len(before) != len(axis):
-            message = (
-                "is not an axis of the tune"
-                if before is None
-                else f"has {len(axis)} breakpoints, but {len(before)} in the tune"
-            )
+            message = "is not an axis of the tune"
+            if before is not None:
+                message = f"has {len(axis)} breakpoints, but {len(before)} in the tune"
             self.findings.error(0, axis.name, message, "Sizes are fixed by the firmware.")
             return
         result = self._numbers(self.tune.constants[axis.name], before.breakpoints, axis.breakpoints)
@@ -130,20 +115,12 @@ class _MsqUpdate:
             return before
         rounded = now if constant.digits is None else np.array([round(v, constant.digits) for v in now.tolist()])
         rounded = np.where(now == before, before, rounded)
-        if np.array_equal(rounded, before):
-            self._warn_about_rounding(constant, rounded, now)
-            return before
-        pieces, done = [], 0
-        for found, old, new in zip(_WORD.finditer(constant.content), before.tolist(), rounded.tolist(), strict=True):
-            pieces += [constant.content[done : found.start()], found[0] if old == new else repr(new + 0.0)]
-            done = found.end()
-        self.contents[constant.name] = "".join([*pieces, constant.content[done:]])
-        self._warn_about_rounding(constant, rounded, now)
-        return rounded
-
-    def _warn_about_rounding(self, constant: Constant, rounded: Float, now: Float) -> None:
+        if not np.array_equal(rounded, before):
+            content = replace_numbers(constant.content, before, rounded, lambda number, _: repr(number + 0.0))
+            self.contents[constant.name] = content
         difference = float(np.abs(rounded - now).max(initial=0.0))
         if difference > 1e-9 * max(1.0, float(np.abs(now).max(initial=0.0))):
             digits = count_noun(constant.digits or 0, "digit")
             message = f"rounded to {digits}, as the tune stores it; the largest change is {difference:.3g}"
             self.findings.warning(0, constant.name, message)
+        return rounded

@@ -1,0 +1,94 @@
+"""Numbers, breakpoints, sizes and repeated definitions in files, as several formats treat them."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.calfiles.format import FileFindings, Item, Key
+from kennfeld.parameters import Text
+
+
+@dataclass
+class ItemCollector:
+    """Items by name and variant; a label is a text or a number in all its variants, and the same if it is repeated."""
+
+    findings: FileFindings
+    items: dict[Key, Item] = field(default_factory=dict)
+    lines: dict[Key, int] = field(default_factory=dict)
+    first: dict[str, Key] = field(default_factory=dict)  # of each label
+
+    def add(self, item: Item, line: int) -> bool:
+        """Add an item that begins in a line; False if it contradicts an earlier one of its name, with an error."""
+        key, is_text = (item.name, item.variant), isinstance(item, Text)
+        first = self.first.setdefault(item.name, key)
+        if is_text != isinstance(self.items.get(first, item), Text):
+            self.report_repetition(item.name, line, self.lines[first], "as a text" if is_text else "as a number")
+            return False
+        known = self.items.setdefault(key, item)
+        before = self.lines.setdefault(key, line)
+        if not same_content(known, item):
+            self.report_repetition(item.name, line, before, "with another text" if is_text else "with other values")
+        return True
+
+    def report_repetition(self, name: str, line: int, before: int, difference: str) -> None:
+        """Add an error on a name that is already defined in another line."""
+        message = f"{name} is already defined in line {before}, {difference}"
+        self.findings.error(line, name, message, "Keep one of the two.")
+
+
+def same_content(first: Item, second: Item) -> bool:
+    """Check whether two definitions of a label have the same text, or the same kind, values and breakpoints."""
+    if isinstance(first, Text) or isinstance(second, Text):
+        return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
+    return (
+        first.kind == second.kind
+        and np.array_equal(first.values, second.values)
+        and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(first.axes, second.axes, strict=True))
+    )
+
+
+def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
+    """Drop trailing ones of a shape, which tools append; (3, 1) and (3,) are equal."""
+    while len(sizes) > 1 and sizes[-1] == 1:
+        sizes = sizes[:-1]
+    return sizes
+
+
+def describe_fall(points: Float) -> str:
+    """Return the first breakpoint that is not above the one before; empty if they increase."""
+    for at in np.flatnonzero(points[1:] <= points[:-1]):
+        return f"breakpoint {at + 2} ({points[at + 1]:g}) does not exceed breakpoint {at + 1} ({points[at]:g})"
+    return ""
+
+
+def parse_float(word: str) -> float:
+    """Return the number that a word states; NaN for any other word, and for 1_000, which Python accepts."""
+    try:
+        return nan if "_" in word else float(word)
+    except ValueError:
+        return nan
+
+
+def replace_numbers(text: str, before: Float, now: Float, write: Callable[[float, str], str]) -> str:
+    """Replace the numbers in a text; unchanged ones keep their spelling.
+
+    Args:
+        text: Numbers separated by blanks.
+        before: The numbers in the text.
+        now: As many numbers that take their place.
+        write: Returns the text of a number, given also the word that it replaces.
+
+    >>> replace_numbers("1.0  2", np.array([1.0, 2.0]), np.array([1.0, 3.0]), lambda number, word: f"{number:g}")
+    '1.0  3'
+    """
+    pairs = iter(zip(before.tolist(), now.tolist(), strict=True))
+
+    def replace(match: re.Match[str]) -> str:
+        old, new = next(pairs)
+        return match[0] if old == new else write(new, match[0])
+
+    return re.sub(r"\S+", replace, text)
