@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.numeric import array, number, truths
 
@@ -85,7 +85,7 @@ class Dataset(Mapping[str, Channel]):
         weight: multiplies the loss of all samples.
         use: "training" or "test".
         scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
-        remarks: warnings and remarks of the reader, such as the number of infinite values.
+        findings: warnings and remarks of the reader, such as the number of infinite values.
         max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, as does a pause, a
             time step longer than that and than `PAUSE` median ones.
         weight_channel: channel that multiplies the loss of each sample; empty for none.
@@ -108,7 +108,7 @@ class Dataset(Mapping[str, Channel]):
     weight: float = 1.0
     use: Use = "training"
     scored: Bool | None = None  # Bool[samples]
-    remarks: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     max_gap: float = 0.0
     weight_channel: str = ""
     settling: Settling | None = None
@@ -185,7 +185,7 @@ class Dataset(Mapping[str, Channel]):
                 channels.append(Channel(str(column), values, units.get(column, "")))
             except ArgumentError as error:
                 remedy = "Omit it, or replace it by numbers."
-                findings.append(Finding(f"dataset {name}", str(error), remedy))
+                findings.append(Finding(Location(f"dataset {name}"), str(error), remedy))
         if findings:
             raise InputError(findings)
         return cls(name, tuple(channels), **attributes).without_infinite()
@@ -213,18 +213,15 @@ class Dataset(Mapping[str, Channel]):
 
     def without_infinite(self) -> Self:
         """Return the dataset with NaN for infinite values, and a warning for each channel that has some."""
-        finite, remarks = [], []
+        channels, findings = [], []
         for channel in self.channels:
-            infinite = np.isinf(channel.values)
-            if count := int(np.count_nonzero(infinite)):
-                channel = replace(channel, values=np.where(infinite, np.nan, channel.values))
-                place = f"dataset {self.name}, channel {channel.name}"
-                message = (
-                    f"{count} of {infinite.size} values {'is' if count == 1 else 'are'} infinite and treated as missing"
-                )
-                remarks.append(Finding(place, message, severity="warning"))
-            finite.append(channel)
-        return replace(self, channels=tuple(finite), remarks=(*self.remarks, *remarks)) if remarks else self
+            values, message = replace_infinite(channel.values)
+            if message:
+                channel = replace(channel, values=values)
+                location = Location(f"dataset {self.name}, channel {channel.name}")
+                findings.append(Finding(location, message, severity="warning"))
+            channels.append(channel)
+        return replace(self, channels=tuple(channels), findings=(*self.findings, *findings)) if findings else self
 
     def select(self, samples: ArrayLike) -> Self:
         """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""
@@ -250,6 +247,20 @@ class Dataset(Mapping[str, Channel]):
         return len(self.channels)
 
 
+def replace_infinite(values: Float) -> tuple[Float, str]:
+    """Return values with NaN for infinite ones, and a message that counts these; empty if there are none.
+
+    >>> replace_infinite(np.array([1.0, np.inf]))
+    (array([ 1., nan]), '1 of 2 values is infinite and treated as missing')
+    """
+    infinite = np.isinf(values)
+    count = int(np.count_nonzero(infinite))
+    if not count:
+        return values, ""
+    verb = "is" if count == 1 else "are"
+    return np.where(infinite, np.nan, values), f"{count} of {values.size} values {verb} infinite and treated as missing"
+
+
 def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     """Return one dataset of several recordings, each a separate piece, with the channels common to all.
 
@@ -259,6 +270,8 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         raise ArgumentError(f"dataset {name} needs at least one recording")
     if len({part.time is None for part in parts}) > 1:
         raise ArgumentError(f"dataset {name} mixes recordings with and without time stamps")
+    if len(parts) == 1:
+        return replace(parts[0], name=name)
     shared = [channel for channel in parts[0].channels if all(channel.name in part for part in parts)]
     channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
     offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
@@ -267,5 +280,5 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     scored = None
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([part.counting for part in parts])
-    remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
-    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored, remarks=remarks)
+    findings = tuple(dict.fromkeys(finding for part in parts for finding in part.findings))
+    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored, findings=findings)

@@ -108,8 +108,8 @@ def test_a_file_that_was_touched_alone_is_not_read_anew(kept):
 
 def test_the_content_is_hashed_where_the_file_changed_and_not_otherwise(kept):
     hashed = []
-    looked = caching._looked_at
-    kept.patch.setattr(caching, "_looked_at", lambda path: hashed.append(path) or looked(path))
+    state_of = caching._FileState.of
+    kept.patch.setattr(caching._FileState, "of", lambda path: hashed.append(path) or state_of(path))
     kept.patch.setattr(caching, "_SETTLED", -1)
     for _ in range(3):
         kept.speed()
@@ -122,8 +122,8 @@ def test_the_content_is_hashed_where_the_file_changed_and_not_otherwise(kept):
 
 def test_a_file_that_was_written_a_moment_ago_is_hashed_each_time(kept):
     hashed = []
-    looked = caching._looked_at
-    kept.patch.setattr(caching, "_looked_at", lambda path: hashed.append(path) or looked(path))
+    state_of = caching._FileState.of
+    kept.patch.setattr(caching._FileState, "of", lambda path: hashed.append(path) or state_of(path))
     for _ in range(3):
         kept.speed()
     assert len(hashed) == 3

@@ -13,19 +13,19 @@ GERMAN = "Drehzahl [1/min];Last [%]\n950;10\n1.100;20\n1.250;30\n980;40\n"
 def test_a_point_that_may_separate_thousands_is_warned_of(csv):
     data = read(csv(GERMAN))
     assert data["Drehzahl"].values.tolist() == [950, 1.1, 1.25, 980]
-    (remark,) = data.remarks
+    (remark,) = data.findings
     assert remark.severity == "warning"
     assert str(remark) == (
         "bench.csv line 3, column Drehzahl: 1.100 is read as 1.1, but may mean 1100: other cells have no point. "
         "If it means 1100, export the file without thousands separators; if not, ignore this."
     )
-    assert describe(csv(GERMAN)).tables[0].remarks == data.remarks
+    assert describe(csv(GERMAN)).tables[0].findings == data.findings
 
 
 def test_it_is_found_in_packed_files_and_beyond_the_first_lines(csv):
     rows = "950;10\n" * 20_000
     data = read(csv(gzip.compress(f"n;Last\n{rows}1.100;20\n".encode()), "run.csv.gz"))
-    assert [str(remark.location) for remark in data.remarks] == ["run.csv.gz line 20002, column n"]
+    assert [str(remark.location) for remark in data.findings] == ["run.csv.gz line 20002, column n"]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_it_is_found_in_packed_files_and_beyond_the_first_lines(csv):
     ],
 )
 def test_points_that_are_clear_are_not(csv, text):
-    assert read(csv(text)).remarks == ()
+    assert read(csv(text)).findings == ()
 
 
 @pytest.mark.parametrize(
@@ -75,10 +75,10 @@ def test_a_chinese_or_japanese_file_is_read_with_a_remark(csv, monkeypatch, enco
     _, speed, temperature = (part.split(" ")[0] for part in names.split(","))
     assert data[speed].unit == "rpm"
     assert data[temperature].unit == "℃"
-    (remark,) = data.remarks
+    (remark,) = data.findings
     assert remark.severity == "remark"
     assert said in str(remark)
 
 
 def test_western_files_are_read_without_a_remark(csv):
-    assert read(csv("Zeit [s];Öl [°C]\n0;1\n1;2\n", encoding="cp1252")).remarks == ()
+    assert read(csv("Zeit [s];Öl [°C]\n0;1\n1;2\n", encoding="cp1252")).findings == ()

@@ -105,4 +105,4 @@ def test_the_real_steady_points_are_read(real):
 def test_limits_without_end_in_a_real_workbook_are_missing_values(real):
     data = read(f"{real('engine_steady/safety_constraint.xlsx')}#engine1_normalized")
     assert all(np.isfinite(c.values).all() or np.isnan(c.values).any() for c in data.values())
-    assert any("row 3, column B (engine_speed" in str(remark) for remark in data.remarks)
+    assert any("row 3, column B (engine_speed" in str(remark) for remark in data.findings)

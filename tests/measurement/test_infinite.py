@@ -58,12 +58,12 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
     write(path)
     data = read(path)
     np.testing.assert_array_equal(data["v"].values, [1, np.nan, np.nan, 4])
-    (remark,) = data.remarks
+    (remark,) = data.findings
     assert remark.severity == "warning"
     assert remark.message == "2 of 4 values are infinite and treated as missing"
     assert str(remark.location).startswith("bench.x")
     (table,) = describe(path).tables
-    assert table.remarks == data.remarks
+    assert table.findings == data.findings
     channel = next(c for c in table.channels if c.name == "v")
     assert (channel.nan_share, channel.minimum, channel.maximum) == (0.5, 1, 4)
 
@@ -71,8 +71,8 @@ def test_every_reader_takes_infinite_values_as_missing_and_counts_them(tmp_path,
 def test_only_channels_that_are_asked_for_are_warned_of(tmp_path):
     path = tmp_path / "bench.csv"
     path.write_text("time,v,w\n0,1,2\n1,inf,3\n2,4,5\n")
-    assert read(path, ["w"]).remarks == ()
-    assert [str(remark) for remark in read(path, ["v"]).remarks] == [
+    assert read(path, ["w"]).findings == ()
+    assert [str(remark) for remark in read(path, ["v"]).findings] == [
         "bench.csv line 3, column v: 1 of 3 values is infinite and treated as missing"
     ]
 
@@ -94,7 +94,7 @@ def test_nothing_is_interpolated_towards_an_infinite_value(tmp_path):
 def test_arrays_in_python_follow_the_same_convention():
     data = Dataset.of("bench", {"v": SPEED, "w": TIME})
     np.testing.assert_array_equal(data["v"].values, [1, np.nan, np.nan, 4])
-    assert [str(remark) for remark in data.remarks] == [
+    assert [str(remark) for remark in data.findings] == [
         "dataset bench, channel v: 2 of 4 values are infinite and treated as missing"
     ]
 
@@ -103,4 +103,4 @@ def test_the_cache_keeps_the_warnings(tmp_path):
     path = tmp_path / "bench.csv"
     text(path)
     data = read(path)
-    assert from_parquet(to_parquet(data), "bench").remarks == data.remarks
+    assert from_parquet(to_parquet(data), "bench").findings == data.findings

@@ -134,7 +134,7 @@ def test_first_records_without_a_time_stamp_are_left_out_with_a_remark(log, firs
     data = read(path)
     assert data["RPM"].values.tolist() == [800 + k for k in range(40)]
     assert data.starts.tolist() == [0]
-    remark = data.remarks[-1]
+    remark = data.findings[-1]
     assert remark.severity == "remark"
     assert str(remark).startswith(f"run.mlg record 1: {len(first)} record")
     assert "skipped: without a time stamp or later than the next one" in remark.message
@@ -146,14 +146,14 @@ def test_records_without_a_time_stamp_in_between_are_left_out(log):
     path = log(mlg(fields, rows(fields, (0.0, 1), (np.nan, 2), (0.2, 3), (np.nan, 4), (0.4, 5))))
     data = read(path)
     assert data.time.tolist() == pytest.approx([0, 0.2, 0.4])
-    assert (data.remarks[0].severity, str(data.remarks[0].location)) == ("warning", "run.mlg record 2")
+    assert (data.findings[0].severity, str(data.findings[0].location)) == ("warning", "run.mlg record 2")
 
 
 def test_a_restart_after_more_than_one_record_is_a_piece(log):
     fields = [TIME, RPM]
     data = read(log(mlg(fields, rows(fields, (5.0, 1), (5.1, 2), (0.0, 3), (0.1, 4)))))
     assert data.starts.tolist() == [0, 2]
-    assert data.remarks == ()
+    assert data.findings == ()
 
 
 def test_infinite_numbers_are_missing(log):
@@ -232,7 +232,7 @@ def test_all_wrong_fields_are_named(log):
         "rununknown type 99",
         "runits scale inf and transform 0 must be finite",
     ]
-    assert [f.place for f in caught.value.findings] == ["run.mlg field 2", "run.mlg field 3"]
+    assert [str(f.location) for f in caught.value.findings] == ["run.mlg field 2", "run.mlg field 3"]
 
 
 def test_an_unknown_block_and_a_log_without_records_are_findings(log):

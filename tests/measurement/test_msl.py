@@ -115,4 +115,4 @@ def test_the_real_log_is_read(real):
 def test_a_first_row_without_a_time_is_left_out_with_a_remark(log):
     data = read(log(HEAD + NAMES + UNITS + "\t880\t14.7\t9\n" + ROWS))
     assert data["RPM"].values.tolist() == [900, 910, 905]
-    assert str(data.remarks[0]).startswith("run.msl line 5: 1 line of 4 skipped: without a time stamp")
+    assert str(data.findings[0]).startswith("run.msl line 5: 1 line of 4 skipped: without a time stamp")

@@ -63,7 +63,7 @@ def test_text_asked_for_and_missing_channels_are_findings(parquet):
 def test_infinite_values_are_missing_and_placed_by_row(parquet):
     data = read(parquet(pa.table({"a": [1.0, np.inf]})))
     np.testing.assert_array_equal(data["a"].values, [1, np.nan])
-    assert str(data.remarks[0]) == "bench.parquet row 2, column a: 1 of 2 values is infinite and treated as missing"
+    assert str(data.findings[0]) == "bench.parquet row 2, column a: 1 of 2 values is infinite and treated as missing"
 
 
 def test_a_file_without_rows_is_a_finding(parquet):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import read, text
+from kennfeld.measurement.bulk_csv import read_bulk
 from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.table import Selection
 
@@ -282,32 +283,53 @@ def outcome(path):
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_clean_files_read_at_once_are_as_read_line_by_line(csv, monkeypatch, separator):
+def test_damaged_files_read_in_bulk_are_as_read_line_by_line(csv, monkeypatch, separator):
     numbers = random.Random(5)
     rows = [[f"{i / 10}", repr(numbers.gauss(0, 1e3)), repr(numbers.random() * 1e-9), str(-i)] for i in range(60)]
     body = "\n".join(separator.join(row) for row in [["time", "a", "b", "c"], ["s", "Nm", "", "1"], *rows]) + "\n"
-    assert read_clean_of(csv(body)) is not None
+    assert read_bulk_of(csv(body)) is not None
     for content in [body.encode(), body.replace("\n", "\r\n").encode(), *mutants(body.encode(), 11, 400)]:
         path = csv(content)
-        at_once = repr(outcome(path))
+        exact = repr(outcome(path))
         with monkeypatch.context() as patched:
-            patched.setattr(text, "read_clean", lambda *_: None)
-            assert repr(outcome(path)) == at_once
+            patched.setattr(text, "BULK", 0)
+            assert repr(outcome(path)) == exact
 
 
-def read_clean_of(path):
+def read_bulk_of(path):
     source = locate(path)
-    return text.read_clean(source, text.detect_dialect(source), Selection())
+    return read_bulk(source, text.detect_dialect(source), Selection())
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000", "inf", '"1"'])
-def test_what_is_no_plain_number_is_left_to_the_exact_reader(csv, cell):
-    assert read_clean_of(csv(f"a,b\n1,2\n3,{cell}\n5,6\n7,8\n")) is None
+def numbers_and(cell):
+    """Return a table whose last rows lie beyond those that the bulk reader looks at before it begins."""
+    return "a,b\n" + "1,2\n" * 300 + f"3,{cell}\n5,6\n7,8\n"
 
 
-@pytest.mark.parametrize("row", ["", "1", "1,2,3", "1,2,", "# 1,2", "1;2"])
+@pytest.mark.parametrize("cell", ["x", "1 2", "1.2.3", "1e", "1-2", "--1", "0x10", "1_000"])
+def test_what_is_no_number_is_left_to_the_exact_reader(csv, cell):
+    assert read_bulk_of(csv(numbers_and(cell))) is None
+
+
+@pytest.mark.parametrize(
+    "cell", ["", "nan", "-", "N/A", "inf", "-Infinity", '"1"', " 1", "1 ", "1.", ".5", "1e-3", "-0"]
+)
+def test_a_number_in_an_unusual_form_is_read_in_bulk_as_line_by_line(csv, monkeypatch, cell):
+    path = csv(numbers_and(cell))
+    exact = repr(outcome(path))
+    assert read_bulk_of(path) is not None
+    monkeypatch.setattr(text, "BULK", 0)
+    assert repr(outcome(path)) == exact
+
+
+@pytest.mark.parametrize("row", ["", "1", "1,2,3", "1,2,", "# 1,2", "1;2", ",", '"1', '"1\n2",3'])
 def test_a_row_of_another_form_is_left_to_the_exact_reader(csv, row):
-    assert read_clean_of(csv(f"a,b\n1,2\n{row}\n5,6\n7,8\n")) is None
+    assert read_bulk_of(csv(f"a,b\n1,2\n{row}\n5,6\n7,8\n")) is None
+
+
+@pytest.mark.parametrize("row", ["1  2", "1 2 ", " 1 2", "1\t2 3"])
+def test_several_blanks_between_numbers_are_left_to_the_exact_reader(csv, row):
+    assert read_bulk_of(csv("a b c\n" + "1 2 3\n" * 300 + f"{row}\n5 6 7\n")) is None
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,13 @@ def test_formulas_without_saved_values_are_named(xlsx, cell):
     path = xlsx(Data=sheet(CELL.replace("{1}", "7"), cell, cell))
     data = read(path)
     assert data["Torque"].values.tolist()[0] == 7
-    (remark,) = data.remarks
+    (remark,) = data.findings
     assert remark.severity == "warning"
     assert str(remark) == (
         "bench.xlsx: sheet Data holds 2 formulas whose values were not saved, in B3 and others; they are read as "
         "missing. Open the workbook in Excel or LibreOffice, which compute them, and save it."
     )
-    assert describe(path).tables[0].remarks == (remark,)
+    assert describe(path).tables[0].findings == (remark,)
 
 
 def test_a_sheet_of_nothing_else_is_refused_with_the_reason(xlsx):
@@ -54,7 +54,7 @@ def test_a_sheet_of_nothing_else_is_refused_with_the_reason(xlsx):
 def test_formulas_with_values_and_empty_texts_are_no_reason(xlsx):
     saved = '<c r="{0}"><f>A2*2</f><v>4</v></c>'
     empty = '<c r="{0}" t="str"><f>""</f><v></v></c>'
-    assert read(xlsx(Data=sheet(saved, saved, empty))).remarks == ()
+    assert read(xlsx(Data=sheet(saved, saved, empty))).findings == ()
 
 
 def test_a_calibration_workbook_says_so_too(tmp_path):

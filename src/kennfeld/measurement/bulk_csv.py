@@ -1,154 +1,158 @@
-"""Reader of large and clean text files through the C parser of pandas.
+"""Reader of large text files through the CSV parser of Arrow.
 
-Anything unusual (text among numbers, rows of another length, blank lines) is left to the exact reader, which knows the
-line of each cell.
+Anything unusual (text in a column that began with numbers, rows of another length, blank lines) is left to the exact
+reader, which knows the line of each cell.
 """
 
-import warnings
+import itertools
+import mmap
+import os
 from collections.abc import Iterable
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import csv
 
 from kennfeld.arrays import Float
-from kennfeld.measurement.cells import MISSING, TRUTH, is_stamp, parse_number
+from kennfeld.measurement.cells import MISSING, TRUTH, parse_number
 from kennfeld.measurement.csv_dialect import Dialect, is_comment, split_line
+from kennfeld.measurement.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.table import Column, Selection, Table
+from kennfeld.measurement.header import Header
+from kennfeld.measurement.table import BLOCK, Column, ColumnBuilder, Selection, Table
 
-_CHUNK = 1 << 24
+_LINE = 1 << 24  # bytes
 _SAMPLE = 200  # lines
+_TAIL = 4096  # bytes that are searched for empty lines at the end
+_CHUNK = 1 << 24
+_SEVERAL_BLANKS = (b"  ", b" \n", b" \r", b"\n ")  # are one separator, or none
 
 
 def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
     """Return the table of a text file; None if the exact reader is required."""
-    if dialect.encoding == "utf-16":
-        return None
-    sample = _sample(source, dialect)
-    cells = [split_line(line, dialect.separator) for line in sample or ()]
-    if sample is None or len({len(row) for row in cells}) != 1 or any(map(is_comment, sample)):
+    header = dialect.header
+    with source.open() as stream:
+        begin = sum(len(stream.readline(_LINE)) for _ in range(header.data))
+        lines = [stream.readline(_LINE) for _ in range(_SAMPLE)]
+    sample = [line.decode(dialect.encoding, "replace").rstrip("\r\n") for line in lines if line]
+    cells = [split_line(line, dialect.separator) for line in sample]
+    if dialect.encoding == "utf-16" or any(map(is_comment, sample)) or len({len(row) for row in cells}) != 1:
         return None
     width = len(cells[0])
-    if width < dialect.header.width:
+    types = {i: _column_type([row[i] for row in cells], dialect) for i in selection.wants(header) if i < width}
+    content = _content(source)
+    if width < header.width or not types or _has_several_blanks(content, begin, dialect):
         return None
-    kinds = {i: _kind([row[i] for row in cells], dialect) for i in range(width)}
-    wanted = [i for i in selection.wants(dialect.header) if i < width]
-    numeric = [i for i in wanted if kinds[i] is not None]
-    if selection.channels is not None and numeric != wanted:
-        return None
-    if any(is_stamp(cells[0][i]) for i in wanted if i not in numeric):
-        return None
-    frame = _frame(source, dialect, sample, kinds)
-    return None if frame is None else _table(source, dialect, frame, numeric)
-
-
-def _kind(cells: list[str], dialect: Dialect) -> str | None:
-    """Return the type that the column seems to hold: `float`, `bool`, or None for text."""
-    if any(parse_number(cell, dialect.decimal) is None for cell in cells):
-        return None
-    return "bool" if any(cell.strip().casefold() in TRUTH for cell in cells) else "float"
-
-
-def _sample(source: MeasurementFile, dialect: Dialect) -> list[str] | None:
-    """Return the first lines of numbers; None if a cell above spans several lines, which pandas would miscount."""
-    with source.open() as stream:
-        head = [stream.readline(_CHUNK) for _ in range(dialect.header.data)]
-        lines = [stream.readline(_CHUNK) for _ in range(_SAMPLE)]
-    if any(line.count(b'"') % 2 for line in head):
-        return None
-    return [line.decode(dialect.encoding, "replace").rstrip("\r\n") for line in lines if line]
-
-
-def _frame(source: MeasurementFile, dialect: Dialect, sample: list[str], kinds: dict[int, str | None]) -> Any:
-    """Return all columns: only when pandas reads each of them does it complain of a row with too many cells.
-
-    Their types are left to pandas, which is a third faster than when it is told that they are floating-point numbers.
-    """
-    import pandas as pd
-
-    options: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
-    if "bool" in kinds.values():  # each of these options costs a fifth of the time
-        options["true_values"] = _spelt(word for word, value in TRUTH.items() if value)
-        options["false_values"] = _spelt(word for word, value in TRUTH.items() if not value)
-    if any(f"{dialect.separator} " in line for line in sample):
-        options["skipinitialspace"] = True
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            return pd.read_csv(
-                source.path,  # by path: pandas decodes what it reads from an open file
-                compression="gzip" if source.packed else None,
-                sep=r"\s+" if dialect.separator == " " else dialect.separator,
-                decimal=dialect.decimal,
-                header=None,
-                skiprows=dialect.header.data,
-                names=range(len(kinds)),
-                index_col=False,
-                keep_default_na=False,
-                na_values=_spelt(MISSING),
-                skip_blank_lines=False,
-                encoding=dialect.encoding.removesuffix("-sig"),
-                encoding_errors="replace",
-                **options,
-            )
-        except (ValueError, OverflowError):  # pandas' own errors are ValueErrors
+    tail = content[max(len(content) - _TAIL, 0) :]
+    data = memoryview(content)[begin : len(content) - len(tail) + len(tail.rstrip(b"\r\n"))]
+    processors = os.cpu_count() or 1
+    with ThreadPoolExecutor(processors) as pool:  # threads of Arrow itself can abort a process that ends early
+        parts = list(pool.map(lambda part: _parse(part, dialect, types, width), _split_lines(data, processors)))
+        tables = [part for part in parts if part is not None]
+        if len(tables) < len(parts):
             return None
+        table = pa.concat_tables(tables)
+        columns = list(pool.map(lambda i: _column(header, i, table.column(str(i)), dialect), types))
+    if _has_empty_row([column.values for column in columns]):  # perhaps a blank line
+        return None
+    rows = np.arange(table.num_rows) + header.data + 1
+    return Table(source.location, tuple(columns), rows, names=header.names, details=dialect.details)
 
 
-def _spelt(words: Iterable[str]) -> list[str]:
-    """Return the words as files spell them; pandas compares them letter by letter."""
+def _column_type(cells: list[str], dialect: Dialect) -> str:
+    """Return the type that the column seems to hold, as Arrow calls it; "binary" for text."""
+    if any(parse_number(cell, dialect.decimal) is None for cell in cells):
+        return "binary"
+    return "bool" if any(cell.strip().casefold() in TRUTH for cell in cells) else "double"
+
+
+def _content(source: MeasurementFile) -> bytes | mmap.mmap:
+    with source.open() as stream:
+        return stream.read() if source.packed else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def _has_several_blanks(content: bytes | mmap.mmap, begin: int, dialect: Dialect) -> bool:
+    if dialect.separator != " ":
+        return False
+    return content[-1:] == b" " or any(content.find(blanks, begin - 1) >= 0 for blanks in _SEVERAL_BLANKS)
+
+
+def _split_lines(data: memoryview, count: int) -> list[memoryview]:
+    """Return at most so many parts of similar size, each of whole lines."""
+    ends = {_line_end(data, len(data) * k // count) for k in range(1, count)} | {len(data)}
+    bounds = [0, *sorted(ends)]
+    return [data[begin:end] for begin, end in itertools.pairwise(bounds)]
+
+
+def _line_end(data: memoryview, position: int) -> int:
+    """Return where the line that holds this position ends, behind its line feed."""
+    while position < len(data):
+        feed = bytes(data[position : position + _TAIL]).find(b"\n")
+        if feed >= 0:
+            return position + feed + 1
+        position += _TAIL
+    return len(data)
+
+
+def _parse(data: memoryview, dialect: Dialect, types: dict[int, str], width: int) -> pa.Table | None:
+    """Return the columns of these types, by their number; None if a cell or a row does not fit."""
+    encoding = dialect.encoding if dialect.encoding in GUESSED_ENCODINGS else "utf8"  # others have ASCII separators
+    reading = csv.ReadOptions(use_threads=False, column_names=[str(i) for i in range(width)], encoding=encoding)
+    parsing = csv.ParseOptions(delimiter=dialect.separator, ignore_empty_lines=False)
+    conversion = csv.ConvertOptions(
+        check_utf8=False,
+        column_types={str(i): kind for i, kind in types.items()},
+        include_columns=[str(i) for i in types],
+        null_values=_spell(MISSING),
+        true_values=_spell(word for word, value in TRUTH.items() if value),
+        false_values=_spell(word for word, value in TRUTH.items() if not value),
+        decimal_point=dialect.decimal,
+    )
+    try:
+        table = csv.read_csv(pa.BufferReader(pa.py_buffer(data)), reading, parsing, conversion)
+    except pa.ArrowInvalid:
+        return None
+    return None if table.num_rows != _count_lines(data) or any(map(_has_quotes, table.columns)) else table
+
+
+def _has_empty_row(columns: list[Float]) -> bool:
+    empty = np.isnan(columns[0])
+    for values in columns[1:]:
+        if not empty.any():
+            break
+        empty &= np.isnan(values)
+    return bool(empty.any())
+
+
+def _has_quotes(column: pa.ChunkedArray) -> bool:
+    """Return whether a column of text holds quotes, which may be unbalanced."""
+    if not pa.types.is_binary(column.type):
+        return False
+    from pyarrow import compute
+
+    return compute.any(compute.match_substring(column, '"')).as_py() is True
+
+
+def _spell(words: Iterable[str]) -> list[str]:
+    """Return the words as files spell them; Arrow compares them letter by letter."""
     return sorted({spelt for word in words for spelt in (word, word.upper(), word.title(), word.replace("nan", "NaN"))})
 
 
-def _table(source: MeasurementFile, dialect: Dialect, frame: Any, numeric: list[int]) -> Table | None:
-    if any(frame[i].dtype.kind not in "fbiu" for i in numeric):
-        return None
-    last = frame[dialect.header.width - 1].isna().to_numpy()
-    kept = last.size - _blank_end(source, dialect)
-    if last[:kept].any() and not _even(source, dialect, kept, frame.shape[1]):
-        return None
-    values = {i: frame[i].to_numpy(dtype=np.float64)[:kept] for i in numeric}
-    if not kept or _empty_rows(list(values.values())):
-        return None
-    rows = np.arange(kept) + dialect.header.data + 1
-    names, units = dialect.header.names, dialect.header.units
-    columns = tuple(Column(names[i], units[i], names[i], column) for i, column in values.items())
-    return Table(source.name, columns, rows, names=names, details=dialect.details)
+def _count_lines(data: memoryview) -> int:
+    """Return the number of lines; there are more than rows if a cell spans several."""
+    chunks = (np.frombuffer(data[k : k + _CHUNK], np.uint8) for k in range(0, len(data), _CHUNK))
+    feeds = sum(int(np.count_nonzero(chunk == ord("\n"))) for chunk in chunks)  # bytes.count is 7 times slower
+    return feeds + (bytes(data[-1:]) != b"\n")
 
 
-def _blank_end(source: MeasurementFile, dialect: Dialect) -> int:
-    """Return the number of blank lines at the end of the file, without the empty text after the last line end."""
-    if source.packed:
-        return 0
-    with source.open() as stream:
-        stream.seek(max(source.size - 4096, 0))
-        tail = stream.read().decode(dialect.encoding, "replace")
-    lines = tail.replace("\r\n", "\n").removesuffix("\n").split("\n")
-    count = 0
-    while count < len(lines) and not lines[-1 - count].strip():
-        count += 1
-    return count
-
-
-def _even(source: MeasurementFile, dialect: Dialect, rows: int, width: int) -> bool:
-    """Return whether the file has exactly the separators of complete rows, so that gaps are not short rows."""
-    if dialect.separator == " ":
-        return False
-    separator, count = ord(dialect.separator), 0
-    with source.open() as stream:
-        for _ in range(dialect.header.data):
-            stream.readline(_CHUNK)
-        while chunk := stream.read(_CHUNK):
-            if b'"' in chunk:
-                return False
-            count += int(np.count_nonzero(np.frombuffer(chunk, np.uint8) == separator))  # bytes.count is 7x slower
-    return count == rows * (width - 1)
-
-
-def _empty_rows(columns: list[Float]) -> bool:
-    empty = np.ones(columns[0].size if columns else 0, dtype=bool)
-    for column in columns:
-        if not empty.any():
-            return False
-        empty &= np.isnan(column)
-    return bool(empty.any())
+def _column(header: Header, index: int, values: pa.ChunkedArray, dialect: Dialect) -> Column:
+    name, unit = header.names[index], header.units[index]
+    if not pa.types.is_binary(values.type):
+        return Column(name, unit, name, values.cast(pa.float64()).to_numpy())
+    encoding = "utf8" if dialect.encoding in GUESSED_ENCODINGS else dialect.encoding  # Arrow has converted the others
+    builder = ColumnBuilder(name, unit, name)
+    for begin in range(0, len(values), BLOCK):
+        cells = values.slice(begin, BLOCK).to_pylist()
+        builder.add([cell.decode(encoding, "replace") for cell in cells], dialect.decimal)
+    return builder.build()

@@ -22,12 +22,12 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
 _NOTES = b"kennfeld"
-_KEPT = ("name", "channels", "time", "starts", "clock", "remarks")  # what is written of a dataset
+_STORED = ("name", "channels", "time", "starts", "clock", "findings")  # what is written of a dataset
 
 _WORTH = {
     FileKind.MDF: 0.0,
@@ -50,7 +50,9 @@ def to_parquet(dataset: Dataset) -> bytes | None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not _is_plain(dataset):
+    new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.starts)
+    others = [attribute.name for attribute in fields(Dataset) if attribute.name not in _STORED]
+    if not dataset.channels or any(getattr(dataset, name) != getattr(new, name) for name in others):
         return None
     columns = [channel.values for channel in dataset.channels]
     columns += [] if dataset.time is None else [dataset.time]
@@ -59,7 +61,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
         "time": dataset.time is not None,
         "starts": dataset.starts.tolist(),
         "clock": None if dataset.clock is None else asdict(dataset.clock),
-        "remarks": [asdict(remark) for remark in dataset.remarks],
+        "findings": [asdict(finding) for finding in dataset.findings],
     }
     table = pa.table(
         [pa.array(np.ascontiguousarray(values)) for values in columns],
@@ -71,13 +73,6 @@ def to_parquet(dataset: Dataset) -> bytes | None:
     pq.write_table(table, sink, row_group_size=rows, use_dictionary=False, write_statistics=False, **settings)
     content: bytes = sink.getvalue().to_pybytes()
     return content
-
-
-def _is_plain(dataset: Dataset) -> bool:
-    """Return whether all other attributes have their defaults, as in a dataset from a reader."""
-    new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.starts)
-    others = [attribute.name for attribute in fields(Dataset) if attribute.name not in _KEPT]
-    return bool(dataset.channels) and all(getattr(dataset, name) == getattr(new, name) for name in others)
 
 
 def from_parquet(content: bytes, name: str) -> Dataset | None:
@@ -96,9 +91,9 @@ def from_parquet(content: bytes, name: str) -> Dataset | None:
             for (label, unit, description), values in zip(notes["channels"], columns, strict=True)
         )
         clock = None if notes["clock"] is None else Clock(**notes["clock"])
-        remarks = tuple(Finding(**remark) for remark in notes["remarks"])
+        findings = tuple(Finding(**f | {"location": Location(**f["location"])}) for f in notes["findings"])
         starts = np.array(notes["starts"], dtype=np.int64)
-        return Dataset(name, channels, time, starts, clock=clock, remarks=remarks)
+        return Dataset(name, channels, time, starts, clock=clock, findings=findings)
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -112,7 +107,7 @@ def _numbers(column: Any) -> Float:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _FileState:
     """State of a measurement file when its content was hashed; `failed` are selections with missing channels."""
 
     size: int
@@ -120,6 +115,27 @@ class _Seen:
     at: int  # ns
     content: str
     failed: dict[str, list[str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, path: Path) -> "_FileState":
+        """Return the current state of a file. Raises `OSError`."""
+        import hashlib
+
+        at, stat = time.time_ns(), path.stat()
+        with path.open("rb") as file:
+            content = hashlib.file_digest(file, _digest).hexdigest()
+        return cls(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
+
+    @classmethod
+    def from_json(cls, text: bytes) -> "_FileState":
+        """Parse the note on a file. Raises `ValueError`, `KeyError` or `TypeError` if it is damaged."""
+        note: dict[str, Any] = json.loads(text)
+        first, second = note["changed"]
+        failed = {str(key): [str(name) for name in names] for key, names in dict(note["failed"]).items()}
+        content = note["content"]
+        if not (isinstance(content, str) and content.isalnum()):  # it is part of names and patterns of files
+            raise ValueError(f"{content!r} is not a hash")
+        return cls(int(note["size"]), (int(first), int(second)), int(note["at"]), content, failed)
 
     def holds(self, stat: os.stat_result) -> bool:
         """Return whether the file is certainly unchanged, without reading its content."""
@@ -148,22 +164,22 @@ class Cache:
         """Read a file as `read_leniently` does, from the cache if possible."""
         source = locate(path)
         key = _key(source, channels, raster, units)
-        known = self._found(source, key)
-        if known is not None:
-            return known
+        stored = self._find(source, key)
+        if stored is not None:
+            return stored
         before, began = source.path.stat(), time.perf_counter()
         dataset = read_leniently(path, channels, raster, units or {})
         if time.perf_counter() - began >= _WORTH.get(source.kind, _WORTH_ELSE):
             with contextlib.suppress(*_ERRORS):
-                self._keep(source, before, key, dataset)
+                self._store(source, before, key, dataset)
         return dataset
 
-    def failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
+    def load_failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
         """Return the channel names of a file that is known to lack some of these channels; None if unknown."""
         source = locate(path)
         with contextlib.suppress(*_ERRORS):
-            seen = self._seen(source)
-            return None if seen is None else seen.failed.get(_key(source, channels, raster))
+            state = self._known_state(source)
+            return None if state is None else state.failed.get(_key(source, channels, raster))
         return None
 
     def keep_failed(
@@ -174,77 +190,70 @@ class Cache:
         if source.kind is not FileKind.MDF:  # other kinds are listed quickly
             return
         with contextlib.suppress(*_ERRORS):
-            seen = self._seen(source) or _looked_at(source.path)
-            self._note(source, seen, {**seen.failed, _key(source, channels, raster): list(names)})
+            state = self._known_state(source) or _FileState.of(source.path)
+            self._write_note(source, state, {**state.failed, _key(source, channels, raster): list(names)})
 
-    def _found(self, source: MeasurementFile, key: str) -> Dataset | None:
+    def _find(self, source: MeasurementFile, key: str) -> Dataset | None:
         with contextlib.suppress(*_ERRORS):
-            seen = self._seen(source)
-            if seen is None:
-                return None
-            for entry in self.folder.glob(f"{seen.content}-{key}-*.parquet"):
-                result = _read_entry(entry, source.stem)
-                if result is not None:
-                    return result
+            state = self._known_state(source)
+            entries = () if state is None else self.folder.glob(f"{state.content}-{key}-*.parquet")
+            recordings = (_read_entry(entry, source.stem) for entry in entries)
+            return next((recording for recording in recordings if recording is not None), None)
         return None
 
-    def _seen(self, source: MeasurementFile) -> _Seen | None:
+    def _known_state(self, source: MeasurementFile) -> _FileState | None:
         """Return the note on a file if its content has not changed; else remove its entries."""
-        if not self.folder.is_dir():
-            return None
-        note = self._note_of(source)
+        note = self._note_path(source)
         if not note.is_file():
             return None
-        seen = _from_json(note.read_bytes())
-        if seen.holds(source.path.stat()):
-            return seen
-        now = _looked_at(source.path)
-        if now.content == seen.content:
-            self._note(source, now, seen.failed)
-            return seen
-        for entry in self.folder.glob(f"{seen.content}-*.parquet"):
+        known = _FileState.from_json(note.read_bytes())
+        if known.holds(source.path.stat()):
+            return known
+        now = _FileState.of(source.path)
+        if now.content == known.content:
+            self._write_note(source, now, known.failed)
+            return known
+        for entry in self.folder.glob(f"{known.content}-*.parquet"):
             _remove(entry)
         _remove(note)
         return None
 
-    def _keep(self, source: MeasurementFile, before: os.stat_result, key: str, dataset: Dataset) -> None:
+    def _store(self, source: MeasurementFile, before: os.stat_result, key: str, dataset: Dataset) -> None:
         content = to_parquet(dataset)
         if content is None or len(content) > self.most:
             return
-        seen = self._seen(source) or _looked_at(source.path)
+        state = self._known_state(source) or _FileState.of(source.path)
         after = source.path.stat()
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
             return  # it may have changed while it was read
-        self._make()
-        write_whole(self.folder / f"{seen.content}-{key}-{_hash(content)}.parquet", content)
-        self._note(source, seen, seen.failed)
-        self._bound()
+        self._create_folder()
+        write_whole(self.folder / f"{state.content}-{key}-{_hash(content)}.parquet", content)
+        self._write_note(source, state, state.failed)
+        self._limit_size()
 
-    def _make(self) -> None:
+    def _create_folder(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         ignored = self.folder / ".gitignore"
         if not ignored.exists():
             write_whole(ignored, "*\n")
 
-    def _note_of(self, source: MeasurementFile) -> Path:
+    def _note_path(self, source: MeasurementFile) -> Path:
         return self.folder / f"{_hash(str(source.path.resolve()).encode('utf-8', 'surrogateescape'))}.json"
 
-    def _note(self, source: MeasurementFile, seen: _Seen, failed: dict[str, list[str]]) -> None:
-        self._make()
-        note = {"file": str(source.path), **asdict(seen), "failed": failed}
-        write_whole(self._note_of(source), json.dumps(note))
+    def _write_note(self, source: MeasurementFile, state: _FileState, failed: dict[str, list[str]]) -> None:
+        self._create_folder()
+        write_whole(self._note_path(source), json.dumps({"file": str(source.path), **asdict(state), "failed": failed}))
 
-    def _bound(self) -> None:
+    def _limit_size(self) -> None:
         """Remove the least recently used entries until the folder is within its size limit."""
-        entries = sorted(self._entries(), reverse=True)
         total = 0
-        for _, size, entry in entries:
+        for _, size, entry in sorted(self._entries(), reverse=True):
             total += size
             if total > self.most:
                 _remove(entry)
-        for half in self.folder.glob(".*-*"):
-            if time.time() - half.stat().st_mtime > _STALE:
-                _remove(half)
+        for temporary in self.folder.glob(".*-*"):
+            if time.time() - temporary.stat().st_mtime > _STALE:
+                _remove(temporary)
 
     def _entries(self) -> Iterator[tuple[int, int, Path]]:
         """Yield the time of last use, the size and the path of each entry."""
@@ -257,38 +266,13 @@ class Cache:
 def _read_entry(entry: Path, name: str) -> Dataset | None:
     """Return the recording of an entry; remove it and return None if it is damaged."""
     content = entry.read_bytes()
-    result = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
-    if result is None:
-        _remove(entry)
-        return None
+    recording = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
     with contextlib.suppress(OSError):
-        os.utime(entry)
-    return result
-
-
-def _looked_at(path: Path) -> _Seen:
-    """Return the current state of a file. Raises `OSError`."""
-    at, stat = time.time_ns(), path.stat()
-    import hashlib
-
-    with path.open("rb") as file:
-        content = hashlib.file_digest(file, _digest).hexdigest()
-    return _Seen(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
-
-
-def _from_json(text: bytes) -> _Seen:
-    """Parse the note on a file. Raises `ValueError`, `KeyError` or `TypeError` if it is damaged."""
-    note: dict[str, Any] = json.loads(text)
-    first, second = note["changed"]
-    failed = {str(key): [str(name) for name in names] for key, names in dict(note["failed"]).items()}
-    return _Seen(int(note["size"]), (int(first), int(second)), int(note["at"]), _word(note["content"]), failed)
-
-
-def _word(text: str) -> str:
-    """Return a hash that is safe in file names; reject paths and patterns."""
-    if not (isinstance(text, str) and text.isalnum()):
-        raise ValueError(f"{text!r} is not a hash")
-    return text
+        if recording is None:
+            entry.unlink(missing_ok=True)
+        else:
+            os.utime(entry)
+    return recording
 
 
 def _key(
@@ -298,9 +282,9 @@ def _key(
     units: Mapping[str, str] | None = None,
 ) -> str:
     """Return a hash of the selection, the settings and the version of the readers."""
-    asked = None if channels is None else list(dict.fromkeys(channels))
+    names = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
-    key = [_readers(), source.kind.value, source.sheet, asked, step, sorted((units or {}).items())]
+    key = [_readers(), source.kind.value, source.sheet, names, step, sorted((units or {}).items())]
     return _hash(json.dumps(key).encode())
 
 
@@ -309,10 +293,10 @@ def _readers() -> list[Any]:
     """Return the hash of the readers' source and the versions of their libraries; a change makes entries invalid."""
     texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
     libraries = []
-    for library in ("asammdf", "python_calamine", "pandas", "h5py"):
+    for library in ("asammdf", "python_calamine", "pyarrow", "h5py"):
         with contextlib.suppress(ImportError, ValueError, OSError):
-            found = find_spec(library)
-            stat = Path(found.origin).stat() if found and found.origin else None
+            spec = find_spec(library)
+            stat = Path(spec.origin).stat() if spec and spec.origin else None
             libraries.append([library, stat and stat.st_size, stat and stat.st_mtime_ns])
     return [_hash(b"\0".join(texts)), libraries]
 

@@ -37,7 +37,7 @@ def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
     (1.5, 1.0, nan, None)
     """
     if isinstance(cell, str):
-        return _from_text(cell.strip(), decimal)
+        return _parse_text(cell.strip(), decimal)
     if cell is None:
         return np.nan
     if isinstance(cell, int | float):
@@ -45,7 +45,7 @@ def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
     return _seconds(cell)
 
 
-def _from_text(text: str, decimal: Decimal) -> float | None:
+def _parse_text(text: str, decimal: Decimal) -> float | None:
     if _NUMBER[decimal].fullmatch(text):
         return float(text.replace(".", "").replace(",", ".") if decimal == "," else text)
     folded = text.casefold()
@@ -84,15 +84,15 @@ def parse_numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Floa
     >>> parse_numbers(["1", "", "rpm"])
     (array([ 1., nan, nan]), [2])
     """
-    quick = _quick(cells, decimal)
-    if quick is not None:
-        return quick, []
+    plain = _parse_quickly(cells, decimal)
+    if plain is not None:
+        return plain, []
     values = [parse_number(cell, decimal) for cell in cells]
     texts = [i for i, value in enumerate(values) if value is None]
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64), texts
 
 
-def _quick(cells: Sequence[object], decimal: Decimal) -> Float | None:
+def _parse_quickly(cells: Sequence[object], decimal: Decimal) -> Float | None:
     """Return all cells by `float` alone, or None if they need a closer look.
 
     Python accepts 1_000 as a number, and a point is not a decimal comma: such cells need the exact parser.

@@ -3,9 +3,9 @@
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import is_mark
@@ -64,39 +64,37 @@ def split_line(line: str, separator: str) -> list[str]:
         return line.split(separator)
 
 
-def find_dialect(place: str, lines: Sequence[str], encoding: str) -> Dialect:
+def find_dialect(location: Location, lines: Sequence[str], encoding: str) -> Dialect:
     """Return the dialect of a file that begins with these lines; raise `InputError` if there is no table."""
     best: tuple[tuple[int, int], Dialect] | None = None
-    lines = _joined(lines)
+    lines = _join_cells(lines)
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
             continue
         rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
-        for decimal in _decimals(separator, lines):
-            scored = _scored(rows, separator, decimal, encoding, lines)
-            if scored is not None and (best is None or scored[0] > best[0]):
-                best = scored
+        may_have_commas = separator != "," and any("," in line for line in lines)
+        decimals: tuple[Decimal, ...] = (".", ",") if may_have_commas else (".",)
+        for decimal in decimals:
+            rating = _rate(rows, separator, decimal, encoding, lines)
+            if rating is not None and (best is None or rating[0] > best[0]):
+                best = rating
     if best is None or best[0][0] <= 0:
-        raise _no_table(place, lines)
+        raise _no_table(location, lines)
     return best[1]
 
 
-def _joined(lines: Sequence[str]) -> list[str]:
+def _join_cells(lines: Sequence[str]) -> list[str]:
     """Return the lines with each multi-line cell moved to its last line; line numbers are unchanged."""
-    joined, held = [], ""
+    joined, begun = [], ""
     for i, line in enumerate(lines):
-        whole = held + line
+        whole = begun + line
         closes = any(later.count('"') % 2 for later in lines[i + 1 : i + 5])
-        held = f"{whole} " if whole.count('"') % 2 and closes else ""
-        joined.append("" if held else whole)
+        begun = f"{whole} " if whole.count('"') % 2 and closes else ""
+        joined.append("" if begun else whole)
     return joined
 
 
-def _decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
-    return (".", ",") if separator != "," and any("," in line for line in lines) else (".",)
-
-
-def _scored(
+def _rate(
     rows: list[list[str]], separator: str, decimal: Decimal, encoding: str, lines: Sequence[str]
 ) -> tuple[tuple[int, int], Dialect] | None:
     """Rate how well the lines read with this dialect; of equal ratings the first header wins.
@@ -108,10 +106,10 @@ def _scored(
         return None
     above = rows[: header.data]  # which a log that was restarted repeats
     data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
-    found = [[None if not cell.strip() else parse_number(cell, decimal) for cell in row] for row in data]
-    numeric = {i for values in found for i, value in enumerate(values) if value is not None}
+    numbers = [[None if not cell.strip() else parse_number(cell, decimal) for cell in row] for row in data]
+    numeric = {i for values in numbers for i, value in enumerate(values) if value is not None}
     score, seen = 0, False
-    for row, values in zip(data, found, strict=True):
+    for row, values in zip(data, numbers, strict=True):
         odd = len(row) < header.width or any(cell.strip() for cell in row[len(header.names) :])
         texts = sum(value is None and i in numeric and bool(row[i].strip()) for i, value in enumerate(values))
         score += len(values) - values.count(None) - 2 * texts - 3 * odd
@@ -127,26 +125,25 @@ def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, l
         begin -= 1
     above = [split_line(line.strip().lstrip("#%/").strip(), separator) for line in lines[begin:first]]
     for k in range(len(above) - 1, -1, -1):  # units may stand below the names, in a comment as well
-        found = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
-        if found is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
-            return found
+        header = find_header([*([] for _ in range(begin + k)), *above[k:], *rows[first:]], decimal)
+        if header is not None and (k == 0 or not all(map(looks_like_unit, above[k]))):
+            return header
     return None
 
 
-def _no_table(place: str, lines: Sequence[str]) -> InputError:
-    filled = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not is_comment(line)]
+def _no_table(location: Location, lines: Sequence[str]) -> InputError:
+    filled = [i for i, line in enumerate(lines, 1) if line.strip() and not is_comment(line)]
     if not filled:
-        return InputError.of(place, "the file is empty", "Export the measurement again.")
-    with_digits = [(i, line) for i, line in filled if _starts_as_number(line)]
-    if not with_digits:
-        message = (
-            "there are names but no row of numbers below them" if len(filled) <= 3 else "there is no table of numbers"
-        )
-        return InputError.of(
-            f"{place} line {filled[0][0]}", message, "Export the measurement again, or name another file."
-        )
-    remedy = "Put a line with the names of the channels above the numbers."
-    return InputError.of(f"{place} line {with_digits[0][0]}", "the numbers have no header with channel names", remedy)
+        return InputError.of(location, "the file is empty", "Export the measurement again.")
+    first_number = next((i for i in filled if _starts_as_number(lines[i - 1])), None)
+    if first_number is not None:
+        message = "the numbers have no header with channel names"
+        remedy = "Put a line with the names of the channels above the numbers."
+        return InputError.of(replace(location, line=first_number), message, remedy)
+    few = "there are names but no row of numbers below them"
+    message = few if len(filled) <= 3 else "there is no table of numbers"
+    remedy = "Export the measurement again, or name another file."
+    return InputError.of(replace(location, line=filled[0]), message, remedy)
 
 
 def _starts_as_number(line: str) -> bool:

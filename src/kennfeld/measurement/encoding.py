@@ -9,7 +9,7 @@ _MOST_COMMON = 0.8  # of the characters of two bytes
 
 
 @dataclass(frozen=True)
-class _Asian:
+class _DoubleByteEncoding:
     """An encoding of two bytes a character: which first and second bytes its common characters have."""
 
     name: str
@@ -18,16 +18,14 @@ class _Asian:
     single: Container[int] = ()  # bytes above 0x7f that are characters by themselves
 
 
-_ASIAN = (
+_DOUBLE_BYTE = (
     # symbols, Greek and the 3755 common characters; the others are as rare as adjacent umlauts are likely
-    _Asian("gb18030", frozenset((*range(0xA1, 0xAA), *range(0xB0, 0xD8))), range(0xA1, 0xFF)),
+    _DoubleByteEncoding("gb18030", frozenset((*range(0xA1, 0xAA), *range(0xB0, 0xD8))), range(0xA1, 0xFF)),
     # symbols, kana and the 2965 common characters; katakana of half width
-    _Asian("cp932", range(0x81, 0x98), range(0x40, 0xFD), range(0xA1, 0xE0)),
+    _DoubleByteEncoding("cp932", range(0x81, 0x98), range(0x40, 0xFD), range(0xA1, 0xE0)),
 )
-GUESSED_ENCODINGS = {
-    "gb18030": "GB18030 (Chinese)",
-    "cp932": "Shift JIS (Japanese)",
-}  # what to call those that may be wrong
+# names of those that may be wrong
+GUESSED_ENCODINGS = {"gb18030": "GB18030 (Chinese)", "cp932": "Shift JIS (Japanese)"}
 
 
 def detect_encoding(start: bytes, whole: bool) -> str:
@@ -46,7 +44,7 @@ def detect_encoding(start: bytes, whole: bool) -> str:
             return name
     if _is_valid(start, "utf-8", whole):
         return "utf-8"
-    likely = (one.name for one in _ASIAN if _is_valid(start, one.name, whole) and _looks_like(start, one))
+    likely = (e.name for e in _DOUBLE_BYTE if _is_valid(start, e.name, whole) and _has_common_characters(start, e))
     return next(likely, "cp1252")
 
 
@@ -58,7 +56,7 @@ def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
     return True
 
 
-def _looks_like(start: bytes, encoding: _Asian) -> bool:
+def _has_common_characters(start: bytes, encoding: _DoubleByteEncoding) -> bool:
     """Return whether most characters of two bytes are common ones."""
     common = total = at = 0
     while at + 1 < len(start):

@@ -1,18 +1,15 @@
 """Reader of spreadsheets: xlsx, xlsm, xlsb, xls and ods."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.measurement.cells import is_missing
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.header import Header, find_header
-from kennfeld.measurement.table import ColumnBuilder, Selection, Table
-from kennfeld.workbooks import Unsaved, Workbook, column_letters, opened
+from kennfeld.measurement.header import find_header
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
+from kennfeld.workbooks import UnsavedFormulas, Workbook, column_letters, open_workbook
 
 _HEAD_ROWS = 200
 
@@ -20,27 +17,28 @@ _HEAD_ROWS = 200
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return the numeric tables of a workbook, one per sheet, or that of the sheet that `source` names."""
     with source.path.open("rb") as stream:
-        book = opened(source.name, stream)
+        book = open_workbook(source.name, stream)
         sheets = _sheets(source, book)
-        tables = [_table(source, name, book.cells(name), selection) for name in sheets]
-        unsaved = [book.unsaved(name) for name in sheets]
-    remarked = [
-        _remarked(source, table, formulas) for table, formulas in zip(tables, unsaved, strict=True) if table is not None
-    ]
-    if not remarked and any(unsaved):
-        raise InputError(Finding(source.name, str(one), one.remedy) for one in unsaved if one is not None)
-    if not remarked:
+        candidates = [_table(source, name, book.cells(name), selection) for name in sheets]
+        unsaved = [book.unsaved_formulas(name) for name in sheets]
+    pairs = zip(candidates, unsaved, strict=True)
+    tables = [_with_warning(source, table, formulas) for table, formulas in pairs if table is not None]
+    if not tables and any(unsaved):
+        raise InputError(Finding(source.location, str(f), f.remedy) for f in unsaved if f is not None)
+    if not tables:
         where = f"sheet {sheets[0]}" if len(sheets) == 1 else f"none of its {len(sheets)} sheets"
         message = f"{where} holds {'no' if len(sheets) == 1 else 'a'} row of names with numbers below"
-        raise InputError.of(source.name, message, "Put the names of the channels into the row above the numbers.")
-    return remarked
+        remedy = "Put the names of the channels into the row above the numbers."
+        raise InputError.of(source.location, message, remedy)
+    return tables
 
 
-def _remarked(source: MeasurementFile, table: Table, unsaved: Unsaved | None) -> Table:
-    if unsaved is None:
+def _with_warning(source: MeasurementFile, table: Table, formulas: UnsavedFormulas | None) -> Table:
+    if formulas is None:
         return table
-    message = f"{unsaved}; they are read as missing"
-    return replace(table, remarks=(*table.remarks, Finding(source.name, message, unsaved.remedy, severity="warning")))
+    message = f"{formulas}; they are read as missing"
+    finding = Finding(source.location, message, formulas.remedy, severity="warning")
+    return replace(table, findings=(*table.findings, finding))
 
 
 def _sheets(source: MeasurementFile, book: Workbook) -> list[str]:
@@ -48,7 +46,7 @@ def _sheets(source: MeasurementFile, book: Workbook) -> list[str]:
         return book.visible or book.names
     if source.sheet not in book.names:
         remedy = nearest(source.sheet, book.names) or f"It has {', '.join(book.names)}."
-        raise InputError.of(source.name, f"has no sheet {source.sheet}", remedy)
+        raise InputError.of(source.location, f"has no sheet {source.sheet}", remedy)
     return [source.sheet]
 
 
@@ -56,23 +54,19 @@ def _table(source: MeasurementFile, sheet: str, grid: list[list[object]], select
     header = find_header(grid[:_HEAD_ROWS])
     if header is None:
         return None
-    rows = [i for i in range(header.data, len(grid)) if any(not _is_blank(cell) for cell in grid[i])]
+    rows = [i for i in range(header.data, len(grid)) if any(str(cell).strip() for cell in grid[i])]
+
+    def build(index: int) -> Column:
+        name = header.names[index]
+        builder = ColumnBuilder(name, header.units[index], f"{column_letters(index)} ({name})")
+        builder.add([grid[row][index] for row in rows])
+        return builder.build()
+
     return Table(
-        f"{source.name} sheet {sheet}",
-        tuple(_column(header, i, [grid[row][i] for row in rows]) for i in selection.wants(header)),
+        source.location.within(f"sheet {sheet}"),
+        tuple(map(build, selection.wants(header))),
         np.array(rows, dtype=np.int64) + 1,
         row_word="row",
         names=header.names,
         details=(("sheet", sheet), ("names in row", str(header.row + 1))),
     )
-
-
-def _is_blank(cell: object) -> bool:
-    return isinstance(cell, str) and is_missing(cell) and not cell.strip()
-
-
-def _column(header: Header, index: int, cells: Sequence[object]) -> Any:
-    name = header.names[index]
-    builder = ColumnBuilder(name, header.units[index], f"{column_letters(index)} ({name})")
-    builder.add(cells)
-    return builder.built()

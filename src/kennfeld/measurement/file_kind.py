@@ -1,5 +1,6 @@
 """Kinds of files, recognised by their content, never by their name."""
 
+import re
 import struct
 import zipfile
 import zlib
@@ -9,11 +10,11 @@ from enum import Enum
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.formatting import nearest
 
 _T = TypeVar("_T")
-_BOMS = (b"\xff\xfe", b"\xfe\xff")
+_HEAD = 4096  # bytes
 
 
 class FileKind(Enum):
@@ -57,6 +58,8 @@ _MAGIC = (
     (b"BZh", FileKind.PACKED),
     (b"\xfd7zXZ", FileKind.PACKED),
     (b"7z\xbc\xaf", FileKind.PACKED),
+    (b"\xff\xfe", FileKind.CSV),  # UTF-16
+    (b"\xfe\xff", FileKind.CSV),
 )
 _WORDS = (
     (b"<?xml", FileKind.XML),
@@ -68,6 +71,43 @@ _WORDS = (
     (b"hp tuners csv log file", FileKind.HPTUNERS),
     (b"labview measurement", FileKind.LVM),
     (b"{", FileKind.JSON),
+)
+_WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
+
+_DECODE = "Decode it with its CAN or LIN database, in CANalyzer or with asammdf, and export the signals as MDF or CSV."
+_RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
+_EXPORT = "Export the measurement as MDF, CSV or MATLAB."
+_BUS_LOG = "a log of bus messages: it holds their bytes, not the values of signals"
+_DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
+# related files that are not measurements: a pattern within their first bytes, what they are, and the remedy
+_FOREIGN = (
+    (rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", f"a Vector ASC file, {_BUS_LOG}", _DECODE),
+    (rb"\ALOGG", f"a Vector BLF file, {_BUS_LOG}", _DECODE),
+    (rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=", f"a PEAK TRC file, {_BUS_LOG}", _DECODE),
+    (
+        rb"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)",
+        f"a CAN database (DBC), {_DATABASE}",
+        _RECORDING,
+    ),
+    (rb"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;", f"a LIN database (LDF), {_DATABASE}", _RECORDING),
+    (
+        rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)?<AUTOSAR",
+        f"an AUTOSAR description (ARXML), {_DATABASE}",
+        _RECORDING,
+    ),
+    (
+        rb"\A\s*DIAEXTENDED|^#BEGINGLOBALHEADER",
+        "a DIAdem header file, which describes channels whose values lie in other files",
+        f"{_EXPORT[:-1]} in DIAdem.",
+    ),
+    (
+        rb"\A(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*/begin\s+[A-Z]",
+        "a fragment of an A2L description, which says where the control unit keeps values and holds no samples of them",
+        _RECORDING,
+    ),
+    (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
+    (rb"\ATDSm", "a TDMS file of National Instruments", _EXPORT),
+    (rb"\A(?:<\?xml[^>]*>)?\s*<(?:usi:)?tdm[\s>]", "a TDM file of National Instruments", _EXPORT),
 )
 
 
@@ -84,6 +124,11 @@ class MeasurementFile:
     def name(self) -> str:
         """The file's name, as messages give it."""
         return self.path.name
+
+    @property
+    def location(self) -> Location:
+        """The file as a location of findings."""
+        return Location(self.name)
 
     @property
     def stem(self) -> str:
@@ -107,6 +152,11 @@ class MeasurementFile:
             return gzip.open(self.path, "rb")  # type: ignore[return-value]
         return self.path.open("rb")
 
+    def start(self, size: int = _HEAD) -> bytes:
+        """Return the first bytes of the content."""
+        with self.open() as stream:
+            return stream.read(size)
+
 
 def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
     """Return the file at `path`, which may name a sheet after a `#`; raise `InputError` if there is none.
@@ -120,17 +170,14 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
         whole, _, sheet = str(path).rpartition("#")
         file = Path(whole)
     if not file.exists():
-        raise InputError.of(str(file), "there is no such file", _near(file))
+        remedy = "Check the path: the folder does not exist."
+        if file.parent.is_dir():
+            remedy = nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
+        raise InputError.of(Location(str(file)), "there is no such file", remedy)
     if file.is_dir():
-        raise InputError.of(str(file), "this is a folder", "Name a file in it.")
+        raise InputError.of(Location(str(file)), "this is a folder", "Name a file in it.")
     kind, packed = detect_kind(file)
     return MeasurementFile(file, kind, packed, sheet or None)
-
-
-def _near(file: Path) -> str:
-    if not file.parent.is_dir():
-        return "Check the path: the folder does not exist."
-    return nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
 
 
 def run_guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
@@ -142,32 +189,37 @@ def run_guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
     except OSError as error:
         if type(error).__name__ != "BadGzipFile":  # of a module that most runs do not need
             message = f"cannot be read ({error.strerror or error})"
-            raise InputError.of(name, message, "Check the file.") from None
-    raise InputError.of(name, "the compressed file is damaged or cut off", "Copy it again from its source.")
+            raise InputError.of(Location(name), message, "Check the file.") from None
+    message = "the compressed file is damaged or cut off"
+    raise InputError.of(Location(name), message, "Copy it again from its source.")
+
+
+def refuse_foreign(source: MeasurementFile) -> None:
+    """Raise `InputError` if a file is of a known kind that cannot be read, such as a bus log."""
+    if source.kind not in _WITHOUT_SIGNATURE:
+        return
+    start = run_guarded(source.name, source.start).removeprefix(b"\xef\xbb\xbf")
+    for pattern, description, remedy in _FOREIGN:
+        if re.search(pattern, start, re.IGNORECASE | re.MULTILINE):
+            raise InputError.of(source.location, f"this is {description}", remedy)
 
 
 def detect_kind(file: Path) -> tuple[FileKind, bool]:
     """Return the kind of a file and whether it is compressed by gzip. Raises `InputError` if it cannot be read."""
-    return run_guarded(file.name, lambda: _kind_of(file))
+
+    def detect() -> tuple[FileKind, bool]:
+        start = MeasurementFile(file, FileKind.OTHER).start()
+        if start.startswith(b"\x1f\x8b"):
+            return _kind_by_start(MeasurementFile(file, FileKind.OTHER, packed=True).start()), True
+        return (_kind_of_zip(file) if start.startswith(b"PK\x03\x04") else _kind_by_start(start)), False
+
+    return run_guarded(file.name, detect)
 
 
-def _kind_of(file: Path) -> tuple[FileKind, bool]:
-    with file.open("rb") as stream:
-        start = stream.read(4096)
-    if start.startswith(b"\x1f\x8b"):
-        import gzip
-
-        with gzip.open(file) as stream:
-            return _kind(stream.read(4096)), True
-    return (_zip_kind(file) if start.startswith(b"PK\x03\x04") else _kind(start)), False
-
-
-def _kind(start: bytes) -> FileKind:
+def _kind_by_start(start: bytes) -> FileKind:
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
-    if start.startswith(_BOMS):
-        return FileKind.CSV
     if b"\0" in start:
         return FileKind.MATLAB if _is_matlab_4(start) else FileKind.OTHER
     words = start.removeprefix(b"\xef\xbb\xbf").lstrip().lower()
@@ -176,7 +228,7 @@ def _kind(start: bytes) -> FileKind:
             return kind
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
-    return FileKind.MSL if _is_log(words) else FileKind.CSV
+    return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
 
 
 def _is_matlab_4(start: bytes) -> bool:
@@ -190,24 +242,21 @@ def _is_matlab_4(start: bytes) -> bool:
     return False
 
 
-def _is_log(words: bytes) -> bool:
+def _is_tunerstudio_log(words: bytes) -> bool:
     """Return whether quoted lines of information precede tab-separated names that begin with the time."""
     lines = words.splitlines()
     quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
     return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
 
 
-def _zip_kind(file: Path) -> FileKind:
+def _kind_of_zip(file: Path) -> FileKind:
     try:
         with zipfile.ZipFile(file) as archive:
             members = set(archive.namelist())
             mime = archive.read("mimetype")[:80] if "mimetype" in members else b""
     except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, EOFError, ValueError):
-        raise InputError.of(
-            file.name,
-            "this ZIP archive (an Excel file, perhaps) is damaged or cut off",
-            "Copy it again from its source.",
-        ) from None
+        message = "this ZIP archive (an Excel file, perhaps) is damaged or cut off"
+        raise InputError.of(Location(file.name), message, "Copy it again from its source.") from None
     if b"opendocument.spreadsheet" in mime or any(member.startswith("xl/workbook") for member in members):
         return FileKind.EXCEL
     if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from kennfeld.measurement.cells import Decimal, is_missing, parse_number
 from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
@@ -39,38 +40,34 @@ class _Shape:
     ones: bool  # no number but 1, which may be a unit
     worded: bool  # no number but words such as `on`, which may be a name
 
-    @property
-    def is_data(self) -> bool:
-        return bool(self.numbers)
-
 
 def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
     """Return the header of the table in these rows; None if there is no row of names above numbers.
 
-    >>> found = find_header([["a test"], ["Speed", "Torque"], ["rpm", "Nm"], ["1000", "80"]])
-    >>> found.names, found.units, found.data
+    >>> header = find_header([["a test"], ["Speed", "Torque"], ["rpm", "Nm"], ["1000", "80"]])
+    >>> header.names, header.units, header.data
     (('Speed', 'Torque'), ('rpm', 'Nm'), 3)
     """
     shapes = [_shape(row, decimal) for row in rows]
     filled = [i for i, shape in enumerate(shapes) if shape.numbers or shape.texts]
     first: tuple[Header, list[int]] | None = None
     for at, row in enumerate(filled[:-1]):
-        found = _below(filled[at:], rows, shapes)
-        if found is None:
+        below = _find_data(filled[at:], rows, shapes)
+        if below is None:
             continue
-        unit_row, data = found
-        run = _run(filled[at:], shapes, data)
-        result = _header(rows, *_raised(rows, shapes, row, unit_row, data), data)
+        unit_row, data = below
+        run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
+        header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
         if first is None:
             if complete:
-                return result
-            first = result, run
-        elif len(first[1]) < _MIN_TABLE_ROWS and _settings(first[1], shapes):
-            if complete or len(run) >= _MIN_TABLE_ROWS or not _settings(run, shapes):
-                return result
-        elif len(run) > len(first[1]) and _tells_more(result, first[0], rows, shapes):
-            return result
+                return header
+            first = header, run
+        elif len(first[1]) < _MIN_TABLE_ROWS and _are_settings(first[1], shapes):
+            if complete or len(run) >= _MIN_TABLE_ROWS or not _are_settings(run, shapes):
+                return header
+        elif len(run) > len(first[1]) and _tells_more(header, first[0], rows, shapes):
+            return header
     return first[0] if first else None
 
 
@@ -83,7 +80,7 @@ def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Seque
     return named[0] > named[1] or (named[0] == named[1] and _has_time(rows[later.row]) > _has_time(rows[first.row]))
 
 
-def _raised(
+def _raise_names(
     rows: Sequence[Row], shapes: Sequence[_Shape], row: int, unit_row: int | None, data: int
 ) -> tuple[int, int | None]:
     """Return the rows of names and units if the names are above rows of descriptions, types and units.
@@ -98,8 +95,9 @@ def _raised(
             break
         covered = 2 * len(shape.texts & shapes[data].numbers) >= len(shapes[data].numbers)
         if covered and _has_time(rows[above]) and _are_names(rows[above]):
-            below = [k for k in range(above + 1, data) if _shares_units(rows[k])]
-            return above, max(below, key=lambda k: _units_in(rows[k]), default=None)
+            below = range(above + 1, data)
+            units = [k for k in below if 2 * _count_units(rows[k]) >= len(_texts(rows[k])) > 0]
+            return above, max(units, key=lambda k: _count_units(rows[k]), default=None)
     return row, unit_row
 
 
@@ -107,7 +105,7 @@ def _units_above(rows: Sequence[Row], shapes: Sequence[_Shape], row: int) -> int
     """Return the row above the names, if it holds nothing but units of them."""
     if not row or shapes[row - 1].numbers or not shapes[row - 1].texts <= shapes[row].texts:
         return None
-    return row - 1 if _units_in(rows[row - 1]) == len(shapes[row - 1].texts) >= 2 else None
+    return row - 1 if _count_units(rows[row - 1]) == len(shapes[row - 1].texts) >= 2 else None
 
 
 def _are_distinct(names: Sequence[str]) -> bool:
@@ -117,30 +115,29 @@ def _are_distinct(names: Sequence[str]) -> bool:
 
 
 def _has_time(row: Row) -> bool:
-    return any(time_unit(*split_name(str(cell))) is not None for cell in row if not _is_blank(cell))
+    return any(time_unit(*split_name(cell)) is not None for cell in _texts(row))
 
 
 def _are_names(row: Row) -> bool:
     """Return whether all cells may be names of channels, and each is another one."""
-    names = [str(cell).strip() for cell in row if not _is_blank(cell)]
+    names = [cell.strip() for cell in _texts(row)]
     return _are_distinct(names) and all(name[0].isalpha() or name[0] in "_$%" for name in names)
 
 
-def _shares_units(row: Row) -> bool:
-    return 2 * _units_in(row) >= sum(not _is_blank(cell) for cell in row) > 0
+def _count_units(row: Row) -> int:
+    return sum(looks_like_unit(cell) or in_seconds(cell) is not None for cell in _texts(row))
 
 
-def _units_in(row: Row) -> int:
-    cells = [str(cell) for cell in row if not _is_blank(cell)]
-    return sum(looks_like_unit(cell) or in_seconds(cell) is not None for cell in cells)
+def _texts(row: Row) -> list[str]:
+    return [str(cell) for cell in row if not _is_blank(cell)]
 
 
 def _shape(row: Row, decimal: Decimal) -> _Shape:
-    held = {i: parse_number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
-    texts = frozenset(i for i, value in held.items() if value is None)
-    numbers = frozenset(held) - texts
+    values = {i: parse_number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
+    texts = frozenset(i for i, value in values.items() if value is None)
+    numbers = frozenset(values) - texts
     dashes = {i for i in numbers if str(row[i]).strip("- ") == ""}
-    ones = all(held[i] == 1 for i in numbers - dashes)
+    ones = all(values[i] == 1 for i in numbers - dashes)
     worded = all(isinstance(row[i], str) and str(row[i]).strip().isalpha() for i in numbers - dashes)
     return _Shape(numbers - dashes if texts or numbers == dashes else numbers, texts, ones, worded)
 
@@ -149,7 +146,7 @@ def _is_blank(cell: object) -> bool:
     return cell is None or (isinstance(cell, str) and not cell.strip())
 
 
-def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape]) -> tuple[int | None, int] | None:
+def _find_data(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape]) -> tuple[int | None, int] | None:
     """Return the row of units (or None) and the first row of data if filled[0] holds names; else None."""
     names = shapes[filled[0]]
     if not names.texts or not names.worded:
@@ -159,22 +156,22 @@ def _below(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape])
         if len(filled) <= skipped:
             return None
         data = shapes[filled[skipped]]
-        if unit_row is None and _unit_row_of_ones(rows[filled[1]], data):
+        if unit_row is None and _is_unit_row_of_ones(rows[filled[1]], data):
             continue
-        if data.is_data and 2 * len(named & data.numbers) >= len(data.numbers):
+        if data.numbers and 2 * len(named & data.numbers) >= len(data.numbers):
             if unit_row is None or _is_unit_row(rows[filled[0]], rows[unit_row], shapes[unit_row]):
                 return unit_row, filled[skipped]
             return None
     return None
 
 
-def _unit_row_of_ones(row: Row, shape: _Shape) -> bool:
+def _is_unit_row_of_ones(row: Row, shape: _Shape) -> bool:
     """Return whether the row holds units of which some are 1."""
     return bool(shape.texts) and shape.ones and all(looks_like_unit(str(row[i])) for i in shape.texts)
 
 
 def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
-    if shape.numbers and not _unit_row_of_ones(row, shape):
+    if shape.numbers and not _is_unit_row_of_ones(row, shape):
         return False
     cells = [str(row[i]).strip() for i in sorted(shape.texts)]
     above = [str(names[i]).strip() if i < len(names) else "" for i in sorted(shape.texts)]
@@ -184,24 +181,12 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
     return 2 * known >= len(cells) or len(set(cells)) < len(cells)
 
 
-def _run(filled: Sequence[int], shapes: Sequence[_Shape], data: int) -> list[int]:
-    """Return the rows of numbers that follow each other from `data` on."""
-    run = []
-    for row in filled:
-        if row < data:
-            continue
-        if not shapes[row].is_data:
-            break
-        run.append(row)
-    return run
-
-
-def _settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
+def _are_settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
     """Return whether the rows are settings above the table, such as `Rate; 0.1`, rather than its data."""
     return all(shapes[row].texts and len(shapes[row].texts | shapes[row].numbers) <= 2 for row in run)
 
 
-def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> Header:
+def _build_header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> Header:
     split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
     raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
     short = [name for name, _ in split]
@@ -211,7 +196,7 @@ def _header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> H
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
     below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))
-    units = [unit or given for unit, (_, given) in zip(below, split, strict=False)]
+    units = [unit or stated for unit, (_, stated) in zip(below, split, strict=False)]
     return Header(row, data, tuple(names), tuple(units))
 
 

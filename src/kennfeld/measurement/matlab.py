@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import join_names
+from kennfeld.errors import Findings, InputError
+from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
@@ -26,34 +26,40 @@ _PLAIN = (
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each time in the file that has a requested channel."""
-    return _tables(source, _found(source), selection)
+    return _tables(source, _require_signals(source), selection)
 
 
-def _tables(source: MeasurementFile, found: MatlabSignals, selection: Selection) -> list[Table]:
-    names = _names(found.clocks)
-    chosen = _chosen(source.name, found, names, selection)
-    tables = [_table(source, clock, chosen, found, names) for clock in found.clocks]
-    wanted = [table for table in tables if len(table.columns) > (table.clock is not None)]
-    return wanted or tables[:1]
+def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selection) -> list[Table]:
+    names = _unique_names(signals.clocks)
+    chosen = _choose(source, signals, names, selection)
+    tables = [_table(source, clock, chosen, names) for clock in signals.clocks]
+    if len(tables) > 1:
+        tables = [
+            replace(table, location=source.location.within(clock.path), details=(("group", clock.path),))
+            for table, clock in zip(tables, signals.clocks, strict=True)
+        ]
+    return [table for table in tables if len(table.columns) > (table.clock is not None)] or tables[:1]
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each time base, with the names of skipped variables."""
-    found = _found(source)
-    first, *others = _tables(source, found, Selection())
-    return [describe_table(table) for table in (_remarked(first, found), *others)]
+    signals = _require_signals(source)
+    first, *others = _tables(source, signals, Selection())
+    skipped = (("only for MATLAB", signals.unreadable), ("left out", _sizes(signals)))
+    more = tuple((word, _list(variables)) for word, variables in skipped if variables)
+    return [describe_table(table) for table in (replace(first, details=(*first.details, *more)), *others)]
 
 
 def holds_samples(path: str | Path) -> bool:
-    """Return whether a MATLAB file holds channels over time, rather than parameters; `InputError` where it is damaged.
+    """Return whether a MATLAB file holds channels over time, rather than parameters; `InputError` if it is damaged.
 
     >>> holds_samples("bench.mat")  # doctest: +SKIP
     True
     """
-    return any(clock.values is not None for clock in _all(locate(path)).clocks)
+    return any(clock.values is not None for clock in _find_signals(locate(path)).clocks)
 
 
-def _all(source: MeasurementFile) -> MatlabSignals:
+def _find_signals(source: MeasurementFile) -> MatlabSignals:
     file = "HDF5 file" if source.kind is FileKind.HDF5 else "MATLAB file"
     try:
         return find_signals(_variables(source))
@@ -63,41 +69,43 @@ def _all(source: MeasurementFile) -> MatlabSignals:
         raise
     except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
         message = f"the {file} is damaged or cut off ({' '.join(str(error).split())[:160] or type(error).__name__})"
-    raise InputError.of(source.name, message, "Save it again.")
+    raise InputError.of(source.location, message, "Save it again.")
 
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
-    with source.open() as stream:
-        start = stream.read(9)
+    start = source.start(9)
     if source.kind is FileKind.HDF5 and not mat_v73.is_matlab(source.path):
         message = "this is an HDF5 file, but not one of MATLAB"
-        raise InputError.of(source.name, message, "Export it as MDF, CSV or Parquet.")
+        raise InputError.of(source.location, message, "Export it as MDF, CSV or Parquet.")
     if source.kind is FileKind.HDF5 or start == b"MATLAB 7.":
         return mat_v73.load(source.path)
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
     return mat_v5.load(content) if start.startswith(b"MATLAB") else mat_v4.load(content)
 
 
-def _found(source: MeasurementFile) -> MatlabSignals:
-    """Return the channels of the file; a finding where there are none."""
-    found = _all(source)
-    if found.clocks:
-        return found
-    if found.unreadable and not found.loose:
-        message = f"only MATLAB can read its variables: {_listed(found.unreadable)}"
-        raise InputError.of(source.name, message, _PLAIN)
-    if found.loose:
-        sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
-        message = f"found neither a time vector nor vectors of equal length: {_listed(sizes)}"
-        raise InputError.of(source.name, message, "Save a vector `time`, in seconds, as long as the channels.")
-    raise InputError.of(source.name, "holds no vectors", "Is it the right file?")
+def _require_signals(source: MeasurementFile) -> MatlabSignals:
+    """Return the channels of the file; raise `InputError` if there are none."""
+    signals = _find_signals(source)
+    if signals.clocks:
+        return signals
+    if signals.loose:
+        message = f"found neither a time vector nor vectors of equal length: {_list(_sizes(signals))}"
+        raise InputError.of(source.location, message, "Save a vector `time`, in seconds, as long as the channels.")
+    if signals.unreadable:
+        message = f"only MATLAB can read its variables: {_list(signals.unreadable)}"
+        raise InputError.of(source.location, message, _PLAIN)
+    raise InputError.of(source.location, "holds no vectors", "Is it the right file?")
 
 
-def _listed(said: dict[str, str]) -> str:
-    return join_names([f"{path} ({message})" for path, message in said.items()], _MAX_LISTED)
+def _sizes(signals: MatlabSignals) -> dict[str, str]:
+    return {path: size_text(shape) for path, shape in signals.loose.items()}
 
 
-def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
+def _list(variables: dict[str, str]) -> str:
+    return join_names([f"{path} ({text})" for path, text in variables.items()], _MAX_LISTED)
+
+
+def _unique_names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
     """Return the name of each channel: its last part, or its path where others are called the same."""
     signals = [signal for clock in clocks for signal in clock.signals]
     count = Counter([_TIME, *(signal.name for signal in signals)])
@@ -105,59 +113,44 @@ def _names(clocks: Sequence[TimeBase]) -> dict[RecordedSignal, str]:
     return dict(zip(signals, unique_names([_TIME, *names])[1:], strict=True))
 
 
-def _chosen(
-    place: str, found: MatlabSignals, names: dict[RecordedSignal, str], selection: Selection
+def _choose(
+    source: MeasurementFile, signals: MatlabSignals, names: dict[RecordedSignal, str], selection: Selection
 ) -> dict[RecordedSignal, str]:
     """Return the requested channels, by their name or their path, with the name to give them."""
     if selection.channels is None:
         return names
     chosen: dict[RecordedSignal, str] = {}
-    findings = []
+    findings = Findings()
+    sizes = _sizes(signals)
     for asked in selection.channels:
-        meant = [s for s, name in names.items() if name == asked] or [s for s in names if asked in (s.path, s.name)]
-        if len(meant) == 1:
-            chosen[meant[0]] = asked
-        elif meant:
-            listed = ", ".join(names[signal] for signal in meant[:_MAX_LISTED])
-            findings.append(Finding(place, f"{len(meant)} channels are named {asked}", f"Name one of them: {listed}."))
-        elif asked in found.unreadable:
-            findings.append(Finding(place, f"{asked} ({found.unreadable[asked]}) can only be read by MATLAB", _PLAIN))
-        elif asked in found.loose:
-            size = " x ".join(map(str, found.loose[asked]))
-            remedy = "Save it with a vector `time` of its length."
-            findings.append(Finding(place, f"{asked} is of size {size}, but no time vector has that length", remedy))
-    if findings:
-        raise InputError(findings)
+        named = [s for s, name in names.items() if name == asked] or [s for s in names if asked in (s.path, s.name)]
+        if len(named) == 1:
+            chosen[named[0]] = asked
+        elif named:
+            others = ", ".join(names[signal] for signal in named[:_MAX_LISTED])
+            message = f"{len(named)} channels are named {asked}"
+            findings.error(source.location, message, f"Name one of them: {others}.")
+        elif asked in signals.unreadable:
+            message = f"{asked} ({signals.unreadable[asked]}) can only be read by MATLAB"
+            findings.error(source.location, message, _PLAIN)
+        elif asked in sizes:
+            message = f"{asked} is of size {sizes[asked]}, but no time vector has that length"
+            findings.error(source.location, message, "Save it with a vector `time` of its length.")
+    findings.finish()
     return chosen
 
 
 def _table(
-    source: MeasurementFile,
-    clock: TimeBase,
-    chosen: dict[RecordedSignal, str],
-    found: MatlabSignals,
-    names: dict[RecordedSignal, str],
+    source: MeasurementFile, clock: TimeBase, chosen: dict[RecordedSignal, str], names: dict[RecordedSignal, str]
 ) -> Table:
-    own = [signal for signal in clock.signals if signal in chosen]
-    columns = [Column(chosen[s], s.unit, chosen[s], s.values, held=s.held, description=s.description) for s in own]
-    time = None if clock.values is None else Column(_TIME, clock.unit, _TIME, clock.values)
-    several = len(found.clocks) > 1
+    signals = {signal: chosen[signal] for signal in clock.signals if signal in chosen}
+    time = [] if clock.values is None else [Column(_TIME, clock.unit, _TIME, clock.values)]
+    columns = [Column(n, s.unit, n, s.values, held=s.held, description=s.description) for s, n in signals.items()]
     return Table(
-        f"{source.name} {clock.path}" if several else source.name,
-        (*(() if time is None else (time,)), *columns),
+        source.location,
+        (*time, *columns),
         np.arange(1, clock.signals[0].values.size + 1),
         "sample",
-        (*(() if time is None else (_TIME,)), *(chosen.get(s, names[s]) for s in clock.signals)),
-        details=(("group", clock.path),) if several else (),
-        clock=time,
+        (*(c.name for c in time), *(chosen.get(s, names[s]) for s in clock.signals)),
+        clock_index=0 if time else None,
     )
-
-
-def _remarked(table: Table, found: MatlabSignals) -> Table:
-    sizes = {path: " x ".join(map(str, shape)) for path, shape in found.loose.items()}
-    more = [
-        (word, _listed(message))
-        for word, message in (("only for MATLAB", found.unreadable), ("left out", sizes))
-        if message
-    ]
-    return replace(table, details=(*table.details, *more))

@@ -8,6 +8,7 @@ ControlDesk (X.Data, Y.Data, Y.XIndex); the matrix of a To File block (its first
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from os.path import commonprefix
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from kennfeld.measurement.unit_text import plain_unit, time_unit
 _CLOCK = re.compile(r"(?:.*[_.])?(?:time|timestamps?|zeit)(?:_.*)?|tout|(?-i:t)|t_\d.*", re.IGNORECASE)
 _DATA = ("data", "value", "values")
 _UNIT = ("units", "unit")
-_SAID = ("description", "comment")
+_DESCRIPTION = ("description", "comment")
 
 
 @dataclass(eq=False)
@@ -53,7 +54,7 @@ class RecordedSignal:
 
 
 @dataclass(frozen=True)
-class _Loose:
+class _UntimedNumbers:
     """Numbers that no time has been found for yet."""
 
     path: str
@@ -61,6 +62,10 @@ class _Loose:
     numbers: MatNumbers
     unit: str = ""
     description: str = ""
+
+    @property
+    def values(self) -> np.ndarray:
+        return self.numbers.values
 
 
 @dataclass
@@ -74,73 +79,74 @@ class MatlabSignals:
 
 def find_signals(variables: Mapping[str, Node]) -> MatlabSignals:
     """Return all channels of a file; steady-state points are those of a clock without time stamps."""
-    finder = _Finder()
-    finder.plain("", variables, [])
+    finder = _SignalFinder()
+    finder.collect_plain("", variables, [])
     clocks = [clock for clock in finder.clocks if clock.signals]
-    loose = finder.loose
+    loose = [item for item in finder.loose if item.values.size > 1]
     if not clocks:
-        clocks = _first_line(loose) or _steady(loose)
+        clocks = _first_line(loose) or _steady_points(finder.loose)
         loose = [] if clocks else loose
-    sizes = {item.path: item.numbers.values.shape for item in loose if item.numbers.values.size > 1}
-    return MatlabSignals(clocks, sizes, finder.unreadable)
+    return MatlabSignals(clocks, {item.path: item.values.shape for item in loose}, finder.unreadable)
 
 
-class _Finder:
-    """Collects while it goes through structs within structs."""
+class _SignalFinder:
+    """Collects signals while it goes through structs within structs."""
 
     def __init__(self) -> None:
         self.clocks: list[TimeBase] = []
-        self.loose: list[_Loose] = []
+        self.loose: list[_UntimedNumbers] = []
         self.unreadable: dict[str, str] = {}
 
-    def visit(self, path: str, node: Node, clocks: list[TimeBase]) -> None:
-        """Return a variable or field that is no array of numbers."""
+    def collect_plain(self, path: str, fields: Mapping[str, Node], outer: list[TimeBase]) -> None:
+        """Collect vectors that have a time vector in the same struct or in an enclosing one."""
+        own = [clock for name, node in fields.items() if (clock := _clock(_join(path, name), name, node)) is not None]
+        self.clocks += own
+        times = {clock.path for clock in own}
+        for name, node in fields.items():
+            place = _join(path, name)
+            if not isinstance(node, MatNumbers):
+                self._visit(place, node, [*own, *outer])
+            elif place not in times and node.values.size > 1:
+                self._assign(_UntimedNumbers(place, name, node), [*own, *outer])
+
+    def _visit(self, path: str, node: Node, clocks: list[TimeBase]) -> None:
+        """Collect from a variable or field that is no array of numbers."""
         if isinstance(node, MatUnreadable):
             self.unreadable[path] = node.kind
         elif isinstance(node, MatStructArray):
             for k, element in enumerate(node.elements, 1):
-                self.visit(f"{path}({k})", element, clocks)
+                self._visit(f"{path}({k})", element, clocks)
         elif isinstance(node, MatCells):
             for k, cell in enumerate(node.cells, 1):
                 if not isinstance(cell, MatText | MatNumbers):
-                    self.visit(f"{path}{{{k}}}", cell, clocks)
+                    self._visit(f"{path}{{{k}}}", cell, clocks)
         elif isinstance(node, MatStruct):
-            known = {name.casefold(): inner for name, inner in node.fields.items()}
-            if not (self._with_signals(path, known) or self._capture(path, known) or self._series(path, known, clocks)):
-                self.plain(path, node.fields, clocks)
+            fields = _fold(node)
+            if not (
+                self._collect_structure_with_time(path, fields)
+                or self._collect_capture(path, fields)
+                or self._collect_series(path, fields, clocks)
+            ):
+                self.collect_plain(path, node.fields, clocks)
 
-    def plain(self, path: str, fields: Mapping[str, Node], outer: list[TimeBase]) -> None:
-        """Collect vectors that have a time vector in the same struct or in an enclosing one."""
-        own = [clock for name, node in fields.items() if (clock := _clock(_joined(path, name), name, node)) is not None]
-        self.clocks += own
-        times = {clock.path for clock in own}
-        for name, node in fields.items():
-            place = _joined(path, name)
-            if not isinstance(node, MatNumbers):
-                self.visit(place, node, [*own, *outer])
-            elif place not in times and node.values.size > 1:
-                self._place(_Loose(place, name, node), [*own, *outer])
-
-    def _place(self, item: _Loose, clocks: list[TimeBase]) -> None:
+    def _assign(self, item: _UntimedNumbers, clocks: list[TimeBase]) -> None:
         """Give it to the clock of its length whose name is the most like its own; the innermost counts first."""
-        fitting = [
-            clock for clock in clocks if clock.values is not None and clock.values.size in item.numbers.values.shape
-        ]
+        fitting = [clock for clock in clocks if clock.values is not None and clock.values.size in item.values.shape]
         if not fitting:
             self.loose.append(item)
             return
-        best = max(fitting, key=lambda clock: _alike(clock.path, item.path))
+        best = max(fitting, key=lambda clock: len(commonprefix([clock.path, item.path])))  # noqa: RUF071  # by letter
         assert best.values is not None
-        best.signals += _columns(item, best.values.size)
+        best.signals += _signals(item, best.values.size)
 
-    def _with_signals(self, path: str, known: Mapping[str, Node]) -> bool:
+    def _collect_structure_with_time(self, path: str, fields: Mapping[str, Node]) -> bool:
         """Collect Simulink's structure with or without time."""
-        signals, time = known.get("signals"), known.get("time")
+        signals = fields.get("signals")
         elements = signals.elements if isinstance(signals, MatStructArray) else [signals]
         if not all(isinstance(e, MatStruct) and "values" in e.fields for e in elements):
             return False
-        stamps = _vector(time)
-        clock = TimeBase(_joined(path, "time"), stamps)
+        stamps = _vector(fields.get("time"))
+        clock = TimeBase(_join(path, "time"), stamps)
         for k, element in enumerate(elements, 1):
             assert isinstance(element, MatStruct)
             values = element.fields["values"]
@@ -148,17 +154,17 @@ class _Finder:
                 continue
             alone = path.rpartition(".")[2] if len(elements) == 1 else f"signals({k})"
             name = node_text(element.fields.get("label")).strip("<>") or alone
-            item = _Loose(_joined(path, name), name, values, node_text(element.fields.get("unit")))
+            item = _UntimedNumbers(_join(path, name), name, values, node_text(element.fields.get("unit")))
             if stamps is None:
                 self.loose.append(item)
             else:
-                clock.signals += _columns(item, stamps.size, last=values.values.ndim > 2)
+                clock.signals += _signals(item, stamps.size, last=values.values.ndim > 2)
         self.clocks.append(clock)
         return True
 
-    def _capture(self, path: str, known: Mapping[str, Node]) -> bool:
-        """Return a capture of ControlDesk: each Y says by XIndex which X is its time."""
-        axes, curves = _elements(known.get("x")), _elements(known.get("y"))
+    def _collect_capture(self, path: str, fields: Mapping[str, Node]) -> bool:
+        """Collect a capture of ControlDesk: each Y says by XIndex which X is its time."""
+        axes, curves = _elements(fields.get("x")), _elements(fields.get("y"))
         clocks = [TimeBase(f"{path}.X({k})", _vector(axis.get("data"))) for k, axis in enumerate(axes, 1)]
         if not curves or not clocks or any(clock.values is None for clock in clocks):
             return False
@@ -168,44 +174,38 @@ class _Finder:
             if not isinstance(data, MatNumbers) or not 1 <= which <= len(clocks):
                 continue
             name = node_text(curve.get("name")) or f"Y({k})"
-            item = _Loose(_joined(path, name), name, data, _first_text(curve, _UNIT), _first_text(curve, _SAID))
-            self._place(item, [clocks[which - 1]])
+            texts = _first_text(curve, _UNIT), _first_text(curve, _DESCRIPTION)
+            self._assign(_UntimedNumbers(_join(path, name), name, data, *texts), [clocks[which - 1]])
         self.clocks += clocks
         return True
 
-    def _series(self, path: str, known: Mapping[str, Node], outer: list[TimeBase]) -> bool:
-        """Return a struct that is one channel: its data with a time of its own, or with a unit or a name."""
-        data = next((known[name] for name in _DATA if name in known), None)
-        stamps = _vector(known.get("time", known.get("t")))
-        named = any(name in known for name in (*_UNIT, "name", "datainfo"))
-        vectors = [n for n in known.values() if isinstance(n, MatNumbers) and n.values.size > 1]
-        if (
-            not isinstance(data, MatNumbers)
-            or len(vectors) > 1 + (stamps is not None)
-            or (stamps is None and not named)
-        ):
+    def _collect_series(self, path: str, fields: Mapping[str, Node], outer: list[TimeBase]) -> bool:
+        """Collect a struct that is one channel: its data with a time of its own, or with a unit or a name."""
+        data = next((fields[name] for name in _DATA if name in fields), None)
+        stamps = _vector(fields.get("time", fields.get("t")))
+        named = any(name in fields for name in (*_UNIT, "name", "datainfo"))
+        vectors = [n for n in fields.values() if isinstance(n, MatNumbers) and n.values.size > 1]
+        if not isinstance(data, MatNumbers) or len(vectors) > 1 + (stamps is not None):
             return False
-        name = node_text(known.get("name")) or path.rpartition(".")[2]
-        unit = _first_text(known, _UNIT) or _units_of(known.get("datainfo"))
-        item = _Loose(path, name, data, plain_unit(unit), _first_text(known, _SAID))
-        if stamps is None:
-            self._place(item, outer)
-            return True
-        clock = TimeBase(_joined(path, "time"), stamps, _units_of(known.get("timeinfo")) or "s")
-        self.clocks.append(clock)
-        self._place(item, [clock])
+        if stamps is None and not named:
+            return False
+        name = node_text(fields.get("name")) or path.rpartition(".")[2]
+        unit = _first_text(fields, _UNIT) or _units_of(fields.get("datainfo"))
+        item = _UntimedNumbers(path, name, data, plain_unit(unit), _first_text(fields, _DESCRIPTION))
+        clocks = outer
+        if stamps is not None:
+            clocks = [TimeBase(_join(path, "time"), stamps, _units_of(fields.get("timeinfo")) or "s")]
+            self.clocks += clocks
+        self._assign(item, clocks)
         return True
 
 
-def _joined(path: str, name: str) -> str:
+def _join(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _alike(first: str, second: str) -> int:
-    """Return the length of the common prefix of two paths."""
-    return next(
-        (k for k, (a, b) in enumerate(zip(first, second, strict=False)) if a != b), min(len(first), len(second))
-    )
+def _fold(node: MatStruct) -> dict[str, Node]:
+    return {name.casefold(): field for name, field in node.fields.items()}
 
 
 def _vector(node: Node | None) -> Float | None:
@@ -226,21 +226,18 @@ def _clock(path: str, name: str, node: Node) -> TimeBase | None:
     return TimeBase(path, values, unit or "s")
 
 
-def _columns(item: _Loose, samples: int, last: bool = False) -> Iterator[RecordedSignal]:
-    """Return the channel of a vector; of a matrix one for each column, `A[0]`, `A[1]`, ..."""
-    values = item.numbers.values
-    kept = tuple(d for d in values.shape if d != 1)
-    values = values.reshape(kept)
-    axes = [k for k, d in enumerate(kept) if d == samples]
+def _signals(item: _UntimedNumbers, samples: int, last: bool = False) -> Iterator[RecordedSignal]:
+    """Yield the channel of a vector; of a matrix one for each column, `A[0]`, `A[1]`, ..."""
+    values = np.squeeze(item.values)
+    axes = [k for k, d in enumerate(values.shape) if d == samples]
     if not axes:
         return
     values = np.moveaxis(values, axes[-1] if last else axes[0], 0)
     for place in np.ndindex(values.shape[1:]):
         index = "".join(f"[{i}]" for i in place)
         column = _float64(values[(slice(None), *place)])
-        yield RecordedSignal(
-            item.path + index, item.name + index, column, item.unit, item.numbers.whole, item.description
-        )
+        path, name = item.path + index, item.name + index
+        yield RecordedSignal(path, name, column, item.unit, item.numbers.whole, item.description)
 
 
 def _float64(values: np.ndarray) -> Float:
@@ -252,45 +249,39 @@ def _float64(values: np.ndarray) -> Float:
 
 
 def _elements(node: Node | None) -> list[dict[str, Node]]:
-    found = [node] if isinstance(node, MatStruct) else node.elements if isinstance(node, MatStructArray) else []
-    return [{name.casefold(): inner for name, inner in element.fields.items()} for element in found]
+    structs = node.elements if isinstance(node, MatStructArray) else [node]
+    return [_fold(struct) for struct in structs if isinstance(struct, MatStruct)]
 
 
-def _first_text(known: Mapping[str, Node], names: Iterable[str]) -> str:
-    return next((text for name in names if (text := node_text(known.get(name)))), "")
+def _first_text(fields: Mapping[str, Node], names: Iterable[str]) -> str:
+    return next((text for name in names if (text := node_text(fields.get(name)))), "")
 
 
 def _units_of(node: Node | None) -> str:
-    return _first_text({k.casefold(): v for k, v in node.fields.items()}, _UNIT) if isinstance(node, MatStruct) else ""
+    return _first_text(_fold(node), _UNIT) if isinstance(node, MatStruct) else ""
 
 
-def _first_line(loose: list[_Loose]) -> list[TimeBase]:
+def _first_line(arrays: list[_UntimedNumbers]) -> list[TimeBase]:
     """Return a single matrix whose first row or column rises: the time, as a To File block writes it."""
-    arrays = [item for item in loose if item.numbers.values.size > 1]
-    if len(arrays) != 1 or arrays[0].numbers.values.ndim != 2 or min(arrays[0].numbers.values.shape) < 2:
+    if len(arrays) != 1 or arrays[0].values.ndim != 2 or min(arrays[0].values.shape) < 2:
         return []
     (item,) = arrays
-    wide = item.numbers.values.shape[1] >= item.numbers.values.shape[0]
-    lines = item.numbers.values if wide else item.numbers.values.T
+    lines = item.values if item.values.shape[1] >= item.values.shape[0] else item.values.T
     time = _float64(lines[0])
     if time.size < 3 or not np.all(time[1:] > time[:-1]):
         return []
-    clock = TimeBase(f"{item.path}[0]", time)
-    for k, line in enumerate(lines[1:], 1):
-        clock.signals.append(
-            RecordedSignal(f"{item.path}[{k}]", f"{item.name}[{k}]", _float64(line), held=item.numbers.whole)
-        )
-    return [clock]
+    signals = [
+        RecordedSignal(f"{item.path}[{k}]", f"{item.name}[{k}]", _float64(line), held=item.numbers.whole)
+        for k, line in enumerate(lines[1:], 1)
+    ]
+    return [TimeBase(f"{item.path}[0]", time, signals=signals)]
 
 
-def _steady(loose: list[_Loose]) -> list[TimeBase]:
+def _steady_points(loose: list[_UntimedNumbers]) -> list[TimeBase]:
     """Return vectors of one length without a time, or the columns of matrices, as steady-state points."""
-    arrays = [item.numbers.values for item in loose if item.numbers.values.size > 1]
+    arrays = [item.values for item in loose if item.values.size > 1]
     lengths = {array.size if array.size == max(array.shape) else array.shape[0] for array in arrays}
     if len(lengths) != 1 or any(array.size != max(array.shape) and array.ndim > 2 for array in arrays):
         return []
     (samples,) = lengths
-    clock = TimeBase("", None)
-    for item in loose:
-        clock.signals += _columns(item, samples)
-    return [clock]
+    return [TimeBase("", None, signals=[signal for item in loose for signal in _signals(item, samples)])]

@@ -3,6 +3,7 @@
 import gc
 import logging
 import math
+import re
 import sys
 import traceback
 import warnings
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Findings, InputError
 from kennfeld.formatting import join_names
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
@@ -34,7 +35,7 @@ _ORIGINAL = 0  # the data are those of the file itself
 _VARYING_4 = 1  # a channel whose samples lie outside the records
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
-_TEXTS_SAID = 12
+_MAX_TEXTS = 12  # of an enumeration in a description
 
 
 @dataclass(frozen=True)
@@ -51,51 +52,51 @@ class _MdfChannel:
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each channel group that holds a requested channel."""
-    with _opened(source) as file:
+    with _open(source) as file:
         entries = _entries(source, file)
-        chosen = _chosen(source, entries, selection)
+        chosen = _choose(source, entries, selection)
         if sum(_samples(file, entry.group) for entry in chosen) > _MAX_VALUES:
             message = f"{len(chosen)} channels of this file hold more than {_MAX_VALUES} values"
-            raise InputError.of(source.name, message, "Name the channels to read.")
+            raise InputError.of(source.location, message, "Name the channels to read.")
+        names: dict[int, list[str]] = {}
+        for entry in entries:
+            names.setdefault(entry.group, []).append(entry.name)
         groups = dict.fromkeys(entry.group for entry in chosen)
-        known = _names_by_group(entries)
-        return [_table(source, file, [e for e in chosen if e.group == g], known[g]) for g in groups]
+        return [_table(source, file, [e for e in chosen if e.group == g], names[g]) for g in groups]
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
     """Return a description of each channel group, reading only some of its channels at a time."""
-    with _opened(source) as file:
+    with _open(source) as file:
         entries = _entries(source, file)
-        ambiguous = _ambiguous(entries)
+        count = Counter(entry.forms[0] for entry in entries)
         for group in dict.fromkeys(entry.group for entry in entries):
             own = [entry for entry in entries if entry.group == group]
-            names = tuple(dict.fromkeys(entry.forms[0] for entry in own if entry.forms[0] in ambiguous))
-            yield _description(source, file, own, names)
+            ambiguous = tuple(dict.fromkeys(entry.forms[0] for entry in own if count[entry.forms[0]] > 1))
+            yield _description(source, file, own, ambiguous)
 
 
 def _description(
     source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], ambiguous: tuple[str, ...]
 ) -> TableDescription:
     size = max(_AT_ONCE // max(_samples(file, own[0].group), 1), 1)
-    parts = []
-    for k in range(0, len(own), size):
-        some = own[k : k + size]
-        parts.append(describe_table(_table(source, file, some, tuple(entry.name for entry in some))))
+    blocks = [own[k : k + size] for k in range(0, len(own), size)]
+    parts = [describe_table(_table(source, file, block, [entry.name for entry in block])) for block in blocks]
     first = parts[0]
     clock = first.time.channel if first.time else None
     more = [c for part in parts[1:] for c in part.channels if c.name != clock]
-    left_out = tuple(name for part in parts for name in part.left_out)
-    details = dict(first.details)
-    if ambiguous:
-        details["names that others have too"] = join_names(ambiguous, 6)
-    remarks = tuple(dict.fromkeys(remark for part in parts for remark in part.remarks))
-    return TableDescription(
-        first.name, first.samples, (*first.channels, *more), first.time, left_out, details, ambiguous, remarks
+    return replace(
+        first,
+        channels=(*first.channels, *more),
+        left_out=tuple(name for part in parts for name in part.left_out),
+        details=first.details | ({"names that others have too": join_names(ambiguous, 6)} if ambiguous else {}),
+        ambiguous=ambiguous,
+        findings=tuple(dict.fromkeys(finding for part in parts for finding in part.findings)),
     )
 
 
 @contextmanager
-def _opened(source: MeasurementFile) -> Iterator[Any]:
+def _open(source: MeasurementFile) -> Iterator[Any]:
     """Yield the open file; all errors of the library for damaged files become an `InputError`."""
     check_links(source.path)
     # the library logs what is reported as a finding here
@@ -117,12 +118,12 @@ def _opened(source: MeasurementFile) -> Iterator[Any]:
         except InputError:
             raise
         except Exception as error:  # of many kinds: the library trusts what it reads
-            said = " ".join(str(error).split())[:160] or type(error).__name__
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
             _discard(error)
         else:
             return
-    message = f"the MDF file is damaged, cut off or encrypted ({said})"
-    raise InputError.of(source.name, message, "Copy or export it again.")
+    message = f"the MDF file is damaged, cut off or encrypted ({reason})"
+    raise InputError.of(source.location, message, "Copy or export it again.")
 
 
 def _discard(error: Exception) -> None:
@@ -144,35 +145,27 @@ def _check_layout(source: MeasurementFile, file: Any) -> None:
         finalized = stream.read(3) == b"MDF"
     for index, group in enumerate(file.groups):
         samples = _samples(file, index)
-        size, invalid = _record_sizes(group.channel_group)
-        wrong = ""
+        size = int(group.channel_group.samples_byte_nr)
+        invalid = int(getattr(group.channel_group, "invalidation_bytes_nr", 0))
+        own = finalized and group.data_location == _ORIGINAL  # the library copies what it sorts or finalizes
+        outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
+        problem = ""
         if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
-            wrong = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
-        elif not all(
-            _is_possible(block, finalized and group.data_location == _ORIGINAL, source)
-            for block in group.get_data_blocks()
-        ):
-            wrong = "has data that this file cannot hold"
-        elif samples:
-            outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
-            name = next(outside, None)
-            wrong = "" if name is None else f"has a channel {name[:60]} that lies outside its records of {size} bytes"
-        if wrong:
-            message = f"the MDF file is damaged: {_label(file, index)} {wrong}"
-            raise InputError.of(source.name, message, "Copy or export it again.")
+            problem = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
+        elif not all(_is_possible(block, own, source) for block in group.get_data_blocks()):
+            problem = "has data that this file cannot hold"
+        elif samples and (name := next(outside, None)) is not None:
+            problem = f"has a channel {name[:60]} that lies outside its records of {size} bytes"
+        if problem:
+            message = f"the MDF file is damaged: {_label(file, index)} {problem}"
+            raise InputError.of(source.location, message, "Copy or export it again.")
 
 
 def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
-    """Return whether a block of data may have the size that it claims, and ends within the file."""
+    """Return whether a block of data may have the size that it claims, and ends within the file if it is its own."""
     if block.original_size > _PACKING * max(int(block.compressed_size), 1):
         return False
-    # the library copies what it sorts or finalizes
     return not own or bool(block.address + block.compressed_size <= source.size)
-
-
-def _record_sizes(group: Any) -> tuple[int, int]:
-    """Return the bytes of a record and of its invalidation bits."""
-    return int(group.samples_byte_nr), int(getattr(group, "invalidation_bytes_nr", 0))
 
 
 def _lies_within(channel: Any, size: int, invalid: int, version: str) -> bool:
@@ -193,39 +186,41 @@ def _samples(file: Any, group: int) -> int:
 
 def _label(file: Any, group: int) -> str:
     """Return the label of a group: its name, else its comment, else its number."""
-    found = file.groups[group].channel_group
-    said = str(getattr(found, "acq_name", "") or found.comment or "").strip().split("\n")[0]
-    said = "" if said.startswith("<") else " ".join(said.split())[:60]
-    return said or f"group {group + 1}"
+    block = file.groups[group].channel_group
+    text = str(getattr(block, "acq_name", "") or block.comment or "").strip().split("\n")[0]
+    text = "" if text.startswith("<") else " ".join(text.split())[:60]
+    return text or f"group {group + 1}"
 
 
 def _entries(source: MeasurementFile, file: Any) -> list[_MdfChannel]:
     """Return all channels that hold samples, each with a name of its own; there has to be one."""
-    found = [entry for group in range(len(file.groups)) if _samples(file, group) for entry in _of_group(file, group)]
-    if not found:
-        raise InputError.of(source.name, "holds no samples", "Is it the right file?")
-    texts = _TEXT_4 if file.version >= "4" else _TEXT_3
-    forms = [_forms(file, group, index, channel) for group, index, channel, _ in found]
-    return [
-        _MdfChannel(name, own, group, index, array, getattr(channel.conversion, "conversion_type", -1) in texts)
-        for name, own, (group, index, channel, array) in zip(_unique(forms), forms, found, strict=True)
-    ]
+    groups = [group for group in range(len(file.groups)) if _samples(file, group)]
+    entries = [entry for group in groups for entry in _group_entries(file, group)]
+    if not entries:
+        raise InputError.of(source.location, "holds no samples", "Is it the right file?")
+    names = _unique_forms([entry.forms for entry in entries])
+    return [replace(entry, name=name) for entry, name in zip(entries, names, strict=True)]
 
 
-def _of_group(file: Any, group: int) -> list[tuple[int, int, Any, bool]]:
-    """Return the channels of a group beside its time: group, number, channel and whether it is an array."""
+def _group_entries(file: Any, group: int) -> Iterator[_MdfChannel]:
+    """Yield the channels of a group beside its time, each under its shortest name."""
     own = file.groups[group]
-    found = []
-    arrays: set[str] = set()
-    for index, channel in enumerate(own.channels):
-        parts = own.channel_dependencies[index] if own.channel_dependencies else None
-        if index == file.masters_db.get(group) or not channel.name or (parts and isinstance(parts[0], tuple)):
-            continue  # of a structure, the members are channels of their own
-        if parts:
-            arrays.add(channel.name)
-        found.append((group, index, channel, bool(parts)))
-    # the library lists the elements as well; read with their array they cost one look at its samples
-    return [f for f in found if f[3] or _without_indices(f[2].name) not in arrays]
+    parts = own.channel_dependencies or [None] * len(own.channels)
+    texts = _TEXT_4 if file.version >= "4" else _TEXT_3
+    indices = [
+        i
+        for i, channel in enumerate(own.channels)
+        # of a structure, the members are channels of their own
+        if i != file.masters_db.get(group) and channel.name and not (parts[i] and isinstance(parts[i][0], tuple))
+    ]
+    arrays = {own.channels[i].name for i in indices if parts[i]}
+    for i in indices:
+        channel = own.channels[i]
+        # the library lists the elements as well; read with their array they cost one look at its samples
+        if parts[i] or _without_indices(channel.name) not in arrays:
+            forms = _forms(file, group, i, channel)
+            is_text = getattr(channel.conversion, "conversion_type", -1) in texts
+            yield _MdfChannel(forms[0], forms, group, i, bool(parts[i]), is_text)
 
 
 def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
@@ -236,117 +231,96 @@ def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
     return (short, full, f"{label}/{short}", f"{label}/{full}", f"{origin}/{full}", f"{group + 1}.{index}/{full}")
 
 
-def _unique(candidates: Sequence[tuple[str, ...]]) -> list[str]:
+def _unique_forms(candidates: Sequence[tuple[str, ...]]) -> list[str]:
     """Return the first name of each that no other channel, nor the time, has.
 
-    >>> _unique([("n", "10ms/n"), ("n", "100ms/n"), ("time", "10ms/time"), ("T", "10ms/T")])
+    >>> _unique_forms([("n", "10ms/n"), ("n", "100ms/n"), ("time", "10ms/time"), ("T", "10ms/T")])
     ['10ms/n', '100ms/n', '10ms/time', 'T']
     """
-    names = [names[0] for names in candidates]
-    for level in range(1, len(candidates[0]) if candidates else 0):
+    names = [forms[0] for forms in candidates]
+    for level in range(1, len(candidates[0])):
         count = Counter([*names, _TIME])
         names = [c[level] if count[name] > 1 else name for name, c in zip(names, candidates, strict=True)]
     return names
 
 
-def _ambiguous(entries: Sequence[_MdfChannel]) -> set[str]:
-    return {name for name, count in Counter(entry.forms[0] for entry in entries).items() if count > 1}
-
-
-def _names_by_group(entries: Sequence[_MdfChannel]) -> dict[int, tuple[str, ...]]:
-    names: dict[int, list[str]] = {}
-    for entry in entries:
-        names.setdefault(entry.group, []).append(entry.name)
-    return {group: tuple(own) for group, own in names.items()}
-
-
-def _chosen(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: Selection) -> list[_MdfChannel]:
+def _choose(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: Selection) -> list[_MdfChannel]:
     """Return the requested channels, by their name or, for an element of an array, by that of the array."""
     if selection.channels is None:
         return list(entries)
-    meant = _meanings(entries)
-    found: dict[_MdfChannel, None] = {}
-    findings = []
+    meanings = _meanings(entries)
+    chosen: dict[_MdfChannel, None] = {}
+    findings = Findings()
     for asked in selection.channels:
-        arrays = [entry for entry in meant.get(_without_indices(asked), ()) if entry.is_array]
-        several = meant.get(asked, ())
-        if len(several) == 1:
-            found[replace(several[0], name=asked)] = None
-        elif len(several) > 1:
-            named = ", ".join(entry.name for entry in several[:6])
-            message = f"{len(several)} channels are named {asked}"
-            findings.append(Finding(source.name, message, f"Name one of them: {named}."))
+        arrays = [entry for entry in meanings.get(_without_indices(asked), ()) if entry.is_array]
+        named = meanings.get(asked, ())
+        if len(named) == 1:
+            chosen[replace(named[0], name=asked)] = None
+        elif len(named) > 1:
+            others = ", ".join(entry.name for entry in named[:6])
+            message = f"{len(named)} channels are named {asked}"
+            findings.error(source.location, message, f"Name one of them: {others}.")
         elif len(arrays) == 1:
-            found[replace(arrays[0], name=_without_indices(asked))] = None
-    if findings:
-        raise InputError(findings)
+            chosen[replace(arrays[0], name=_without_indices(asked))] = None
+    findings.finish()
     # if no channel matches, the group that is read lets the message list the available ones
-    return list(found) or [entries[0]]
+    return list(chosen) or [entries[0]]
 
 
 def _meanings(entries: Sequence[_MdfChannel]) -> dict[str, list[_MdfChannel]]:
     """Return the channels that each name may mean; the name under which a channel is listed means no other."""
-    meant: dict[str, list[_MdfChannel]] = {}
+    meanings: dict[str, list[_MdfChannel]] = {}
     for entry in entries:
         for form in dict.fromkeys(entry.forms):
-            meant.setdefault(form, []).append(entry)
-    return meant | {entry.name: [entry] for entry in entries} | {_TIME: []}
+            meanings.setdefault(form, []).append(entry)
+    return meanings | {entry.name: [entry] for entry in entries} | {_TIME: []}
 
 
 def _without_indices(name: str) -> str:
-    while name.endswith("]") and name.rpartition("[")[2][:-1].isdecimal():
-        name = name.rpartition("[")[0]
-    return name
+    return re.sub(r"(?:\[\d+\])+\Z", "", name)
 
 
-def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names: tuple[str, ...]) -> Table:
+def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names: Sequence[str]) -> Table:
     group = own[0].group
     channels = file.groups[group].channels
-    fixed = [entry for entry in own if not _varies_in_length(file, entry)]
-    signals = _signals(file, fixed)
+    # samples of varying length are stored elsewhere; they are never numbers, so their links need not be followed
+    fixed = [e for e in own if file.version < "4" or channels[e.index].channel_type != _VARYING_4]
+    signals = _select_signals(file, fixed)
     stamps = signals[fixed[0]].timestamps if fixed else file.get_master(group)
     count = len(stamps)
-    clock = _clock(file, group, _valid(stamps, None))
-    columns = [
-        column
-        for entry in own
-        for column in (
-            _columns(entry, channels[entry.index], signals[entry])
-            if entry in signals
-            else (_text(entry, count, "text or bytes of varying length"),)
-        )
-    ]
+    clock = _clock(file, group, _to_float64(stamps, None))
+    columns: list[Column] = []
+    for entry in own:
+        if entry in signals:
+            columns += _columns(entry, channels[entry.index], signals[entry])
+        else:
+            columns.append(Column.without_numbers(entry.name, count, "text or bytes of varying length"))
     spread = {entry.name for entry in own if entry.is_array}
     known = dict.fromkeys([*(n for n in names if n not in spread), *(column.name for column in columns)])
-    times = () if clock is None else (clock,)
+    times = [] if clock is None else [clock]
     label = _label(file, group)
     return Table(
-        f"{source.name} group {label}" if not label.startswith("group ") else f"{source.name} {label}",
+        source.location.within(label if label.startswith("group ") else f"group {label}"),
         (*times, *columns),
         np.arange(1, count + 1),
         "sample",
-        (*(c.name for c in times), *known),
+        (*(time.name for time in times), *known),
         details=(("group", label),),
-        clock=clock,
+        clock_index=None if clock is None else 0,
     )
 
 
-def _varies_in_length(file: Any, entry: _MdfChannel) -> bool:
-    """Return whether samples are stored elsewhere; they are never numbers, so their links need not be followed."""
-    return bool(file.version >= "4" and file.groups[entry.group].channels[entry.index].channel_type == _VARYING_4)
-
-
-def _signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
+def _select_signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
     """Return the samples of channels of one group, texts of enumerations left as the numbers they stand for."""
-    found: dict[_MdfChannel, Any] = {}
+    selected: dict[_MdfChannel, Any] = {}
     for raw in (False, True):
         # in version 3 the library has no other way to leave texts alone
         some = [entry for entry in own if (entry.is_text_table and file.version < "4") == raw]
         if some:
-            asked = [(None, entry.group, entry.index) for entry in some]
-            signals = file.select(asked, raw=raw, copy_master=False, ignore_value2text_conversions=True)
-            found |= dict(zip(some, signals, strict=True))
-    return found
+            places = [(None, entry.group, entry.index) for entry in some]
+            signals = file.select(places, raw=raw, copy_master=False, ignore_value2text_conversions=True)
+            selected |= dict(zip(some, signals, strict=True))
+    return selected
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
@@ -363,27 +337,21 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
 
 
 def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:
-    """Return the column of a channel, or one for each element of an array; text gives a column of no numbers."""
+    """Yield the column of a channel, or one for each element of an array; text gives a column of no numbers."""
     samples = signal.samples
     if samples.dtype.names:
         samples = samples[samples.dtype.names[0]]
-    unit = _unit(entry, channel, signal)
-    held = entry.is_text_table or samples.dtype.kind in "bui"
-    said = _description_of(entry, channel)
     if samples.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
         sample = samples[0] if len(samples) else ""
-        shown = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
-        yield _text(entry, len(samples), shown.strip("\0 ")[:40])
+        text = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
+        yield Column.without_numbers(entry.name, len(samples), text.strip("\0 ")[:40])
         return
+    unit, description = _unit(entry, channel, signal), _description_of(entry, channel)
+    held = entry.is_text_table or samples.dtype.kind in "bui"
     for place in np.ndindex(samples.shape[1:]):
         name = entry.name + "".join(f"[{i}]" for i in place)
-        values = _valid(samples[(slice(None), *place)], signal.invalidation_bits)
-        yield Column(name, unit, name, values, held=held, description=said)
-
-
-def _text(entry: _MdfChannel, count: int, sample: str) -> Column:
-    """Return a channel that holds no numbers; it is kept so that a message can show what it holds."""
-    return Column(entry.name, "", entry.name, np.full(count, np.nan), ((0, sample),), max(count, 1))
+        values = _to_float64(samples[(slice(None), *place)], signal.invalidation_bits)
+        yield Column(name, unit, name, values, held=held, description=description)
 
 
 def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
@@ -391,12 +359,12 @@ def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
     if not entry.is_text_table:
         return plain_unit(str(signal.unit or ""))
     blocks = (getattr(channel.conversion, "referenced_blocks", None) or {}).values()
-    texts = {block.decode("utf-8", errors="replace").strip("\0 ") for block in blocks if isinstance(block, bytes)}
+    texts = {_decode(block) for block in blocks if isinstance(block, bytes)}
     unit = plain_unit(str(channel.unit or ""))
     return "" if unit in texts else unit
 
 
-def _valid(samples: Any, invalid: Any) -> Float:
+def _to_float64(samples: Any, invalid: Any) -> Float:
     """Return the samples as float64, NaN if the logger marked them as invalid."""
     values = np.array(samples, dtype=np.float64)
     if invalid is not None:
@@ -411,23 +379,25 @@ def _description_of(entry: _MdfChannel, channel: Any) -> str:
     comment = "" if comment.startswith("<") else comment[:200]
     if not entry.is_text_table:
         return comment
-    pairs = list(_texts(channel.conversion))
-    more = ", ..." if len(pairs) > _TEXTS_SAID else ""
-    said = ", ".join(f"{number} = {text}" for number, text in pairs[:_TEXTS_SAID]) + more
-    return f"{comment}: {said}" if comment else said
+    pairs = list(_enumeration(channel.conversion))
+    more = ", ..." if len(pairs) > _MAX_TEXTS else ""
+    texts = ", ".join(f"{number} = {text}" for number, text in pairs[:_MAX_TEXTS]) + more
+    return f"{comment}: {texts}" if comment else texts
 
 
-def _texts(conversion: Any) -> Iterator[tuple[str, str]]:
-    """Return the numbers of an enumeration, as a message shows them, with their texts."""
+def _enumeration(conversion: Any) -> Iterator[tuple[str, str]]:
+    """Yield the numbers of an enumeration, as a message shows them, with their texts."""
     referenced = getattr(conversion, "referenced_blocks", None) or {}
     for i in range(10_000):
         text = referenced.get(f"text_{i}", getattr(conversion, f"text_{i}", None))
-        low = getattr(
-            conversion, f"val_{i}", getattr(conversion, f"param_val_{i}", getattr(conversion, f"lower_{i}", None))
-        )
+        values = (getattr(conversion, f"{kind}_{i}", None) for kind in ("val", "param_val", "lower"))
+        low = next((value for value in values if value is not None), None)
         if low is None:
             return
         if isinstance(text, bytes):
             high = getattr(conversion, f"upper_{i}", low)
-            number = f"{low:g}" if math.isclose(low, high) else f"{low:g} to {high:g}"
-            yield number, text.decode("utf-8", errors="replace").strip("\0 ")
+            yield f"{low:g}" if math.isclose(low, high) else f"{low:g} to {high:g}", _decode(text)
+
+
+def _decode(text: bytes) -> str:
+    return text.decode("utf-8", errors="replace").strip("\0 ")

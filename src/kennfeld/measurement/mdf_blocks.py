@@ -5,11 +5,11 @@ layouts are those of ASAM MDF 3.3 and 4.2: each block states its kind, its lengt
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 
 # which of a block's links lead on; what else a block refers to may lead back with good reason
 _LINKS_4 = {
@@ -35,11 +35,10 @@ def check_links(path: Path) -> None:
     with path.open("rb") as file:
         identification = file.read(_FIRST)
         if size < _FIRST + _HEAD_4:
-            raise InputError.of(path.name, f"the MDF file is cut off after {size} bytes", "Copy it again.")
+            raise InputError.of(Location(path.name), f"the MDF file is cut off after {size} bytes", "Copy it again.")
         version = identification[8:12].decode("ascii", errors="replace").strip(" \0")
-        order = "<" if version.startswith("4") or identification[24:26] == b"\0\0" else ">"
-        reader = _Blocks4(file, size) if version.startswith("4") else _Blocks3(file, size, order)
-        _walk(reader, path.name)
+        order = "<" if identification[24:26] == b"\0\0" else ">"
+        _walk(_Blocks4(file, size) if version.startswith("4") else _Blocks3(file, order), Location(path.name))
 
 
 class _Blocks4:
@@ -69,8 +68,8 @@ class _Blocks4:
 class _Blocks3:
     """Blocks of versions 2 and 3: kind, length, links of 4 bytes."""
 
-    def __init__(self, file: BinaryIO, size: int, order: str) -> None:
-        self.file, self.size, self.order = file, size, order
+    def __init__(self, file: BinaryIO, order: str) -> None:
+        self.file, self.order = file, order
 
     def links(self, at: int) -> Sequence[int]:
         """Return the links of the block at this byte; raise `ValueError` if there is none."""
@@ -87,28 +86,26 @@ class _Blocks3:
         return [link for link in links[: _LINKS_3[kind]] if link]
 
 
-def _walk(blocks: _Blocks4 | _Blocks3, name: str) -> None:
+def _walk(blocks: _Blocks4 | _Blocks3, location: Location) -> None:
     """Walk depth first; a block that is met again while it is still open closes a cycle."""
-    open_, done = {_FIRST}, set[int]()
-    path = [(_FIRST, iter(_links(blocks, _FIRST, name)))]
+
+    def links(at: int) -> Iterator[int]:
+        try:
+            return iter(blocks.links(at))
+        except ValueError as error:
+            message = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
+            raise InputError.of(location, message, "Copy it again from its source.") from None
+
+    done = set[int]()
+    path = {_FIRST: links(_FIRST)}  # the open blocks, each with its links that were not followed yet
     while path:
-        at, links = path[-1]
-        following = next(links, None)
+        at = next(reversed(path))
+        following = next(path[at], None)
         if following is None:
-            path.pop()
-            open_.discard(at)
+            del path[at]
             done.add(at)
-        elif following in open_:
+        elif following in path:
             message = f"the MDF file is damaged: its block at byte {at} leads back to the one at byte {following}"
-            raise InputError.of(name, message, "Copy it again from its source.")
+            raise InputError.of(location, message, "Copy it again from its source.")
         elif following not in done:
-            open_.add(following)
-            path.append((following, iter(_links(blocks, following, name))))
-
-
-def _links(blocks: _Blocks4 | _Blocks3, at: int, name: str) -> Sequence[int]:
-    try:
-        return blocks.links(at)
-    except ValueError as error:
-        message = f"the MDF file is damaged or cut off: the block at byte {at} {error}"
-        raise InputError.of(name, message, "Copy it again from its source.") from None
+            path[following] = links(following)

@@ -27,20 +27,23 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             schema = file.schema_arrow  # made again each time it is asked for
             header = _header(schema)
             asked = selection.wants(header)
-            wanted = [i for i in asked if _is_numeric(schema.field(i).type)]
+            numeric = [i for i in asked if _is_numeric(schema.field(i).type)]
             count = file.metadata.num_rows
-            columns = list(_columns(file, schema, header, wanted))
-            numeric = set(wanted)
-            texts = [_text(schema.field(i).type, header.names[i], count) for i in asked if i not in numeric]
+            columns = list(_columns(file, schema, header, numeric))
+            texts = [
+                Column.without_numbers(header.names[i], count, f"a value of type {schema.field(i).type}")
+                for i in asked
+                if not _is_numeric(schema.field(i).type)
+            ]
             if odd := [column.name for column in columns if column.values.size != count]:
                 raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
         message = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
-        raise InputError.of(source.name, message, "Copy or write it again.") from None
+        raise InputError.of(source.location, message, "Copy or write it again.") from None
     if not count:
-        raise InputError.of(source.name, "holds no rows", "Is it the right file?")
+        raise InputError.of(source.location, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)
-    return [Table(source.name, (*columns, *texts), rows, row_word="row", names=header.names)]
+    return [Table(source.location, (*columns, *texts), rows, row_word="row", names=header.names)]
 
 
 def _header(schema: Any) -> Header:
@@ -51,11 +54,11 @@ def _header(schema: Any) -> Header:
     short = Counter(name for name, _ in split)
     for field, (name, unit) in zip(schema, split, strict=True):
         notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
-        given = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
+        stated = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
         if name.startswith(_INDEX):
             name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
         names.append(field.name if short[name] > 1 else name)
-        units.append(given or unit)
+        units.append(stated or unit)
     return Header(0, 0, tuple(names), tuple(units))
 
 
@@ -101,8 +104,3 @@ def _seconds(chunked: Any) -> Float:
     # counted from the first stamp before they become floats: nanoseconds since 1970 need more than 53 bits
     first = next((value for value in ticks[:1].to_pylist() if value is not None), 0)
     return _float64(pa.compute.subtract(ticks, first)) / scale
-
-
-def _text(kind: Any, name: str, count: int) -> Column:
-    """Return a column that is no channel; it is kept so that a message can show what it holds."""
-    return Column(name, "", name, np.full(count, np.nan), ((0, f"a value of type {kind}"),), count)

@@ -10,11 +10,10 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, run_guarded
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
 from kennfeld.measurement.table import Selection, Table, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
 from kennfeld.measurement.time_column import drop_untimed
-from kennfeld.measurement.unsupported_files import refuse_foreign
 
 # each module offers read_tables(source, selection)
 _READERS = {
@@ -30,11 +29,10 @@ _READERS = {
     FileKind.LVM: "lvm",
 }
 _TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be compressed by gzip
-_PLAIN = {FileKind.CSV, FileKind.XML, FileKind.OTHER}  # kinds without a signature
-_HEAD = 4096  # bytes
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS}
+_SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
 
 def read(
@@ -49,7 +47,7 @@ def read(
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points. Columns
     without a name and columns of text are skipped. Channels of different rasters need a `raster`; they are read over
-    the time they share. Infinite values become NaN; the dataset's `remarks` count them.
+    the time they share. Infinite values become NaN; the dataset's `findings` count them.
 
     Args:
         path: the file; a sheet of a workbook may be named after a `#`, `bench.xlsx#Data`.
@@ -73,44 +71,43 @@ def read(
         raise ArgumentError(f"raster={raster} must be a time in s > 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    return _read(_locate_readable(path, sheet), _selection(channels, units), raster, strict=True)
+    return _read(_locate_readable(path, sheet), channels, raster, units or {}, strict=True)
 
 
 def read_leniently(
     path: str | Path, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str]
 ) -> Dataset:
     """Read a file as `read` does, but ignore units of columns that it lacks, since other files may have them."""
-    return _read(_locate_readable(path, None), _selection(channels, units), raster, strict=False)
+    return _read(_locate_readable(path, None), channels, raster, units, strict=False)
 
 
-def _selection(channels: Sequence[str] | None, units: Mapping[str, str] | None) -> Selection:
-    return Selection(None if channels is None else tuple(dict.fromkeys(channels)), dict(units or {}))
-
-
-def _read(source: MeasurementFile, selection: Selection, raster: float | None, *, strict: bool) -> Dataset:
-    tables = [table.with_units(selection.units) for table in _tables(source, selection)]
+def _read(
+    source: MeasurementFile,
+    channels: Sequence[str] | None,
+    raster: float | None,
+    units: Mapping[str, str],
+    *,
+    strict: bool,
+) -> Dataset:
+    selection = Selection(None if channels is None else tuple(dict.fromkeys(channels)), dict(units))
+    tables = [table.with_units(units) for table in _read_tables(source, selection)]
     if strict:
         _check_stated(source, tables, selection)
-    if source.kind in _RASTERS:
-        return join_groups(source.name, tables, source.stem, selection, raster)
-    parts = split_timelines(_single_table(source, tables), selection)
-    if len(parts) > 1:
-        return join_groups(source.name, parts, source.stem, selection, raster)
-    return assemble(parts[0], source.stem, selection, raster)
+    if source.kind not in _RASTERS:
+        tables = split_timelines(_single_table(source, tables), selection)
+        if len(tables) == 1:
+            return assemble(tables[0], source.stem, selection, raster)
+    return join_groups(source.location, tables, source.stem, selection, raster)
 
 
 def _check_stated(source: MeasurementFile, tables: Sequence[Table], selection: Selection) -> None:
     """Refuse units for columns that are not there."""
-    names = dict.fromkeys(name for table in tables for name in [*table.names, *_clock_name(table)] if name)
+    names = dict.fromkeys(name for table in tables for name in table.names if name)
+    names |= dict.fromkeys(table.clock.name for table in tables if table.clock is not None)
+    location = source.location.within("units")
     missing = [name for name in selection.units if name not in names]
     if missing:
-        raise InputError(
-            Finding(f"{source.name} units", f"has no column {name}", nearest(name, names)) for name in missing
-        )
-
-
-def _clock_name(table: Table) -> list[str]:
-    return [] if table.clock is None else [table.clock.name]
+        raise InputError(Finding(location, f"has no column {name}", nearest(name, names)) for name in missing)
 
 
 def describe(path: str | Path) -> Description:
@@ -121,55 +118,42 @@ def describe(path: str | Path) -> Description:
     """
     source = _locate_readable(path, None)
     if source.kind in _RASTERS:
-        reader = _reader(source)
-        return Description(
-            source.name, source.kind.value, run_guarded(source.name, lambda: tuple(reader.describe_tables(source)))
-        )
-    tables = _tables(source, Selection())
-    findings = [finding for table in tables for finding in table.findings]
-    if findings:
-        raise InputError(findings)
+        descriptions = run_guarded(source.name, lambda: tuple(_reader(source).describe_tables(source)))
+        return Description(source.name, source.kind.value, descriptions)
+    tables = _read_tables(source, Selection())
+    errors = [error for table in tables for error in table.errors]
+    if errors:
+        raise InputError(errors)
     parts = [part for table in tables for part in split_timelines(table, Selection())]
     return Description(source.name, source.kind.value, tuple(describe_table(part) for part in parts))
 
 
 def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
     source = run_guarded(Path(path).name, lambda: locate(path, sheet))
+    kind = source.kind.value
+    kind_with_article = f"{'an' if kind.startswith(_SPOKEN) else 'a'} {kind}"
     if source.kind is FileKind.PACKED:
         remedy = "Unpack it first; gzip is the only compression that can be read."
-        raise InputError.of(source.name, "this is a compressed file", remedy)
-    if source.kind in _PLAIN:
-        refuse_foreign(source.name, run_guarded(source.name, lambda: _start(source)))
+        raise InputError.of(source.location, "this is a compressed file", remedy)
+    refuse_foreign(source)
     if source.kind not in _READERS:
-        message = f"this is {_article(source.kind.value)} file, which cannot be read as a measurement"
-        raise InputError.of(
-            source.name, message, "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
-        )
+        message = f"this is {kind_with_article} file, which cannot be read as a measurement"
+        remedy = "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
+        raise InputError.of(source.location, message, remedy)
     if source.packed and source.kind not in _TEXT:
-        raise InputError.of(source.name, f"this is a compressed {source.kind.value} file", "Unpack it first.")
+        raise InputError.of(source.location, f"this is a compressed {kind} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not FileKind.EXCEL:
-        message = f"sheet {source.sheet} is requested, but {_article(source.kind.value)} file has no sheets"
-        raise InputError.of(source.name, message, "Omit the sheet.")
+        message = f"sheet {source.sheet} is requested, but {kind_with_article} file has no sheets"
+        raise InputError.of(source.location, message, "Omit the sheet.")
     return source
-
-
-def _start(source: MeasurementFile) -> bytes:
-    with source.open() as stream:
-        return stream.read(_HEAD)
-
-
-def _article(kind: str) -> str:
-    spoken = kind[0] in "AEIO" or kind.startswith(("MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML"))
-    return f"{'an' if spoken else 'a'} {kind}"
 
 
 def _reader(source: MeasurementFile) -> Any:
     return import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
 
 
-def _tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    reader = _reader(source)
-    tables: list[Table] = run_guarded(source.name, lambda: reader.read_tables(source, selection))
+def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
+    tables: list[Table] = run_guarded(source.name, lambda: _reader(source).read_tables(source, selection))
     tables = [without_infinite(table) for table in tables]
     return [drop_untimed(table) for table in tables] if source.kind in _LOGS else tables
 
@@ -183,5 +167,5 @@ def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:
         names = join_names([name for name in table.names if name], 6)
         sheet = dict(table.details).get("sheet", "")
         message = f"{table.rows.size} rows of {names}; several sheets hold tables and none is selected"
-        findings.append(Finding(table.place, message, f"Write {source.name}#{sheet} to select it."))
+        findings.append(Finding(table.location, message, f"Write {source.name}#{sheet} to select it."))
     raise InputError(findings)

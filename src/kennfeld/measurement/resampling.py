@@ -44,9 +44,9 @@ def is_stepped(values: Float) -> bool:
 
 def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:
     """Return channels with common time stamps at other times, each as by `resample`."""
-    exact = _snapped(time, at)  # once for all channels without gaps
+    exact = _snap(time, at)  # once for all channels without gaps
     return [
-        _resampled(time, values, exact, hold) if not np.isnan(values).any() else resample(time, values, at, hold)
+        _interpolate(time, values, exact, hold) if not np.isnan(values).any() else resample(time, values, at, hold)
         for values, hold in zip(columns, held, strict=True)
     ]
 
@@ -64,14 +64,14 @@ def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float
     if not valid.any():
         return np.full(at.shape, np.nan)
     stamps = time[valid]
-    return _resampled(stamps, values[valid], _snapped(stamps, at), held)
+    return _interpolate(stamps, values[valid], _snap(stamps, at), held)
 
 
-def _resampled(stamps: Float, known: Float, exact: Float, held: bool) -> Float:
+def _interpolate(stamps: Float, known: Float, exact: Float, held: bool) -> Float:
     """Return the values at points that are set to the stamps they are near to; none is missing."""
     if not (held or is_stepped(known)):
-        found = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
-        return np.where(_in_pause(stamps, exact), np.nan, found)
+        values = np.interp(exact, stamps, known, left=np.nan, right=np.nan)
+        return np.where(_in_pause(stamps, exact), np.nan, values)
     before = np.searchsorted(stamps, exact, side="right") - 1
     inside = (before >= 0) & (exact <= stamps[-1])
     return np.where(inside, known[np.maximum(before, 0)], np.nan)
@@ -87,7 +87,7 @@ def _in_pause(stamps: Float, at: Float) -> Bool:
     return inside
 
 
-def _snapped(stamps: Float, at: Float) -> Float:
+def _snap(stamps: Float, at: Float) -> Float:
     """Return `at` with points set to a time stamp if they differ from it by rounding only."""
     after = np.minimum(np.searchsorted(stamps, at), stamps.size - 1)
     before = np.maximum(after - 1, 0)

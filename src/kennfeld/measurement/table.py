@@ -5,22 +5,26 @@ so they become NaN), and of the markers that a driver or the logger set while re
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.errors import Finding
+from kennfeld.dataset import replace_infinite
+from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_numbers, parse_stamps, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time
 
+BLOCK = 4096  # rows that text is parsed by at a time
 MAX_MARKS = 12  # markers that a description quotes
 _MAX_QUOTED = 50  # cells per column that messages may quote
 _MAX_FINDINGS = 20  # findings of one kind per file
 _MARK = re.compile(r'\s*"?MARK\s+\d+\b')
+_T = TypeVar("_T")  # Python 3.11
 
 
 def unique_names(names: Sequence[str]) -> list[str]:
@@ -53,12 +57,12 @@ class Selection:
 
     def wants(self, header: Header) -> list[int]:
         """Return the columns to read: the requested channels and whatever may be time."""
-        named = [i for i, name in enumerate(header.names) if name]
-        if self.channels is None:
-            return named
-        requested = set(self.channels)
-        units = [self.units.get(name, unit) for name, unit in zip(header.names, header.units, strict=True)]
-        return [i for i in named if header.names[i] in requested or may_be_time(header.names[i], units[i])]
+        columns = enumerate(zip(header.names, header.units, strict=True))
+        return [
+            i
+            for i, (name, unit) in columns
+            if name and (self.includes(name) or may_be_time(name, self.units.get(name, unit)))
+        ]
 
     def includes(self, name: str) -> bool:
         """Return whether this channel belongs in the dataset."""
@@ -79,10 +83,15 @@ class Column:
     held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
 
-    def kept(self, rows: Bool) -> "Column":
+    @classmethod
+    def without_numbers(cls, name: str, samples: int, content: str) -> "Column":
+        """Return a column that is not a channel; it is kept so that a message can show what it holds."""
+        return cls(name, "", name, np.full(samples, np.nan), ((0, content),), max(samples, 1))
+
+    def select(self, rows: Bool) -> "Column":
         """Return the column with these samples alone."""
-        place = np.cumsum(rows) - 1
-        texts = tuple((int(place[sample]), cell) for sample, cell in self.texts if rows[sample])
+        sample = np.cumsum(rows) - 1
+        texts = tuple((int(sample[k]), cell) for k, cell in self.texts if rows[k])
         count = self.text_count - (len(self.texts) - len(texts))
         return replace(self, values=self.values[rows], texts=texts, text_count=count)
 
@@ -96,35 +105,40 @@ class Column:
 class Table:
     """Columns of one file or sheet; `rows` holds the line (or row) number of each sample, counted from 1."""
 
-    place: str
+    location: Location
     columns: tuple[Column, ...]
     rows: Int  # Int[samples]
     row_word: str = "line"
     names: tuple[str, ...] = ()  # of all columns, those not read included
     findings: tuple[Finding, ...] = ()
-    details: tuple[tuple[str, str], ...] = field(default=())
-    clock: Column | None = None  # the time column if the format itself defines it
-    remarks: tuple[Finding, ...] = ()  # warnings and remarks, which leave the table usable
+    details: tuple[tuple[str, str], ...] = ()
+    clock_index: int | None = None  # of the time column if the format itself defines it
     restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
+
+    @property
+    def clock(self) -> Column | None:
+        """The time column if the format itself defines it."""
+        return None if self.clock_index is None else self.columns[self.clock_index]
+
+    @property
+    def errors(self) -> list[Finding]:
+        """The findings that make the table unusable."""
+        return [finding for finding in self.findings if finding.severity == "error"]
 
     def with_units(self, units: Mapping[str, str]) -> "Table":
         """Return the table with the units that the caller states for columns; dates stay what they are."""
+        columns = (c if c.dated else replace(c, unit=units.get(c.name, c.unit)) for c in self.columns)
+        return replace(self, columns=tuple(columns)) if units else self
 
-        def stated(column: Column) -> Column:
-            unit = units.get(column.name)
-            return column if unit is None or column.dated else replace(column, unit=unit)
-
-        clock = None if self.clock is None else stated(self.clock)
-        columns = tuple(clock if c is self.clock and clock is not None else stated(c) for c in self.columns)
-        return replace(self, columns=columns, clock=clock)
-
-    def at(self, sample: int, *columns: Column) -> str:
+    def at(self, sample: int, *columns: Column) -> Location:
         """Return the location of a cell: `bench.csv line 17, column Torque`."""
-        place = f"{self.place} {self.row_word} {self.rows[sample]}"
-        if not columns:
-            return place
-        word = "column" if len(columns) == 1 else "columns"
-        return f"{place}, {word} {join_names([column.place for column in columns], 3)}"
+        if columns:
+            names = join_names([column.place for column in columns], 3)
+            word = "column" if len(columns) == 1 else "columns"
+            return self.location.within(f"{self.row_word} {self.rows[sample]}, {word} {names}")
+        if self.row_word == "line":
+            return replace(self.location, line=int(self.rows[sample]))
+        return self.location.within(f"{self.row_word} {self.rows[sample]}")
 
 
 class ColumnBuilder:
@@ -139,6 +153,11 @@ class ColumnBuilder:
         self._dated = False
         self._origin: int | None = None  # the day that stamps in text count from
 
+    @classmethod
+    def of(cls, header: Header, index: int) -> "ColumnBuilder":
+        """Return the builder of a column of a text file."""
+        return cls(header.names[index], header.units[index], header.names[index])
+
     def add(self, cells: Sequence[object], decimal: Decimal = ".") -> None:
         """Take the next cells."""
         values, texts = parse_numbers(cells, decimal)
@@ -151,92 +170,72 @@ class ColumnBuilder:
         self._text_count += len(texts)
         self._samples += len(cells)
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
-        self._dated = self._dated or (not _is_text(cells) and any(map(is_dated, cells)))
+        is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
+        self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
 
-    def built(self) -> Column:
+    def build(self) -> Column:
         """Return the column of all cells taken."""
         values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
-        if self._dated and self._origin is None:
-            values = _past_midnight(values)
+        if self._dated and self._origin is None:  # times of day that continue across midnight
+            days = np.cumsum(np.diff(values, prepend=values[:1]) < -43_200.0)
+            values = values + 86_400.0 * days
         values.setflags(write=False)
         return Column(self.name, self.unit, self.place, values, tuple(self._texts), self._text_count, self._dated)
-
-
-def _past_midnight(values: Float) -> Float:
-    """Return times of day that continue across midnight."""
-    days = np.cumsum(np.diff(values, prepend=values[:1]) < -43_200.0)
-    return values + 86_400.0 * days
-
-
-def _is_text(cells: Sequence[object]) -> bool:
-    return bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
 
 
 def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:
     """Return one finding for each row that holds text in columns of numbers."""
     by_row: dict[int, list[tuple[Column, object]]] = {}
-    total = 0
+    unseen = 0
     for column in columns:
-        total += column.text_count
+        unseen += column.text_count - len(column.texts)
         for sample, cell in column.texts:
             by_row.setdefault(sample, []).append((column, cell))
-    findings = [_text_finding(table, sample, cells) for sample, cells in sorted(by_row.items())]
-    unseen = total - sum(len(cells) for cells in by_row.values())
-    return limit_findings(findings, table.place, "rows that hold text among numbers", unseen)
+    message = "rows that hold text among numbers"
+    rows = sorted(by_row.items())
+    return limit_findings(rows, lambda row: _text_finding(table, *row), table.location, message, unseen)
 
 
 def _text_finding(table: Table, sample: int, cells: list[tuple[Column, object]]) -> Finding:
-    place = table.at(sample, *(column for column, _ in cells))
-    if len(cells) == 1:
-        return Finding(place, f"must be a number, got {quote_cell(cells[0][1])}", _number_remedy(str(cells[0][1])))
-    quoted = join_names([quote_cell(cell) for _, cell in cells], 3)
-    remedy = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
-    return Finding(place, f"must be numbers, got {quoted}", remedy)
+    location = table.at(sample, *(column for column, _ in cells))
+    if len(cells) > 1:
+        quoted = join_names([quote_cell(cell) for _, cell in cells], 3)
+        remedy = f"Remove the {table.row_word} if it is a second header or unit row, or correct it."
+        return Finding(location, f"must be numbers, got {quoted}", remedy)
+    cell = cells[0][1]
+    if str(cell).strip().replace(".", "").replace(",", "").lstrip("+-").isdigit():
+        remedy = "Write it without a thousands separator and with the same decimal mark as the rest of the file."
+    else:
+        remedy = "Correct it, or leave the cell empty if there is no value."
+    return Finding(location, f"must be a number, got {quote_cell(cell)}", remedy)
 
 
-def _number_remedy(cell: str) -> str:
-    digits = cell.strip().replace(".", "").replace(",", "").lstrip("+-")
-    if digits.isdigit():
-        return "Write it without a thousands separator and with the same decimal mark as the rest of the file."
-    return "Correct it, or leave the cell empty if there is no value."
-
-
-def limit_findings(findings: list[Finding], place: str, message: str, unseen: int = 0) -> list[Finding]:
-    """Return the first twenty findings, and one with the number of the others."""
-    more = max(len(findings) - _MAX_FINDINGS, 0) + unseen
-    if not more:
-        return findings
-    return [*findings[:_MAX_FINDINGS], Finding(place, f"{more} more {message}")]
+def limit_findings(
+    items: Sequence[_T], report: Callable[[_T], Finding], location: Location, message: str, unseen: int = 0
+) -> list[Finding]:
+    """Return a finding for each of the first twenty items, and one with the number of the others."""
+    more = max(len(items) - _MAX_FINDINGS, 0) + unseen
+    summary = [Finding(location, f"{more} more {message}")] if more else []
+    return [*map(report, items[:_MAX_FINDINGS]), *summary]
 
 
 def without_infinite(table: Table) -> Table:
     """Return the table with NaN in place of infinite values, and a warning for each column that has some.
 
-    >>> table = without_infinite(Table("a.csv", (Column("v", "", "v", np.array([1.0, np.inf])),), np.arange(1, 3)))
-    >>> print(table.columns[0].values, *table.remarks)
+    >>> column = Column("v", "", "v", np.array([1.0, np.inf]))
+    >>> table = without_infinite(Table(Location("a.csv"), (column,), np.arange(1, 3)))
+    >>> print(table.columns[0].values, *table.findings)
     [ 1. nan] a.csv line 2, column v: 1 of 2 values is infinite and treated as missing
     """
-    finite = {id(column): _finite(column) for column in table.columns}
-    changed = [column for column in table.columns if finite[id(column)] is not column]
-    if not changed:
-        return table
-    clock = None if table.clock is None else finite.get(id(table.clock), table.clock)
-    columns = tuple(finite[id(column)] for column in table.columns)
-    remarks = tuple(_warning(table, column) for column in changed)
-    return replace(table, columns=columns, clock=clock, remarks=(*table.remarks, *remarks))
-
-
-def _finite(column: Column) -> Column:
-    infinite = np.isinf(column.values)
-    return replace(column, values=np.where(infinite, np.nan, column.values)) if infinite.any() else column
-
-
-def _warning(table: Table, column: Column) -> Finding:
-    at = np.flatnonzero(np.isinf(column.values))
-    message = (
-        f"{at.size} of {column.values.size} values {'is' if at.size == 1 else 'are'} infinite and treated as missing"
-    )
-    return Finding(table.at(int(at[0]), column), message, severity="warning")
+    columns, findings = [], []
+    for column in table.columns:
+        values, message = replace_infinite(column.values)
+        if message:
+            first = int(np.argmax(np.isinf(column.values)))
+            findings.append(Finding(table.at(first, column), message, severity="warning"))
+            column = replace(column, values=values)
+        columns.append(column)
+    return replace(table, columns=tuple(columns), findings=(*table.findings, *findings)) if findings else table
 
 
 def is_mark(line: str, separator: str) -> bool:

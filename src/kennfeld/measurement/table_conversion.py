@@ -1,6 +1,7 @@
 """Conversion of a file's table to a dataset, or to the description that `kennfeld info` prints."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -28,23 +29,26 @@ _MAX_VALUES = 500_000_000  # of a resampled dataset, 4 GB
 
 def assemble(table: Table, name: str, selection: Selection, raster: float | None = None) -> Dataset:
     """Return the dataset in a table; raise `InputError` with all problems of the required columns."""
-    time, channels = check_columns(table, selection, raster)
+    time, columns = check_columns(table, selection, raster)
     if time is None:
-        result = tuple(Channel(c.name, readonly_view(c.values), c.unit, c.description) for c in channels)
-        return Dataset(name, result, remarks=table.remarks)
+        return Dataset(name, to_channels(columns, [c.values for c in columns]), findings=table.findings)
     stamps = time_in_seconds(time)
-    parts = [_piece(name, stamps[k], channels, k, raster) for k in split_pieces(table, stamps)]
-    whole = parts[0] if len(parts) == 1 else concatenate(name, parts)
-    return replace(whole, clock=clock_of(time), remarks=table.remarks)
+    parts = [_piece(name, stamps[k], columns, k, raster) for k in split_pieces(table, stamps)]
+    return replace(concatenate(name, parts), clock=clock_of(time), findings=table.findings)
 
 
-def _piece(name: str, time: Float, channels: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
-    stamps, values = merge_instants(time, [c.values[piece] for c in channels])
+def _piece(name: str, time: Float, columns: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
+    stamps, values = merge_instants(time, [c.values[piece] for c in columns])
     if raster is not None:
         even = even_grid(stamps, raster)
-        stamps, values = even, resample_all(stamps, values, even, [c.held for c in channels])
-    result = (Channel(c.name, readonly_view(v), c.unit, c.description) for c, v in zip(channels, values, strict=True))
-    return Dataset(name, tuple(result), readonly_view(stamps))
+        stamps, values = even, resample_all(stamps, values, even, [c.held for c in columns])
+    return Dataset(name, to_channels(columns, values), readonly_view(stamps))
+
+
+def to_channels(columns: Sequence[Column], values: Sequence[Float]) -> tuple[Channel, ...]:
+    """Return the channels of columns with these values, Float[samples] each."""
+    pairs = zip(columns, values, strict=True)
+    return tuple(Channel(c.name, readonly_view(v), c.unit, c.description) for c, v in pairs)
 
 
 def readonly_view(values: Float) -> Float:
@@ -60,17 +64,16 @@ def check_columns(
     """Return the time column, if any, and the channels; raise `InputError` with all problems."""
     time = find_time(table, selection.channels or ())
     channels = [c for c in table.columns if selection.includes(c.name) and _is_channel(c, time, selection)]
-    findings = [*table.findings, *_missing(table, selection), *_twice(table, channels)]
-    needed = channels if time is None or time in channels else [time, *channels]
-    findings += text_findings(table, needed)
-    if not channels and not findings and selection.channels is None:
-        findings.append(Finding(table.place, "has no numeric column besides time", "Is it the right file?"))
+    errors = [*table.errors, *_missing(table, selection), *_duplicates(table, channels)]
+    errors += text_findings(table, channels if time is None or time in channels else [time, *channels])
+    if not channels and not errors and selection.channels is None:
+        errors.append(Finding(table.location, "has no numeric column besides time", "Is it the right file?"))
     if time is not None:
-        findings += _time_findings(table, time, raster, len(channels))
+        errors += _time_errors(table, time, raster, len(channels))
     elif raster is not None:
-        findings.append(_no_time(table, raster))
-    if findings:
-        raise InputError(findings)
+        errors.append(_no_time(table, raster))
+    if errors:
+        raise InputError(errors)
     return time, channels
 
 
@@ -80,37 +83,28 @@ def _is_channel(column: Column, time: Column | None, selection: Selection) -> bo
     return not column.is_text
 
 
-def _missing(table: Table, selection: Selection) -> list[Finding]:
+def _missing(table: Table, selection: Selection) -> Iterator[Finding]:
     """Report requested channels that do not exist or hold text."""
-    findings = []
-    by_name = {column.name: column for column in table.columns}
+    texts = {column.name: column for column in table.columns if column.is_text}
     names = [name for name in table.names if name]
     for name in selection.channels or ():
         if name not in names:
             remedy = nearest(name, names) or f"It has {join_names(names)}."
-            findings.append(Finding(table.place, f"has no channel {name}", remedy))
-        elif name in by_name and by_name[name].is_text:
-            column = by_name[name]
-            sample, cell = column.texts[0]
+            yield Finding(table.location, f"has no channel {name}", remedy)
+        elif name in texts:
+            sample, cell = texts[name].texts[0]
+            message = f"the column holds text, such as {quote_cell(cell)}"
             remedy = "Choose another channel, or replace the text by numbers."
-            findings.append(
-                Finding(table.at(sample, column), f"the column holds text, such as {quote_cell(cell)}", remedy)
-            )
-    return findings
+            yield Finding(table.at(sample, texts[name]), message, remedy)
 
 
-def _twice(table: Table, channels: Sequence[Column]) -> list[Finding]:
-    groups: dict[str, list[Column]] = {}
-    for column in channels:
-        groups.setdefault(column.name, []).append(column)
-    return [
-        Finding(table.place, f"{len(group)} columns are named {name}", "Rename or remove all but one.")
-        for name, group in groups.items()
-        if len(group) > 1
-    ]
+def _duplicates(table: Table, channels: Sequence[Column]) -> Iterator[Finding]:
+    for name, count in Counter(column.name for column in channels).items():
+        if count > 1:
+            yield Finding(table.location, f"{count} columns are named {name}", "Rename or remove all but one.")
 
 
-def _time_findings(table: Table, column: Column, raster: float | None, channels: int) -> list[Finding]:
+def _time_errors(table: Table, column: Column, raster: float | None, channels: int) -> list[Finding]:
     time = time_in_seconds(column)
     findings = time_findings(table, column, time)
     if findings or raster is None or not time.size:
@@ -132,7 +126,7 @@ def _no_time(table: Table, raster: float) -> Finding:
     message = f"raster={raster:g} s requires a time column, but there is none"
     if text is not None:
         message += f": {text.name} holds text, such as {quote_cell(text.texts[0][1])}"
-    return Finding(table.place, message, "Name it time, in seconds, or omit the raster for steady-state points.")
+    return Finding(table.location, message, "Name it time, in seconds, or omit the raster for steady-state points.")
 
 
 @dataclass(frozen=True)
@@ -173,7 +167,7 @@ class TableDescription:
     left_out: tuple[str, ...]
     details: dict[str, str]
     ambiguous: tuple[str, ...] = ()
-    remarks: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -186,45 +180,46 @@ class Description:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the contents as plain dicts, lists, numbers and text, for JSON."""
-        return asdict(self)
+        content = asdict(self)
+        for table, plain in zip(self.tables, content["tables"], strict=True):
+            del plain["findings"]
+            plain["remarks"] = [asdict(f) | {"location": str(f.location)} for f in table.findings]
+        return content
 
 
 def describe_table(table: Table) -> TableDescription:
     """Return the description of one table."""
     table = without_infinite(table)
     time = find_time(table)
-    channels = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
-    kept = {c.name for c in channels}
+    columns = [c for c in table.columns if c is time or not (c.is_text or c.dated)]
+    described = {c.name for c in columns}
     stamps = None if time is None else time_in_seconds(time)
     details = dict(table.details)
     group = details.pop("group", "")
-    if time is not None and (parts := len(split_pieces(table, time_in_seconds(time)))) > 1:
+    if stamps is not None and (parts := len(split_pieces(table, stamps))) > 1:
         details["pieces"] = f"{parts}, since its time restarts"
     return TableDescription(
         details.get("sheet", group),
         int(table.rows.size),
-        tuple(_channel(c, stamps) for c in channels),
+        tuple(_describe_channel(c, stamps) for c in columns),
         None if time is None else _describe_time(time),
-        tuple(name for name in table.names if name and name not in kept),
+        tuple(name for name in table.names if name and name not in described),
         details,
-        remarks=table.remarks,
+        findings=table.findings,
     )
 
 
-def _channel(column: Column, stamps: Float | None) -> ChannelDescription:
-    known = column.values[np.isfinite(column.values)]
-    share = float(np.isnan(column.values).mean()) if column.values.size else 0.0
+def _describe_channel(column: Column, stamps: Float | None) -> ChannelDescription:
+    values = column.values
+    known = values[np.isfinite(values)]
+    share = float(np.isnan(values).mean()) if values.size else 0.0
     low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
-    rate = None if stamps is None else _rate(stamps[~np.isnan(column.values)] if share else stamps)
-    size = int(column.values.size)
-    return ChannelDescription(column.name, column.unit, size, share, low, high, column.description, rate)
-
-
-def _rate(stamps: Float) -> float | None:
-    """Return the sample rate in Hz."""
-    steps = np.diff(stamps[np.isfinite(stamps)])
-    step = float(np.median(steps)) if steps.size else 0.0
-    return 1.0 / step if step > 0 else None
+    step = 0.0
+    if stamps is not None:
+        steps = np.diff(stamps[np.isfinite(stamps) & ~np.isnan(values)])
+        step = float(np.median(steps)) if steps.size else 0.0
+    rate = 1.0 / step if step > 0 else None
+    return ChannelDescription(column.name, column.unit, int(values.size), share, low, high, column.description, rate)
 
 
 def _describe_time(column: Column) -> TimeDescription | None:

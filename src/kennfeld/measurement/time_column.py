@@ -11,7 +11,8 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Clock
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location, Severity
+from kennfeld.formatting import count_noun
 from kennfeld.measurement.table import Column, Table, limit_findings
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, states_unit_of_time, time_unit
 
@@ -45,12 +46,9 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
 
 
 def _is_usable(column: Column) -> bool:
-    return not column.is_text and _varies(column.values)
-
-
-def _varies(values: Float) -> bool:
-    known = values[~np.isnan(values)]
-    return known.size == 1 == values.size or bool(known.size and np.any(known != known[0]))
+    known = column.values[~np.isnan(column.values)]
+    varies = known.size == 1 == column.values.size or bool(known.size and np.any(known != known[0]))
+    return varies and not column.is_text
 
 
 def _rises(values: Float) -> bool:
@@ -84,12 +82,8 @@ def clock_of(column: Column) -> Clock:
     known = column.values[np.isfinite(column.values)]
     steps = np.diff(known)
     far = steps.size > 0 and float(np.median(steps)) > LONG_STEP
-    return Clock(column.name, far and _are_whole(known))
-
-
-def _are_whole(values: Float) -> bool:
-    """Return whether all are whole numbers up to rounding: 0.3 s may become 300.00000000000006 ms."""
-    return bool(np.all(np.abs(values - np.round(values)) <= 1e-12 * np.abs(values)))
+    # up to rounding: 0.3 s may become 300.00000000000006 ms
+    return Clock(column.name, far and bool(np.all(np.abs(known - np.round(known)) <= 1e-12 * np.abs(known))))
 
 
 def unit_remedy(name: str) -> str:
@@ -102,42 +96,42 @@ def unit_remedy(name: str) -> str:
 def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     """Report missing time stamps, steps backwards, and a clock that does not advance."""
     message = "rows with a wrong time stamp"
-    gaps = np.flatnonzero(np.isnan(time))
-    if gaps.size:
+    gaps = np.flatnonzero(np.isnan(time)).tolist()
+    if gaps:
         remedy = "Remove the row or add its time."
         return limit_findings(
-            [Finding(table.at(k, column), "the time stamp is missing", remedy) for k in gaps[:200]],
-            table.place,
-            message,
-            max(gaps.size - 200, 0),
+            gaps, lambda k: Finding(table.at(k, column), "the time stamp is missing", remedy), table.location, message
         )
-    latest = np.maximum.accumulate(time)
-    back = np.flatnonzero(time[1:] < time[:-1] - SAME_INSTANT) + 1
-    findings = [_backwards(table, column, time, int(k)) for k in back[:200]]
-    findings = [] if table.restarts else findings
-    still = int(np.count_nonzero(time[1:] < (time if table.restarts else latest)[:-1] + SAME_INSTANT))
-    if not findings and 2 * still > time.size:
+    earlier = time if table.restarts else np.maximum.accumulate(time)
+    back = [] if table.restarts else _falls(time)
+    still = int(np.count_nonzero(time[1:] < earlier[:-1] + SAME_INSTANT))
+    if not back and 2 * still > time.size:
         remedy = "Write the time with more digits, or rename the column if it is not a time."
-        findings = [
-            Finding(f"{table.place}, column {column.place}", f"time does not increase at {still} samples", remedy)
-        ]
-    return limit_findings(findings, table.place, message, 0 if table.restarts else max(back.size - 200, 0))
+        location = Location(f"{table.location}, column {column.place}")
+        return [Finding(location, f"time does not increase at {still} samples", remedy)]
+
+    def report(k: int) -> Finding:
+        backwards = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
+        remedy = "Split the file here, or rename the column if it is not a time."
+        return Finding(table.at(k, column), backwards, remedy)
+
+    return limit_findings(back, report, table.location, message)
 
 
-def _backwards(table: Table, column: Column, time: Float, k: int) -> Finding:
-    message = f"time goes backwards, from {time[k - 1]:.12g} s to {time[k]:.12g} s"
-    return Finding(table.at(k, column), message, "Split the file here, or rename the column if it is not a time.")
+def _falls(time: Float) -> list[int]:
+    """Return the samples that are earlier than the one before."""
+    falls: list[int] = (np.flatnonzero(time[1:] < time[:-1] - SAME_INSTANT) + 1).tolist()
+    return falls
 
 
 def split_pieces(table: Table, time: Float) -> list[slice]:
     """Return the samples of each piece: a new one begins if time falls in a table that allows it.
 
-    >>> table = Table("run.msl", (), np.arange(3), restarts=True)
+    >>> table = Table(Location("run.msl"), (), np.arange(3), restarts=True)
     >>> split_pieces(table, np.array([0.0, 1.0, 0.5]))
     [slice(0, 2, None), slice(2, 3, None)]
     """
-    falls = np.flatnonzero(time[1:] < time[:-1] - SAME_INSTANT) + 1 if table.restarts else np.empty(0, dtype=np.int64)
-    ends = [0, *falls.tolist(), time.size]
+    ends = [0, *(_falls(time) if table.restarts else ()), time.size]
     return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
@@ -155,10 +149,10 @@ def merge_instants(time: Float, columns: Sequence[Float]) -> tuple[Float, list[F
     merged = []
     for values in columns:
         valid = np.flatnonzero(~np.isnan(values))
-        found, first = np.unique(instant[valid], return_index=True)
-        one = np.full(int(instant[-1]) + 1, np.nan)
-        one[found] = values[valid[first]]
-        merged.append(one)
+        known, first = np.unique(instant[valid], return_index=True)
+        column = np.full(int(instant[-1]) + 1, np.nan)
+        column[known] = values[valid[first]]
+        merged.append(column)
     return time[fresh], merged
 
 
@@ -171,25 +165,16 @@ def drop_untimed(table: Table) -> Table:
     if clock is None:
         return table
     time = time_in_seconds(clock)
-    kept: Bool = ~np.isnan(time)
-    known = np.flatnonzero(kept)
+    timed: Bool = ~np.isnan(time)
+    known = np.flatnonzero(timed)
     if known.size > 1 and time[known[1]] < time[known[0]] - SAME_INSTANT:
-        kept[known[0]] = False
-    if kept.all():
+        timed[known[0]] = False
+    if timed.all():
         return table
-    columns = {id(column): column.kept(kept) for column in table.columns}
-    return replace(
-        table,
-        columns=tuple(columns.values()),
-        rows=table.rows[kept],
-        remarks=(*table.remarks, _remark(table, kept)),
-        clock=None if table.clock is None else columns.get(id(table.clock), table.clock.kept(kept)),
-    )
-
-
-def _remark(table: Table, kept: Bool) -> Finding:
-    lost = np.flatnonzero(~kept)
-    word = table.row_word if lost.size == 1 else f"{table.row_word}s"
-    message = f"{lost.size} {word} of {kept.size} skipped: without a time stamp or later than the next one"
-    severity = "warning" if lost.size > _SHARE * kept.size and lost.size > 1 else "remark"
-    return Finding(table.at(int(lost[0])), message, severity=severity)  # type: ignore[arg-type]
+    lost = np.flatnonzero(~timed)
+    records = count_noun(lost.size, table.row_word)
+    message = f"{records} of {timed.size} skipped: without a time stamp or later than the next one"
+    severity: Severity = "warning" if lost.size > _SHARE * timed.size and lost.size > 1 else "remark"
+    finding = Finding(table.at(int(lost[0])), message, severity=severity)
+    columns = tuple(column.select(timed) for column in table.columns)
+    return replace(table, columns=columns, rows=table.rows[timed], findings=(*table.findings, finding))

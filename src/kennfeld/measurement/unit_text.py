@@ -87,7 +87,7 @@ def time_unit(name: str, unit: str) -> str | None:
     match = _TIME_NAME.fullmatch(name.strip().casefold())
     if not match or (match[1] and in_seconds(match[1]) is None):
         return None
-    stated = unit if plain_unit(unit) not in ("", "-") else (match[1] or "s")
+    stated = unit if states_unit_of_time("", unit) else (match[1] or "s")
     return None if in_seconds(stated) is None else stated
 
 

@@ -1,6 +1,6 @@
 """Binding of datasets to the inputs of a model: gaps are bridged, pieces are split, time steps are computed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
@@ -49,7 +49,7 @@ class BoundDataset:
     @property
     def columns(self) -> dict[str, Float]:
         """All columns that the model reads, over the kept samples; the dataset's own arrays if all are kept."""
-        return {name: self._of_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
+        return {name: self._at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
     @property
     def whole(self) -> "BoundDataset":
@@ -65,9 +65,9 @@ class BoundDataset:
 
     def channel(self, name: str) -> Float:
         """Return a channel over the kept samples."""
-        return self._of_kept(self.dataset[name].values)
+        return self._at_kept(self.dataset[name].values)
 
-    def _of_kept(self, values: Float) -> Float:
+    def _at_kept(self, values: Float) -> Float:
         return values if self.picked is None else values[self.picked]
 
     @property
@@ -100,36 +100,40 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
     """
     inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
     if dataset.settling is not None and is_settled(dataset, graph):
-        return _held(dataset, inputs, plan_hold(dataset, dataset.settling, step))
+        return _hold_points(dataset, inputs, plan_hold(dataset, dataset.settling, step))
     clocks = {n.payload for n in graph.nodes if n.op == "input" and n.payload in CLOCK}
     if clocks and dataset.time is None:
         raise InputError.of(
-            f"dataset {dataset.name}",
+            Location(f"dataset {dataset.name}"),
             "the function requires time stamps, but the data have none",
             "Name the time channel `time`, or set `raster`; for steady-state points, `settle`.",
         )
     if dataset.time is not None or graph.states:
-        inputs, valid = _bridged(dataset, inputs)
-        starts = _cut(dataset, valid)
+        inputs = {name: _bridge_gaps(dataset, values) for name, values in inputs.items()}
+        valid = _complete(dataset, inputs)
+        starts = _find_starts(dataset, valid)
     else:
         valid = _complete(dataset, inputs)
         starts = np.zeros(int(valid.any()), dtype=np.int64)
     picked = None if valid.all() else valid
     kept = slice(None) if picked is None else picked
-    scored = np.broadcast_to(np.True_, dataset.samples) if dataset.scored is None else dataset.scored
-    clock = {} if dataset.time is None else _clock(dataset.time[kept], starts, clocks)
-    counts = scored[kept]
-    if dataset.warmup > 0 and dataset.time is not None:
-        counts = counts & (_since(dataset.time[kept], starts) > dataset.warmup - TIME_TOLERANCE)
-    return BoundDataset(dataset, inputs, picked, starts, counts, {**clock, **unheld_inputs(graph, counts.size)})
+    scored = (np.broadcast_to(np.True_, dataset.samples) if dataset.scored is None else dataset.scored)[kept]
+    clock = {}
+    if dataset.time is not None:
+        time = dataset.time[kept]
+        functions = {"dt": _steps, "t": _time_in_piece}
+        clock = {name: functions[name](time, starts) for name in clocks}
+        if dataset.warmup > 0:
+            scored = scored & (_time_in_piece(time, starts) > dataset.warmup - TIME_TOLERANCE)
+    return BoundDataset(dataset, inputs, picked, starts, scored, {**clock, **unheld_inputs(graph, scored.size)})
 
 
-def _held(dataset: Dataset, inputs: Mapping[str, Float], hold: HoldPlan) -> BoundDataset:
+def _hold_points(dataset: Dataset, inputs: Mapping[str, Float], hold: HoldPlan) -> BoundDataset:
     """Bind each point as a piece of constant inputs, of which the last sample is scored."""
     points = np.flatnonzero(_complete(dataset, inputs))
     picked = np.repeat(points, hold.samples)
     scored = np.zeros(picked.size, dtype=bool)
-    scored[hold.samples - 1 :: hold.samples] = True if dataset.scored is None else dataset.scored[points]
+    scored[hold.samples - 1 :: hold.samples] = dataset.counting[points]
     starts = hold.samples * np.arange(points.size)
     return BoundDataset(dataset, inputs, picked, starts, scored, hold.columns(points.size), hold)
 
@@ -141,34 +145,21 @@ def _complete(dataset: Dataset, inputs: Mapping[str, Float]) -> Bool:
     return valid
 
 
-def _bridged(dataset: Dataset, inputs: Mapping[str, Float]) -> tuple[dict[str, Float], Bool]:
-    """Return the inputs with short gaps interpolated, and the samples at which all of them are known."""
-    valid = np.ones(dataset.samples, dtype=bool)
-    bridged = {}
-    for name, values in inputs.items():
-        known = np.isfinite(values)
-        if not known.all() and dataset.max_gap > 0 and dataset.time is not None:
-            values, known = _interpolated(values, known, dataset.time, dataset.pieces, dataset.max_gap)
-        bridged[name] = values
-        valid &= known
-    return bridged, valid
-
-
-def _interpolated(
-    values: Float, known: Bool, time: Float, pieces: Sequence[slice], max_gap: float
-) -> tuple[Float, Bool]:
-    filled, good = values.copy(), known.copy()
-    for piece in pieces:
-        at = np.flatnonzero(known[piece]) + piece.start
-        for left, right in pairwise(at):
-            if right - left > 1 and time[right] - time[left] <= max_gap:
+def _bridge_gaps(dataset: Dataset, values: Float) -> Float:
+    """Return an input with gaps up to `max_gap` interpolated."""
+    known = np.isfinite(values)
+    if known.all() or dataset.max_gap <= 0 or dataset.time is None:
+        return values
+    time, bridged = dataset.time, values.copy()
+    for piece in dataset.pieces:
+        for left, right in pairwise(np.flatnonzero(known[piece]) + piece.start):
+            if right - left > 1 and time[right] - time[left] <= dataset.max_gap:
                 inner = slice(left + 1, right)
-                filled[inner] = np.interp(time[inner], time[[left, right]], values[[left, right]])
-                good[inner] = True
-    return filled, good
+                bridged[inner] = np.interp(time[inner], time[[left, right]], values[[left, right]])
+    return bridged
 
 
-def _cut(dataset: Dataset, valid: Bool) -> Int:
+def _find_starts(dataset: Dataset, valid: Bool) -> Int:
     """Return the first samples of pieces among the valid ones: after a recording's start, a gap or a pause."""
     fresh = np.zeros(dataset.samples, dtype=bool)
     fresh[dataset.starts] = True
@@ -187,12 +178,6 @@ def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
     return max(PAUSE * float(np.median(steps)), max_gap)
 
 
-def _clock(time: Float, starts: Int, clocks: Collection[str]) -> dict[str, Float]:
-    """Return those of `dt`, the step before each sample, and `t`, the time since the piece began, in `clocks`."""
-    functions = {"dt": _steps, "t": _since}
-    return {name: functions[name](time, starts) for name in clocks}
-
-
 def _steps(time: Float, starts: Int) -> Float:
     """Return the step before each sample in s; the first one of a piece equals the second.
 
@@ -201,8 +186,8 @@ def _steps(time: Float, starts: Int) -> Float:
     if not time.size:
         return time
     dt = np.diff(time, prepend=time[0])
-    lengths = _lengths(time, starts)
-    alone = 1.0 if lengths.min() > 1 else _typical(dt, starts)
+    lengths = np.diff(starts, append=time.size)
+    alone = float(np.median(np.delete(dt, starts))) if lengths.min() == 1 and dt.size > starts.size else 1.0
     dt[starts] = np.where(lengths > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
     even = float(np.median(dt))
     if max(dt.max() - even, even - dt.min()) <= 1e-6 * even:
@@ -210,17 +195,6 @@ def _steps(time: Float, starts: Int) -> Float:
     return dt
 
 
-def _typical(dt: Float, starts: Int) -> float:
-    """Return the median step within pieces; 1 if there is none."""
-    within = np.ones(dt.size, dtype=bool)
-    within[starts] = False
-    return float(np.median(dt[within])) if within.any() else 1.0
-
-
-def _since(time: Float, starts: Int) -> Float:
+def _time_in_piece(time: Float, starts: Int) -> Float:
     """Return the time since the piece began."""
-    return time - np.repeat(time[starts], _lengths(time, starts))
-
-
-def _lengths(time: Float, starts: Int) -> Int:
-    return np.diff(starts, append=time.size)
+    return time - np.repeat(time[starts], np.diff(starts, append=time.size))

@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
@@ -27,17 +27,15 @@ def uses_clock(graph: Graph) -> bool:
 
 
 def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
-    """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN."""
-    if graph.states or uses_clock(graph):
-        return _simulated(graph, dataset)
-    columns = {name: dataset[name].values for name in graph.inputs}
-    with np.errstate(all="ignore"):
-        values = evaluate(graph, columns, ParameterSet())["value"]
-    return np.array(np.broadcast_to(values, dataset.samples))
+    """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
 
-
-def _simulated(graph: Graph, dataset: Dataset) -> Float:
-    """Simulate a graph with memory; states restart at each piece and after each gap."""
+    Graphs with memory are simulated; their states restart at each piece and after each gap.
+    """
+    if not graph.states and not uses_clock(graph):
+        columns = {name: dataset[name].values for name in graph.inputs}
+        with np.errstate(all="ignore"):
+            values = evaluate(graph, columns, ParameterSet())["value"]
+        return np.array(np.broadcast_to(values, dataset.samples))
     bound = bind_inputs(dataset, graph, {})
     lowered = lower_lookups(graph, ParameterSet())
     simulator = Simulator(lowered, [lowered.graph.names["value"]], ParameterSet())
@@ -46,12 +44,20 @@ def _simulated(graph: Graph, dataset: Dataset) -> Float:
     return result
 
 
+def holds(condition: Graph, dataset: Dataset) -> Bool:
+    """Return the samples at which a condition is true, Bool[samples]; NaN counts as false."""
+    values = evaluate_expression(condition, dataset)
+    true: Bool = np.isfinite(values) & (values != 0)
+    return true
+
+
 @dataclass(frozen=True)
 class Calculated:
     """The graphs of the calculated channels, each after those it reads; `broken` names those with errors."""
 
     graphs: Mapping[str, Graph]
     broken: frozenset[str] = frozenset()
+    findings: tuple[Finding, ...] = ()
 
     def needed(self, names: Iterable[str]) -> list[str]:
         """Return the calculated channels that these channels need, including themselves, in order of calculation."""
@@ -70,7 +76,7 @@ class Calculated:
         inputs = [source for name in self.needed(channels) for source in self.graphs[name].inputs]
         return [n for n in dict.fromkeys([*channels, *inputs]) if n not in self.graphs and n not in self.broken]
 
-    def added(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
+    def add_to(self, dataset: Dataset, names: Iterable[str], shift: Mapping[str, float]) -> Dataset:
         """Return the dataset with the calculated channels that `names` need and whose inputs it has, each shifted."""
         for name in self.needed(names):
             graph = self.graphs[name]
@@ -80,36 +86,32 @@ class Calculated:
         return dataset
 
 
-def parse_calculated(file: DataSettings, findings: list[Finding]) -> Calculated:
-    """Return the calculated channels of a project."""
+def parse_calculated(settings: DataSettings) -> Calculated:
+    """Return the calculated channels of a project; those with errors are excluded and reported in its findings."""
     graphs = {}
-    for name, text in file.calculated.items():
-        graph = parse_expression(text, file.place(f"[calculated] {name}"), findings)
+    findings: list[Finding] = []
+    for name, text in settings.calculated.items():
+        graph, errors = parse_expression(text, settings.location("calculated", name))
+        findings += errors
         if graph is not None:
             graphs[name] = graph
-    ordered = {name: graphs[name] for name in _order(graphs, file, findings)}
-    return Calculated(MappingProxyType(ordered), frozenset(file.calculated.keys() - ordered.keys()))
-
-
-def _order(graphs: Mapping[str, Graph], file: DataSettings, findings: list[Finding]) -> list[str]:
-    """Return the channels in order of calculation; those in a cycle are reported and excluded."""
-    remaining = dict(graphs)
     while True:
-        needs = {name: [source for source in graph.inputs if source in remaining] for name, graph in remaining.items()}
+        needs = {name: [source for source in graph.inputs if source in graphs] for name, graph in graphs.items()}
         try:
-            return list(TopologicalSorter(needs).static_order())
+            ordered = {name: graphs[name] for name in TopologicalSorter(needs).static_order()}
         except CycleError as error:
             loop = error.args[1][::-1]
             message = f"circular definition: {' -> '.join(loop)}"
-            findings.append(Finding(file.place(f"[calculated] {loop[0]}"), message, "Give it another name."))
-            for name in loop:
-                remaining.pop(name, None)
+            findings.append(Finding(settings.location("calculated", loop[0]), message, "Give it another name."))
+            graphs = {name: graph for name, graph in graphs.items() if name not in loop}
+        else:
+            broken = frozenset(settings.calculated.keys() - ordered.keys())
+            return Calculated(MappingProxyType(ordered), broken, tuple(findings))
 
 
-def parse_expression(text: str, place: str, findings: list[Finding]) -> Graph | None:
-    """Return the graph of a formula over channels; None, with findings, if it has errors."""
+def parse_expression(text: str, location: Location) -> tuple[Graph | None, tuple[Finding, ...]]:
+    """Return the graph of a formula over channels, or None and the errors."""
     try:
-        return expression(text, place)
+        return expression(text, location), ()
     except InputError as error:
-        findings += error.findings
-        return None
+        return None, error.findings

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.calculated import uses_clock
@@ -19,12 +19,12 @@ def is_timed(graph: Graph) -> bool:
     return bool(graph.states) or uses_clock(graph)
 
 
-def clock_findings(dataset: Dataset, place: str) -> Iterator[Finding]:
+def clock_findings(dataset: Dataset, location: Location) -> Iterator[Finding]:
     """Yield a warning if the time stamps look like milliseconds but were read as seconds."""
     if dataset.clock is not None and dataset.clock.in_milliseconds:
         name = dataset.clock.name
         message = f"the time stamps look like milliseconds: {name} has no unit and is read as s, and its steps are long"
-        yield Finding(place, message, unit_remedy(name), severity="warning")
+        yield Finding(location, message, unit_remedy(name), severity="warning")
 
 
 def raster_remedy(step: float) -> str:
@@ -36,7 +36,7 @@ def refine_step(
     dataset: Dataset,
     step: float,
     inputs: Collection[str],
-    place: str,
+    location: Location,
     remedy: Callable[[float], str] = raster_remedy,
 ) -> Dataset:
     """Return the dataset at the model's own step.
@@ -47,7 +47,7 @@ def refine_step(
         dataset: returned unchanged if it has no time stamps or has the model's step.
         step: the model's step in s.
         inputs: the channels that the model reads.
-        place: location for error messages.
+        location: location for error messages.
         remedy: returns the remedy that resamples data to an even step in s.
 
     Raises:
@@ -55,43 +55,39 @@ def refine_step(
     """
     if dataset.time is None or dataset.samples < 2:
         return dataset
-    steps = np.diff(dataset.time)
-    steps = np.delete(steps, dataset.starts[1:] - 1)
+    steps = np.delete(np.diff(dataset.time), dataset.starts[1:] - 1)
     if not steps.size:
         return dataset
     own = float(np.median(steps))
     count = round(own / step)
     if np.any(np.abs(steps - own) > 1e-3 * own):
         message = f"the model's step is {step:g} s, but the samples are {steps.min():g} to {steps.max():g} s apart"
-        raise InputError.of(place, message, remedy(max(count, 1) * step))
+        raise InputError.of(location, message, remedy(max(count, 1) * step))
     if count < 1 or abs(count * step - own) > 1e-6 * own:
         message = f"the data's step of {own:.6g} s is not a whole multiple of the model's step, {step:g} s"
-        raise InputError.of(place, message, remedy(max(count, 1) * step))
-    return dataset if count == 1 else _refined(dataset, dataset.time, count, inputs)
+        raise InputError.of(location, message, remedy(max(count, 1) * step))
+    return dataset if count == 1 else _refine(dataset, dataset.time, count, inputs)
 
 
-def _refined(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) -> Dataset:
-    lengths = [(piece.stop - piece.start - 1) * count + 1 for piece in dataset.pieces]
+def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) -> Dataset:
+    sizes = [piece.stop - piece.start for piece in dataset.pieces]
+    lengths = [(size - 1) * count + 1 for size in sizes]
     starts = np.cumsum([0, *lengths[:-1]])
-    places = [
-        start + count * np.arange(piece.stop - piece.start) for start, piece in zip(starts, dataset.pieces, strict=True)
-    ]
-    at = np.concatenate(places)
+    recorded = np.concatenate([start + count * np.arange(size) for start, size in zip(starts, sizes, strict=True)])
     finer = [
-        np.interp(np.arange(length) / count, np.arange(p.stop - p.start), time[p])
-        for length, p in zip(lengths, dataset.pieces, strict=True)
+        np.interp(np.arange(length) / count, np.arange(size), time[piece])
+        for length, size, piece in zip(lengths, sizes, dataset.pieces, strict=True)
     ]
-    total = int(sum(lengths))
     channels = []
     for channel in dataset.channels:
-        values = np.full(total, np.nan)
+        values = np.full(sum(lengths), np.nan)
         if channel.name in inputs:
             parts = zip(dataset.pieces, finer, strict=True)
             values = np.concatenate([resample_channel(time[p], channel.values[p], fine) for p, fine in parts])
-        values[at] = channel.values
-        channels.append(Channel(channel.name, values, channel.unit, channel.description))
-    scored = np.zeros(total, dtype=bool)
-    scored[at] = dataset.counting
+        values[recorded] = channel.values
+        channels.append(replace(channel, values=values))
+    scored = np.zeros(sum(lengths), dtype=bool)
+    scored[recorded] = dataset.counting
     return replace(dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored)
 
 

@@ -5,21 +5,25 @@ that shifts count samples from then on; calculated channels read shifted ones; t
 ones; and plateaus are averaged over scored samples only.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from kennfeld.dataset import Dataset, Settling
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.graph import Graph
 from kennfeld.preprocessing.binding import TIME_TOLERANCE
-from kennfeld.preprocessing.calculated import Calculated, evaluate_expression, uses_clock
+from kennfeld.preprocessing.calculated import Calculated, holds, uses_clock
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, join_recordings
+from kennfeld.preprocessing.recordings import (
+    ChannelRequest,
+    DatasetChannels,
+    RecordingReader,
+    compare_recorded_units,
+    join_recordings,
+)
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
 
@@ -30,54 +34,54 @@ class LoadedData:
 
     Attributes:
         datasets: those that could be prepared.
-        places: how messages name each dataset, by its name.
+        locations: location of each dataset, by its name.
         offered: the channel names of files in which channels are missing.
         unknown_shifts: channels whose shift is to be estimated, by the name of the dataset.
         clocks: the columns of files that time was read from.
         complete: false if a dataset could not be prepared.
+        findings: the problems of the other datasets, and remarks.
     """
 
     datasets: list[Dataset] = field(default_factory=list)
-    places: dict[str, str] = field(default_factory=dict)
+    locations: dict[str, Location] = field(default_factory=dict)
     offered: dict[str, None] = field(default_factory=dict)
     unknown_shifts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     clocks: set[str] = field(default_factory=set)
     complete: bool = True
+    findings: list[Finding] = field(default_factory=list)
 
 
-def load_datasets(
-    settings: DataSettings, request: ChannelRequest, calculated: Calculated, findings: list[Finding]
-) -> LoadedData:
+Loader = Callable[[DataSettings, ChannelRequest, Calculated], LoadedData]
+
+
+def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
     """Return all datasets of a project that can be prepared.
 
     Args:
         settings: the datasets, stated units and channel names of the project.
         request: the channels that the project reads.
         calculated: the project's calculated channels.
-        findings: receives the problems of the other datasets, and remarks.
     """
     loaded = LoadedData()
     units = Units(settings.units, request.units)
     formulas = {*request.in_formulas, *(name for graph in calculated.graphs.values() for name in graph.inputs)}
     used: set[str] = set()
     for entry in settings.datasets:
-        problems: list[Finding] = []
+        channels = DatasetChannels.of(entry, request, calculated)
+        formulas |= channels.in_formulas
+        used |= channels.used
+        reader = RecordingReader(settings, entry, channels, [*channels.findings])
         dataset = None
         try:
-            channels = DatasetChannels.of(entry, request, calculated, problems)
-            formulas |= channels.in_formulas
-            used |= channels.used
-            reader = RecordingReader(settings, entry, channels, problems, loaded.offered, loaded.clocks)
             dataset = prepare_dataset(reader, units, request)
         except InputError as error:
-            problems += error.findings
+            reader.findings += error.findings
         except ArgumentError as error:
-            problems.append(Finding(entry.place, str(error)))
-        findings += problems
-        _add(loaded, entry, None if _has_errors(problems) else dataset, findings)
-    findings += units.remarks(formulas)
+            reader.findings.append(Finding(entry.location, str(error)))
+        _add(loaded, reader, None if reader.failed else dataset)
+    loaded.findings += units.remarks(formulas)
     if request.complete:
-        findings += check_stated_units(settings, used, loaded.clocks, complete=loaded.complete)
+        loaded.findings += check_stated_units(settings, used, loaded.clocks, complete=loaded.complete)
     return loaded
 
 
@@ -94,54 +98,62 @@ def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelReque
     """
     entry, channels, findings = reader.entry, reader.channels, reader.findings
     paths = reader.find_files()
-    _check_shifts(entry, channels, findings)
+    findings += _check_shifts(entry, channels)
     recordings = reader.read(paths, units)
     if not recordings:
         return None
-    dataset = join_recordings(entry, paths, recordings, findings)
+    findings += compare_recorded_units(entry, recordings)
+    dataset = join_recordings(entry, paths, recordings)
     if not entry.steady:
         dataset = _hold_points(dataset, entry, request.step)
     _check_time(dataset, entry, channels.where)
-    dataset = _shift_recorded(dataset, entry, channels.calculated)
+    graphs = channels.calculated.graphs
+    dataset = shift_channels(dataset, {name: s for name, s in entry.known_shifts.items() if name not in graphs})
     dataset = _add_calculated(dataset, entry, channels, reader.settings)
-    dataset = _mask_unscored(dataset, entry, channels.where, findings)
+    dataset, errors = _mask_unscored(dataset, entry, channels.where)
+    findings += errors
     if not entry.steady:
-        return _refine(dataset, entry, request)
-    if _has_errors(findings) or any(condition.channel not in dataset for condition in entry.steady):
+        if request.step is None:
+            return dataset
+        remedy = "Write raster = {:g} to resample them to an even step."
+        return refine_step(dataset, request.step, request.inputs, entry.location, remedy.format)
+    if reader.failed or any(condition.channel not in dataset for condition in entry.steady):
         return None
-    dataset = steady_points(dataset, entry, findings)
+    dataset, remark = steady_points(dataset, entry)
+    findings.append(remark)
     return _hold_points(dataset, entry, request.step)
 
 
-def _add(loaded: LoadedData, entry: DatasetEntry, dataset: Dataset | None, findings: list[Finding]) -> None:
+def _add(loaded: LoadedData, reader: RecordingReader, dataset: Dataset | None) -> None:
+    """Add a dataset, or only what its reader has found out if it could not be prepared."""
+    entry = reader.entry
+    loaded.findings += reader.findings
+    loaded.offered |= reader.offered
+    loaded.clocks |= reader.clocks
     if dataset is None:
         loaded.complete = False
-    elif dataset.name in loaded.places:
+    elif dataset.name in loaded.locations:
         message = f"duplicate dataset name {dataset.name}"
-        findings.append(Finding(f"{entry.place} name", message, "Give each dataset its own name."))
+        loaded.findings.append(Finding(entry.location.within("name"), message, "Give each dataset its own name."))
     else:
         loaded.datasets.append(dataset)
         if entry.unknown_shifts:
             loaded.unknown_shifts[dataset.name] = entry.unknown_shifts
-        loaded.places[dataset.name] = entry.place if entry.name else f"{entry.place} ({dataset.name})"
+        loaded.locations[dataset.name] = entry.location if entry.name else entry.location.within(f"({dataset.name})")
 
 
-def _has_errors(findings: list[Finding]) -> bool:
-    return any(finding.severity == "error" for finding in findings)
-
-
-def _check_shifts(entry: DatasetEntry, channels: DatasetChannels, findings: list[Finding]) -> None:
-    place = f"{entry.place} shift"
+def _check_shifts(entry: DatasetEntry, channels: DatasetChannels) -> Iterator[Finding]:
+    location = entry.location.within("shift")
     used = channels.used
-    for name in (*(entry.shift or {}), *entry.unknown_shifts):
+    for name in entry.shift:
         if name not in used:
             remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
-            findings.append(Finding(place, f"channel {name} is not used", remedy))
+            yield Finding(location, f"channel {name} is not used", remedy)
     for name in entry.unknown_shifts:
         dependent = [other for other, graph in channels.calculated.graphs.items() if name in graph.inputs]
         if dependent:
             message = f'the shift of {name} cannot be "auto" because [calculated] {dependent[0]} reads it'
-            findings.append(Finding(place, message, "Give a number, or shift the channels that the function reads."))
+            yield Finding(location, message, "Give a number, or shift the channels that the function reads.")
 
 
 def _hold_points(dataset: Dataset, entry: DatasetEntry, model_step: float | None) -> Dataset:
@@ -155,30 +167,22 @@ def _check_time(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -> N
     """Raise `InputError` if the dataset has no time stamps and a setting requires them."""
     if dataset.time is not None:
         return
-    findings = []
+    findings = Findings()
+    missing = "requires time stamps, but the data have none"
     if entry.steady:
         remedy = "Name the time channel `time`; remove steady if these are steady-state points."
-        findings.append(Finding(f"{entry.place} steady", "steady requires time stamps, but the data have none", remedy))
+        findings.error(entry.location.within("steady"), f"steady {missing}", remedy)
     for key, value in (("warmup", entry.warmup), ("max_gap", entry.max_gap)):
         if value > 0:
-            message = f"{key} = {value:g} s requires time stamps, but the data have none"
-            findings.append(
-                Finding(f"{entry.place} {key}", message, "Name the time channel `time`, or remove the key.")
-            )
-    for name, shift in (entry.shift or {}).items():
+            remedy = "Name the time channel `time`, or remove the key."
+            findings.error(entry.location.within(key), f"{key} = {value:g} s {missing}", remedy)
+    for name, shift in entry.known_shifts.items():
         if shift != round(shift):
             message = f"{shift:g} samples of {name}: data without time stamps can only be shifted by whole samples"
-            findings.append(Finding(f"{entry.place} shift", message, "Write a whole number."))
+            findings.error(entry.location.within("shift"), message, "Write a whole number.")
     if where is not None and uses_clock(where):
-        message = "the condition requires time stamps, but the data have none"
-        findings.append(Finding(f"{entry.place} where", message))
-    if findings:
-        raise InputError(findings)
-
-
-def _shift_recorded(dataset: Dataset, entry: DatasetEntry, calculated: Calculated) -> Dataset:
-    shifts = entry.shift or {}
-    return shift_channels(dataset, {name: shift for name, shift in shifts.items() if name not in calculated.graphs})
+        findings.error(entry.location.within("where"), f"the condition {missing}")
+    findings.finish()
 
 
 def _add_calculated(
@@ -189,35 +193,24 @@ def _add_calculated(
     for name in channels.calculated.needed(channels.names):
         if uses_clock(graphs[name]) and dataset.time is None:
             message = f"{name} requires time stamps, but dataset {dataset.name} has none"
-            raise InputError.of(settings.place(f"[calculated] {name}"), message, "Name the time channel `time`.")
-    stated: Mapping[str, str] = {name: unit for name, unit in settings.units.items() if name in graphs}
-    return with_stated_units(channels.calculated.added(dataset, channels.names, entry.shift or {}), stated)
+            raise InputError.of(settings.location("calculated", name), message, "Name the time channel `time`.")
+    stated = {name: unit for name, unit in settings.units.items() if name in graphs}
+    return with_stated_units(channels.calculated.add_to(dataset, channels.names, entry.known_shifts), stated)
 
 
-def _mask_unscored(dataset: Dataset, entry: DatasetEntry, where: Graph | None, findings: list[Finding]) -> Dataset:
-    """Return the dataset without scoring during the warm-up and at samples at which `where` is false or NaN."""
-    scored = dataset.counting.copy()
+def _mask_unscored(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -> tuple[Dataset, list[Finding]]:
+    """Return the dataset without scoring in the warm-up and where the condition is false or NaN, and the problems."""
+    scored, errors = dataset.counting.copy(), []
     if where is not None and all(name in dataset for name in where.inputs):
-        values = evaluate_expression(where, dataset)
-        scored &= np.isfinite(values) & (values != 0)
+        scored &= holds(where, dataset)
         if not scored.any():
             message = f"{entry.where} is true at no sample"
-            findings.append(Finding(f"{entry.place} where", message, "Check the condition."))
+            errors.append(Finding(entry.location.within("where"), message, "Check the condition."))
     if entry.warmup > 0 and dataset.time is not None:
         for piece in dataset.pieces:
             time = dataset.time[piece]
             scored[piece] &= time - time[0] > entry.warmup - TIME_TOLERANCE
         if not scored.any():
             message = f"{entry.warmup:g} s is longer than every piece"
-            findings.append(Finding(f"{entry.place} warmup", message, "Reduce it."))
-    return dataset if scored.all() else replace(dataset, scored=scored)
-
-
-def _refine(dataset: Dataset, entry: DatasetEntry, request: ChannelRequest) -> Dataset:
-    if request.step is None:
-        return dataset
-    return refine_step(dataset, request.step, request.inputs, entry.place, _raster_remedy)
-
-
-def _raster_remedy(step: float) -> str:
-    return f"Write raster = {step:g} to resample them to an even step."
+            errors.append(Finding(entry.location.within("warmup"), message, "Reduce it."))
+    return dataset if scored.all() else replace(dataset, scored=scored), errors

@@ -17,11 +17,10 @@ from kennfeld.preprocessing.recipe import DatasetEntry
 
 _TIME_TOLERANCE = 1e-6  # s; time stamps are further apart
 _ROUNDING = 1e-9  # of a band's width, for limits that values meet exactly
-_Stretch = tuple[float, int, int]  # minus the length in s, so that a heap has the longest first; first and last sample
 
 
-def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]) -> Dataset:
-    """Return a dataset with a point for each plateau of a recording.
+def steady_points(dataset: Dataset, entry: DatasetEntry) -> tuple[Dataset, Finding]:
+    """Return a dataset with a point for each plateau of a recording, and a remark on the plateaus.
 
     A plateau is a stretch of at least the longest `window` in which every channel of `steady` stays within a band of
     +-tolerance. Samples that are not scored, or lack one of these channels, are excluded from the means; a run of them
@@ -30,7 +29,6 @@ def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]
     Args:
         dataset: a recording with time stamps.
         entry: its settings.
-        findings: receives a remark on the plateaus.
 
     Raises:
         InputError: there is no plateau; the message says which tolerance or window would give one.
@@ -38,12 +36,12 @@ def steady_points(dataset: Dataset, entry: DatasetEntry, findings: list[Finding]
     if dataset.time is None:
         raise AssertionError("plateaus require time stamps")
     search = _PlateauSearch(dataset, dataset.time, entry)
-    ranges = search.plateaus()
-    place = f"{entry.place} steady"
+    ranges = find_plateaus(search.time, search.first, search.window) if search.time.size else []
+    location = entry.location.within("steady")
     if not ranges:
-        raise InputError.of(place, *search.explain_none())
-    findings.append(Finding(place, search.describe(ranges), severity="remark"))
-    return average_plateaus(dataset, search.counts, ranges)
+        raise InputError.of(location, *search.explain_none())
+    remark = Finding(location, search.describe(ranges), severity="remark")
+    return average_plateaus(dataset, search.counts, ranges), remark
 
 
 def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> Int:
@@ -91,25 +89,45 @@ def first_in_band(values: Float, tolerance: float, starts: Int) -> Int:
     return first
 
 
-def _first_of_band(values: list[float], width: float) -> list[int]:
-    """Return the same for one segment.
+class _SlidingRange:
+    """The range of the values in a sliding window.
 
-    `falling` holds the candidates for the maximum of the band and `rising` those for its minimum: a value leaves its
+    `falling` holds the candidates for the maximum of the window and `rising` those for its minimum: a value leaves its
     queue as soon as a later one is at least as extreme.
     """
-    falling: deque[int] = deque()
-    rising: deque[int] = deque()
-    firsts, first = [], 0
-    for index, value in enumerate(values):
-        while falling and values[falling[-1]] <= value:
+
+    def __init__(self, values: list[float]) -> None:
+        self.values = values
+        self.falling: deque[int] = deque()
+        self.rising: deque[int] = deque()
+
+    def append(self, index: int) -> None:
+        values, falling, rising = self.values, self.falling, self.rising
+        while falling and values[falling[-1]] <= values[index]:
             falling.pop()
-        while rising and values[rising[-1]] >= value:
+        while rising and values[rising[-1]] >= values[index]:
             rising.pop()
         falling.append(index)
         rising.append(index)
-        while values[falling[0]] - values[rising[0]] > width:
-            oldest = falling if falling[0] < rising[0] else rising
-            first = oldest.popleft() + 1
+
+    def drop_before(self, first: int) -> None:
+        for queue in (self.falling, self.rising):
+            while queue[0] < first:
+                queue.popleft()
+
+    @property
+    def width(self) -> float:
+        return self.values[self.falling[0]] - self.values[self.rising[0]]
+
+
+def _first_of_band(values: list[float], width: float) -> list[int]:
+    """Return the same for one segment."""
+    window, firsts, first = _SlidingRange(values), [], 0
+    for index in range(len(values)):
+        window.append(index)
+        while window.width > width:
+            first = min(window.falling[0], window.rising[0]) + 1
+            window.drop_before(first)
         firsts.append(first)
     return firsts
 
@@ -123,32 +141,26 @@ def find_plateaus(time: Float, first: Int, window: float) -> list[tuple[int, int
     >>> find_plateaus(np.arange(8.0), np.array([0, 0, 0, 0, 2, 4, 5, 6]), 2.0)
     [(0, 3)]
     """
-    heap = _candidates(time, first, window)
+    least = window - _TIME_TOLERANCE
+    last = np.append(np.diff(first) > 0, True)  # the next sample's band no longer reaches back as far
+    stretches = [(int(first[end]), int(end)) for end in np.flatnonzero(last[: first.size])]
+    # minus the length, so that the heap has the longest first
+    heap = [(-length, begin, end) for begin, end in stretches if (length := float(time[end] - time[begin])) >= least]
+    heapq.heapify(heap)
     begins: list[int] = []
     ends: dict[int, int] = {}
     while heap:
         _, begin, end = heapq.heappop(heap)
-        free = _free(begin, end, begins, ends)
+        free = _uncovered(begin, end, begins, ends)
         if free == (begin, end):
             insort(begins, begin)
             ends[begin] = end
-        elif free[0] < free[1] and (length := time[free[1]] - time[free[0]]) >= window - _TIME_TOLERANCE:
-            heapq.heappush(heap, (-float(length), *free))
+        elif free[0] < free[1] and (length := float(time[free[1]] - time[free[0]])) >= least:
+            heapq.heappush(heap, (-length, *free))
     return [(begin, ends[begin]) for begin in begins]
 
 
-def _candidates(time: Float, first: Int, window: float) -> list[_Stretch]:
-    """Return a heap of the stretches that are not part of a longer one and are long enough."""
-    last = np.append(np.diff(first) > 0, True)  # the next sample's band no longer reaches back as far
-    ends = np.flatnonzero(last[: first.size])
-    lengths = time[ends] - time[first[ends]]
-    long = lengths >= window - _TIME_TOLERANCE
-    heap = list(zip((-lengths[long]).tolist(), first[ends][long].tolist(), ends[long].tolist(), strict=True))
-    heapq.heapify(heap)
-    return heap
-
-
-def _free(begin: int, end: int, begins: Sequence[int], ends: dict[int, int]) -> tuple[int, int]:
+def _uncovered(begin: int, end: int, begins: Sequence[int], ends: dict[int, int]) -> tuple[int, int]:
     """Return the part of a stretch that no plateau covers; none lies inside it, since longer ones came first."""
     position = bisect_left(begins, begin)
     if position and ends[begins[position - 1]] >= begin:
@@ -174,32 +186,20 @@ def least_tolerance(time: Float, values: Float, starts: Int, window: float) -> f
     >>> least_tolerance(np.arange(4.0), np.array([0.0, 4.0, 5.0, 9.0]), np.array([0]), 1.0)
     0.5
     """
-    least = np.inf
-    for begin, end in pairwise([*starts.tolist(), values.size]):
-        least = min(least, _narrowest(time[begin:end], values[begin:end].tolist(), window))
-    return least / 2.0
+    segments = pairwise([*starts.tolist(), values.size])
+    widths = [_narrowest(time[begin:end], values[begin:end].tolist(), window) for begin, end in segments]
+    return min(widths, default=np.inf) / 2.0
 
 
 def _narrowest(time: Float, values: list[float], window: float) -> float:
     """Return the width of the narrowest band of any stretch of a segment that is just long enough."""
     begins = (np.searchsorted(time, time - window + _TIME_TOLERANCE, side="right") - 1).tolist()
-    falling: deque[int] = deque()
-    rising: deque[int] = deque()
-    least = np.inf
-    for at, value in enumerate(values):
-        while falling and values[falling[-1]] <= value:
-            falling.pop()
-        while rising and values[rising[-1]] >= value:
-            rising.pop()
-        falling.append(at)
-        rising.append(at)
-        if begins[at] < 0:
-            continue
-        while falling[0] < begins[at]:
-            falling.popleft()
-        while rising[0] < begins[at]:
-            rising.popleft()
-        least = min(least, values[falling[0]] - values[rising[0]])
+    band, least = _SlidingRange(values), np.inf
+    for index, begin in enumerate(begins):
+        band.append(index)
+        if begin >= 0:
+            band.drop_before(begin)
+            least = min(least, band.width)
     return least
 
 
@@ -208,21 +208,19 @@ def average_plateaus(dataset: Dataset, counts: Bool, ranges: Sequence[tuple[int,
 
     `ranges` holds the first and the last sample of each plateau, numbered among the samples that count.
     """
-    kept = np.flatnonzero(counts)
-    edges = [(begin, end + 1) for begin, end in ranges]
-    channels = tuple(replace(c, values=_means(c.values[kept], edges)) for c in dataset.channels)
+    channels = []
+    for channel in dataset.channels:
+        values = channel.values[counts]
+        means = [_mean(values[begin : end + 1]) for begin, end in ranges]
+        channels.append(replace(channel, values=np.array(means, dtype=np.float64)))
     start = np.zeros(1, dtype=np.int64)
-    return replace(dataset, channels=channels, time=None, starts=start, scored=None, max_gap=0.0, warmup=0.0)
-
-
-def _means(values: Float, edges: Sequence[tuple[int, int]]) -> Float:
-    parts = (values[begin:end] for begin, end in edges)
-    return np.array([_mean(part[~np.isnan(part)]) for part in parts], dtype=np.float64)
+    return replace(dataset, channels=tuple(channels), time=None, starts=start, scored=None, max_gap=0.0, warmup=0.0)
 
 
 def _mean(values: Float) -> float:
-    """Return the mean, computed relative to the first value so that a constant is its own mean, bit for bit."""
-    return float(values[0] + np.mean(values - values[0])) if values.size else np.nan
+    """Return the mean without NaN, computed relative to the first value so that a constant is its own mean exactly."""
+    known = values[~np.isnan(values)]
+    return float(known[0] + np.mean(known - known[0])) if known.size else np.nan
 
 
 class _PlateauSearch:
@@ -242,10 +240,6 @@ class _PlateauSearch:
             for values, condition in zip(self.values, entry.steady, strict=True)
         ]
         self.first: Int = np.maximum.reduce(self.firsts)
-
-    def plateaus(self) -> list[tuple[int, int]]:
-        """Return first and last sample of each plateau, among the samples that count."""
-        return find_plateaus(self.time, self.first, self.window) if self.time.size else []
 
     def describe(self, ranges: Sequence[tuple[int, int]]) -> str:
         """Return the number of plateaus, their lengths and their share of the recording."""

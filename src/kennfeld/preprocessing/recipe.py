@@ -1,43 +1,122 @@
 """Settings of datasets: their files, and how they are prepared."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 from kennfeld.dataset import Use
+from kennfeld.errors import Location
+from kennfeld.file_keys import KeyProblem, key
+
+_EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
 
 
 @dataclass(frozen=True)
 class SteadyEntry:
     """One condition of `steady`: the channel stays within a band of +-tolerance for at least `window` s."""
 
-    channel: str
-    window: float
-    tolerance: float
+    channel: str = key("the channel that is steady", missing=_EXAMPLE)
+    window: float = key("s; the shortest plateau", above=0, missing=_EXAMPLE)
+    tolerance: float = key("half the width of the band", least=0, missing=_EXAMPLE)
 
 
 @dataclass(frozen=True)
 class DatasetEntry:
     """The settings of one dataset, a `[[dataset]]` of a project file."""
 
-    place: str  # location for messages
-    files: tuple[str, ...]  # patterns
-    name: str = ""
-    use: Use = "training"
-    weight: float = 1.0
-    raster: float | None = None  # s
-    where: str = ""  # formula text; samples at which it is 0 are not scored
-    warmup: float = 0.0  # s
-    max_gap: float = 0.0  # s
-    shift: Mapping[str, float] | None = None  # s, or samples without time stamps
-    unknown_shifts: tuple[str, ...] = ()  # channels whose shift is to be estimated
-    weight_channel: str = ""
-    settle: float | None = None  # s for which steady-state points are held
-    average: float = 0.0  # s at their end that are averaged
-    step: float | None = None  # s, of the model while it settles
-    steady: tuple[SteadyEntry, ...] = ()  # conditions of plateaus
-    cache: bool = True
+    location: Location
+    files: tuple[str, ...] = key(
+        "paths or patterns such as `drive_*.csv`; `book.xlsx#Sheet` names a sheet. Each file is a separate piece: "
+        "memories are reset at its start",
+        missing='Write files = ["..."].',
+    )
+    name: str = key("name of the dataset in messages and results", "", default_text="the file's stem")
+    use: Use = key('`"test"`: scored, never fitted', "training")
+    weight: float = key("factor on the squared errors; 0 switches off", 1.0, least=0)
+    raster: float | None = key(
+        "s; resamples recordings to a uniform raster; required for MDF channels with different rasters", None, above=0
+    )
+    where: str = key("a condition over channels; samples that do not satisfy it are simulated, but not scored", "")
+    warmup: float = key(
+        "s at the start of each piece, also after a gap, that are simulated, but not scored", 0.0, least=0
+    )
+    max_gap: float = key(
+        "s; gaps in an input up to this length are interpolated, longer ones split the piece. Pauses of the recording "
+        "also split it: time steps longer than this and longer than 20 typical steps",
+        0.0,
+        least=0,
+    )
+    shift: Mapping[str, float | Literal["auto"]] = key(
+        "`{ Torque = -1.0 }` shifts a channel: value(t) = recorded(t - shift). In s; for steady points in samples. "
+        '`{ Torque = "auto" }` [estimates it](method.md#shifts)',
+        factory=dict,
+    )
+    weight_channel: str = key("a channel with the weight of each sample, >= 0; missing values count as 0", "")
+    steady: tuple[SteadyEntry, ...] = key(
+        '`{ channel = "Speed", window = 5.0, tolerance = 10 }` [averages the plateaus](#steady-points-of-a-recording) '
+        "of a recording to steady points",
+        (),
+        word="steady",
+        fault="must be a table or a list of tables",
+        remedy=_EXAMPLE,
+        takes_one=True,
+        fills=True,
+    )
+    settle: float | None = key(
+        "s; for functions with memory on steady-state points: how long each [point is "
+        "held](method.md#steady-state-points-and-memory). Time stamps are ignored",
+        None,
+        above=0,
+    )
+    average: float = key(
+        "s at the end of `settle` over which the output is averaged; 0 takes the last value", 0.0, least=0
+    )
+    cache: bool = key("`false`: the files are [read again](#files-that-take-long-to-read) in each run", True)
+    step: float | None = key(
+        "s; the step of the function while a point is held", None, above=0, default_text="`step` of `[model]`"
+    )
+
+    @property
+    def known_shifts(self) -> dict[str, float]:
+        """The given shifts by channel, in s, or in samples without time stamps."""
+        return {name: shift for name, shift in self.shift.items() if shift != "auto"}
+
+    @property
+    def unknown_shifts(self) -> tuple[str, ...]:
+        """Channels whose shift is to be estimated."""
+        return tuple(name for name, shift in self.shift.items() if shift == "auto")
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield contradictions between the keys."""
+        yield from self._settle_problems(present) if "settle" in present else self._average_problems(present)
+        if "steady" in present:
+            yield from self._steady_problems(present)
+
+    def _average_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        for name in ("average", "step"):
+            if name in present:
+                yield name, f"{name} requires settle", "Write settle = ... in s, or remove it."
+
+    def _settle_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        for name in ("raster", "warmup", "max_gap"):
+            if name in present and "steady" not in present:  # which averages a recording to points first
+                yield name, f"{name} contradicts settle, which is for steady-state points", "Remove one."
+        for name, value in (("average", self.average), ("step", self.step)):
+            if self.settle is not None and value is not None and value > self.settle:
+                yield name, f"must be <= settle = {self.settle:g} s, got {value:g} s", "Shorten it."
+
+    def _steady_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        channels = [condition.channel for condition in self.steady]
+        for number, channel in enumerate(channels, 1):
+            if channel in channels[: number - 1]:
+                yield f"steady {number}", f"duplicate channel {channel}", "Remove one."
+        if "warmup" in present:
+            remedy = f'Write where = "t > {self.warmup:g}", or remove it.'
+            yield "warmup", "warmup contradicts steady: averaged points have no warm-up", remedy
+        if self.unknown_shifts:
+            message = 'shift = "auto" contradicts steady: averaged points have no time'
+            yield "shift", message, f"Write {self.unknown_shifts[0]} = ... in s."
 
 
 class DataSettings(Protocol):
@@ -63,5 +142,5 @@ class DataSettings(Protocol):
     def units(self) -> Mapping[str, str]:
         """Stated unit of each channel."""
 
-    def place(self, part: str) -> str:
-        """Return how a message names a part of the settings: `kennfeld.toml [units]`."""
+    def location(self, *keys: str | int) -> Location:
+        """Return the location of a section or key, such as `"units", "Speed"`."""

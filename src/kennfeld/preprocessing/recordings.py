@@ -4,14 +4,14 @@ Optional channels, such as targets, may be missing in some files. If a file lack
 all files without it, what needs it, and similar names that the files have.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from kennfeld.dataset import Dataset, concatenate
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.measurement.cache import Cache
@@ -50,7 +50,7 @@ class ChannelRequest:
 class DatasetChannels:
     """The channels that one dataset must have or may have, each with its purpose, and its condition `where`.
 
-    `calculated` are the calculated channels of the project.
+    `calculated` are the calculated channels of the project, `findings` the errors in the condition.
     """
 
     required: Mapping[str, str]
@@ -58,19 +58,19 @@ class DatasetChannels:
     calculated: Calculated
     where: Graph | None = None
     in_formulas: frozenset[str] = frozenset()
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of(
-        cls, entry: DatasetEntry, request: ChannelRequest, calculated: Calculated, findings: list[Finding]
-    ) -> "DatasetChannels":
+    def of(cls, entry: DatasetEntry, request: ChannelRequest, calculated: Calculated) -> "DatasetChannels":
         """Return the channels of a project and those that a dataset's own settings name."""
-        where = parse_expression(entry.where, f"{entry.place} where", findings) if entry.where else None
+        location = entry.location.within("where")
+        where, findings = parse_expression(entry.where, location) if entry.where else (None, ())
         conditions = dict.fromkeys(where.inputs if where else (), "the condition `where`")
         weights = {entry.weight_channel: "the weights of its samples"} if entry.weight_channel else {}
         steady = dict.fromkeys((condition.channel for condition in entry.steady), "the channel of `steady`")
         required = {**request.required, **conditions, **weights, **steady}
         optional = {name: purpose for name, purpose in request.optional.items() if name not in required}
-        return cls(required, optional, calculated, where, frozenset((*conditions, *steady)))
+        return cls(required, optional, calculated, where, frozenset((*conditions, *steady)), findings)
 
     @property
     def names(self) -> list[str]:
@@ -99,11 +99,16 @@ class RecordingReader:
     settings: DataSettings
     entry: DatasetEntry
     channels: DatasetChannels
-    findings: list[Finding]
-    offered: dict[str, None]
-    clocks: set[str]
+    findings: list[Finding] = field(default_factory=list)
+    offered: dict[str, None] = field(default_factory=dict)
+    clocks: set[str] = field(default_factory=set)
     _missing: dict[str, list[str]] = field(default_factory=dict)  # files without each required channel
     _candidates: dict[str, None] = field(default_factory=dict)  # channel names of these files
+
+    @property
+    def failed(self) -> bool:
+        """True if one of the findings is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
 
     def find_files(self) -> list[str]:
         """Return the files in the order of the patterns, sorted within each, without duplicates."""
@@ -112,7 +117,7 @@ class RecordingReader:
             matches = find_recordings(self.settings.folder, pattern)
             if not matches:
                 remedy = _similar_file(self.settings.folder, pattern)
-                self.findings.append(Finding(f"{self.entry.place} files", f"{pattern} matches no file", remedy))
+                self.findings.append(Finding(self.entry.location.within("files"), f"{pattern} matches no file", remedy))
             files |= dict.fromkeys(matches)
         return list(files)
 
@@ -123,8 +128,8 @@ class RecordingReader:
         for path in paths:
             recording = self._recording(path, cache)
             if recording is not None:
-                self.findings += recording.remarks
-                recordings.append(units.converted(recording, Path(path).name))
+                self.findings += recording.findings
+                recordings.append(units.convert(recording, Path(path).name))
         self._report_missing()
         return recordings
 
@@ -132,14 +137,16 @@ class RecordingReader:
         """Return the channels of a file, without optional ones that it lacks; None if it is unusable."""
         request = self.channels.recorded or None, self.entry.raster
         try:
-            names = None if cache is None else cache.failed(path, *request)
+            names = None if cache is None else cache.load_failed(path, *request)
             if names is None:
                 return self._read(path, *request, cache)
         except InputError as error:
-            names = _names_in(path)
-            if names is None:
+            try:
+                tables = describe(path).tables
+            except InputError:  # the file cannot be read at all
                 self.findings += error.findings
                 return None
+            names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
             if cache is not None:
                 cache.keep_failed(path, *request, names)
         return self._read_available(path, names, cache)
@@ -179,20 +186,17 @@ class RecordingReader:
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
                 remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
-            self.findings.append(Finding(join_names(files, 1), f"has no channel {channel}, {purpose}", remedy))
+            location = Location(join_names(files, 1))
+            self.findings.append(Finding(location, f"has no channel {channel}, {purpose}", remedy))
 
     def _calculated_purpose(self, channel: str) -> str:
-        for name, graph in self.channels.calculated.graphs.items():
-            if channel in graph.inputs:
-                return f"which [calculated] {name} needs"
-        return "which the project needs"
+        readers = (name for name, graph in self.channels.calculated.graphs.items() if channel in graph.inputs)
+        name = next(readers, None)
+        return "which the project needs" if name is None else f"which [calculated] {name} needs"
 
 
-def join_recordings(
-    entry: DatasetEntry, paths: Sequence[str], recordings: Sequence[Dataset], findings: list[Finding]
-) -> Dataset:
+def join_recordings(entry: DatasetEntry, paths: Sequence[str], recordings: Sequence[Dataset]) -> Dataset:
     """Return one dataset, each recording a piece; a channel that some recordings lack is NaN there."""
-    _check_units(entry, recordings, findings)
     channels = {channel.name: channel for part in reversed(recordings) for channel in part.channels}
     complete = [
         part.with_channels(
@@ -202,8 +206,7 @@ def join_recordings(
     ]
     name = entry.name or _default_name(paths, entry.files[0])
     return replace(
-        concatenate(name, complete) if len(complete) > 1 else complete[0],
-        name=name,
+        concatenate(name, complete),
         use=entry.use,
         weight=entry.weight,
         weight_channel=entry.weight_channel,
@@ -220,22 +223,14 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             continue
         if (folder / part).is_file():
             return [f"{folder / part}{rest}"]
-        files = sorted(path for path in _glob(folder, part) if path.is_file() and not _is_cache_file(path))
+        files = sorted(p for p in _glob(folder, part) if p.is_file() and p.parts[-3:-1] != CACHE.parts)
         if files:
             return [f"{path}{rest}" for path in files]
     return []
 
 
-def _names_in(path: str) -> list[str] | None:
-    """Return all channel names of a file; None if it cannot be read at all."""
-    try:
-        tables = describe(path).tables
-    except InputError:
-        return None
-    return [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
-
-
-def _check_units(entry: DatasetEntry, recordings: Sequence[Dataset], findings: list[Finding]) -> None:
+def compare_recorded_units(entry: DatasetEntry, recordings: Sequence[Dataset]) -> Iterator[Finding]:
+    """Yield a warning for each channel whose unit in one file is not that in another."""
     units: dict[str, str] = {}
     for channel in (channel for part in recordings for channel in part.channels):
         if is_unit_missing(channel.unit):
@@ -243,7 +238,7 @@ def _check_units(entry: DatasetEntry, recordings: Sequence[Dataset], findings: l
         first = units.setdefault(channel.name, channel.unit)
         if channel.unit != first and compare_units(channel.unit, first) != "same":
             message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
-            findings.append(Finding(f"{entry.place} files", message, "Split the dataset.", severity="warning"))
+            yield Finding(entry.location.within("files"), message, "Split the dataset.", severity="warning")
             units[channel.name] = channel.unit
 
 
@@ -251,12 +246,7 @@ def _default_name(paths: Sequence[str], pattern: str) -> str:
     """Return the stem of the file; for several files their pattern without its wildcards."""
     name = Path((paths[0] if len(paths) == 1 else pattern).partition("#")[0]).name
     stem = Path(name.removesuffix(".gz")).stem
-    plain = stem.strip("*?_- .") if len(paths) > 1 else stem
-    return plain or Path(paths[0]).stem
-
-
-def _is_cache_file(path: Path) -> bool:
-    return path.parts[-3:-1] == CACHE.parts
+    return (stem.strip("*?_- .") if len(paths) > 1 else stem) or Path(paths[0]).stem
 
 
 def _glob(folder: Path, pattern: str) -> list[Path]:

@@ -4,20 +4,20 @@ The weight of a sample multiplies its loss, so that a robust loss still sees the
 0 are not evaluated at all: the model may be undefined there.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Float
 from kennfeld.criteria import Criterion, Region
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
+from kennfeld.preprocessing.calculated import holds, uses_clock
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
@@ -27,15 +27,11 @@ def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
         for name in (dataset.weight_channel, criterion.weight_channel)
         if name
     ]
-    factors += [np.where(_holds(region, dataset), region.weight, 1.0) for region in criterion.regions]
+    factors += [
+        np.where(holds(expression(region.where, Location("where")), dataset), region.weight, 1.0)
+        for region in criterion.regions
+    ]
     return np.asarray(np.prod(factors, axis=0)) if factors else None
-
-
-def _holds(region: Region, dataset: Dataset) -> Bool:
-    """Return the samples at which a region's condition is true; false if one of its channels is missing."""
-    values = evaluate_expression(expression(region.where, "where"), dataset)
-    holds: Bool = np.isfinite(values) & (values != 0)
-    return holds
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ class SampleWeights:
         ]
         return cls(criteria, {i: f"\0weight {i}" for i in weighted})
 
-    def extended(self, graph: Graph) -> Graph:
+    def extend(self, graph: Graph) -> Graph:
         """Return the graph with the inputs as further nodes of the same names."""
         if not self.inputs:
             return graph
@@ -79,72 +75,77 @@ class SampleWeights:
 def weight_findings(
     criteria: Sequence[Criterion],
     datasets: Sequence[Dataset],
-    criterion_place: Callable[[int], str],
-    dataset_place: Callable[[Dataset], str],
+    criterion_location: Callable[[int], Location],
+    dataset_location: Callable[[Dataset], Location],
     offered: Sequence[str] = (),
 ) -> list[Finding]:
     """Report problems of sample weights in the training data; `offered` are further channels of the files."""
-    findings = []
+    findings: list[Finding] = []
     for data in datasets:
         if data.weight_channel:
-            findings += _channel(data.weight_channel, data, f"{dataset_place(data)} weight_channel", offered)
+            location = dataset_location(data).within("weight_channel")
+            findings += _channel_findings(data.weight_channel, data, location, offered)
     for i, criterion in enumerate(criteria):
         scored = [data for data in datasets if criterion.target.kind != "channel" or criterion.target.name in data]
         for data in scored if criterion.weight_channel else ():
-            findings += _channel(criterion.weight_channel, data, f"{criterion_place(i)} weight_channel", offered)
+            location = criterion_location(i).within("weight_channel")
+            findings += _channel_findings(criterion.weight_channel, data, location, offered)
         for number, region in enumerate(criterion.regions, 1):
-            findings += _region(region, scored, f"{criterion_place(i)} region {number}", offered)
+            findings += _region_findings(region, scored, criterion_location(i).within(f"region {number}"), offered)
     if any(finding.severity == "error" for finding in findings):
         return findings
     for i, criterion in enumerate(criteria):
-        if datasets and not any(_counts(criterion, data) for data in datasets):
+        if datasets and not any(_has_weight(criterion, data) for data in datasets):
             message = "no training sample has a weight above 0"
-            findings.append(Finding(criterion_place(i), message, "Check its weight channels and regions."))
+            findings.append(Finding(criterion_location(i), message, "Check its weight channels and regions."))
     return findings
 
 
-def _counts(criterion: Criterion, data: Dataset) -> bool:
+def _has_weight(criterion: Criterion, data: Dataset) -> bool:
     """Return whether a dataset has samples of weight for a criterion."""
     weights = sample_weights(criterion, data)
-    return weights is None or bool(np.any(weights[... if data.scored is None else data.scored] > 0))
+    return weights is None or bool(np.any(weights[data.counting] > 0))
 
 
-def _channel(name: str, data: Dataset, place: str, offered: Sequence[str]) -> list[Finding]:
+def _channel_findings(name: str, data: Dataset, location: Location, offered: Sequence[str]) -> Iterator[Finding]:
     if name not in data:
-        remedy = nearest(name, [*data, *offered]) or f"It has {join_names(data)}."
-        return [Finding(place, f"dataset {data.name} has no channel {name}", remedy)]
+        yield _missing_channel(name, data, location, offered)
+        return
     values = data[name].values
     wrong = np.flatnonzero((values < 0) | np.isinf(values))
     if wrong.size:
         message = f"{wrong.size} weights of {name} in dataset {data.name} are below 0 or infinite"
-        return [
-            Finding(place, f"{message}, the first, {values[wrong[0]]:g}, at sample {wrong[0] + 1}", "Correct them.")
-        ]
-    counted = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
-    missing = int(np.count_nonzero(np.isnan(values[counted])))
-    if missing == np.count_nonzero(counted) or not np.any(values[counted] > 0):
+        first = f"the first, {values[wrong[0]]:g}, at sample {wrong[0] + 1}"
+        yield Finding(location, f"{message}, {first}", "Correct them.")
+        return
+    scored = values[data.counting]
+    missing = int(np.count_nonzero(np.isnan(scored)))
+    if not np.any(scored > 0):
         message = f"no sample of dataset {data.name} has a weight {name} above 0"
-        return [Finding(place, message, "Is it the right channel?", severity="warning")]
-    if missing:
-        of = np.count_nonzero(counted)
-        message = f"{name} is NaN in {missing} of {of} samples of dataset {data.name}; these samples get weight 0"
-        return [Finding(place, message, severity="warning")]
-    return []
+        yield Finding(location, message, "Is it the right channel?", severity="warning")
+    elif missing:
+        share = f"{missing} of {scored.size} samples of dataset {data.name}"
+        yield Finding(location, f"{name} is NaN in {share}; these samples get weight 0", severity="warning")
 
 
-def _region(region: Region, datasets: Sequence[Dataset], place: str, offered: Sequence[str]) -> list[Finding]:
+def _missing_channel(name: str, data: Dataset, location: Location, offered: Sequence[str]) -> Finding:
+    remedy = nearest(name, [*data, *offered]) or f"It has {join_names(data)}."
+    return Finding(location, f"dataset {data.name} has no channel {name}", remedy)
+
+
+def _region_findings(
+    region: Region, datasets: Sequence[Dataset], location: Location, offered: Sequence[str]
+) -> list[Finding]:
     try:
-        graph = expression(region.where, place)
+        graph = expression(region.where, location)
     except InputError as error:
         return list(error.findings)
     findings = []
     for data in datasets:
-        for name in (name for name in graph.inputs if name not in data):
-            remedy = nearest(name, [*data, *offered]) or f"It has {join_names(data)}."
-            findings.append(Finding(place, f"dataset {data.name} has no channel {name}", remedy))
+        findings += [_missing_channel(name, data, location, offered) for name in graph.inputs if name not in data]
         if uses_clock(graph) and data.time is None:
             message = f"the condition requires time stamps, but dataset {data.name} has none"
-            findings.append(Finding(place, message, "Name the time channel `time`."))
-    if not findings and datasets and not any(_holds(region, data).any() for data in datasets):
-        findings.append(Finding(place, f"{region.where} is true at no training sample", severity="warning"))
+            findings.append(Finding(location, message, "Name the time channel `time`."))
+    if not findings and datasets and not any(holds(graph, data).any() for data in datasets):
+        findings.append(Finding(location, f"{region.where} is true at no training sample", severity="warning"))
     return findings

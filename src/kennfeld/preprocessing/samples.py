@@ -11,8 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.graph import Graph
+from kennfeld.arrays import Float, Int
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
@@ -36,7 +35,7 @@ class CellNumbering:
     """Numbering of samples by the cells of all tables whose coordinates depend on inputs alone."""
 
     def __init__(self, lowered: LoweredGraph) -> None:
-        self._counts = _searched(lowered)
+        self._counts = _data_coordinates(lowered)
         self._graph = extract(lowered.graph.nodes, (), {str(at): at for at in self._counts}, {}, ())
         self._inputs = {node.payload for node in self._graph.nodes if node.op == "input"}
         self._interpreter = Interpreter(lowered, ParameterSet())
@@ -52,18 +51,18 @@ class CellNumbering:
 
     def _number(self, numbers: Int, columns: Mapping[str, Float]) -> None:
         with np.errstate(all="ignore"):
-            places = self._interpreter.run(self._graph.nodes, (), columns)
+            positions = self._interpreter.run(self._graph.nodes, (), columns)
         cells = 1
         for at, count in self._counts.items():
             cells *= count
             if cells > MAX_CELLS:
                 break
-            cell = np.clip(np.floor(np.nan_to_num(places[self._graph.names[str(at)]])), -1, count - 2)
+            cell = np.clip(np.floor(np.nan_to_num(positions[self._graph.names[str(at)]])), -1, count - 2)
             numbers *= count
             numbers += cell.astype(np.int64) + 1
 
 
-def _searched(lowered: LoweredGraph) -> dict[int, int]:
+def _data_coordinates(lowered: LoweredGraph) -> dict[int, int]:
     """Return the table coordinates that do not depend on other tables, each with its number of cells."""
     nodes = lowered.graph.nodes
     moving = dependents(lowered.graph, lambda node: node.op == "interpolate")
@@ -84,19 +83,11 @@ def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cell
         numbers = cells.numbers(columns, first, last)
         numbers *= SAMPLES_PER_BLOCK
         numbers += np.arange(last - first)
-        numbers = numbers[_scored(targets, first, last)]
+        numbers = numbers[np.any([np.isfinite(target[first:last]) for target in targets], axis=0)]
         numbers.sort()
         numbers &= SAMPLES_PER_BLOCK - 1
         numbers += first
         yield numbers
-
-
-def _scored(targets: Sequence[Float], first: int, last: int) -> Bool:
-    """Return the samples of a range that have a target."""
-    scored = np.zeros(last - first, dtype=bool)
-    for target in targets:
-        scored |= np.isfinite(target[first:last])
-    return scored
 
 
 @dataclass(frozen=True)
@@ -122,12 +113,16 @@ def assemble_samples(
     prepare = _preparation(lowered, split, kernel, parameters)
     columns = [source.bound.columns | prepare(source.bound) for source in sources]
     targets = [[target() for target in source.targets] for source in sources]
+    pieces: list[Piece] = []
+    order, end = None, 0
     if kernel.line.states:
-        pieces, order = _in_time(sources), None
+        for source in sources:
+            edges = [*source.bound.starts.tolist(), source.bound.count]
+            pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
+            end += source.bound.count
     else:
-        pieces, order = _by_cell(
-            sources, columns, targets, CellNumbering(LoweredGraph(split.graph, lowered.axes, lowered.shapes))
-        )
+        cells = CellNumbering(LoweredGraph(split.graph, lowered.axes, lowered.shapes))
+        pieces, order = _by_cell(sources, columns, targets, cells)
     rows = [[source[name] for source in columns] for name in kernel.layout.inputs]
     return Samples(rows, zip(*targets, strict=True), pieces, order)
 
@@ -140,7 +135,8 @@ def _preparation(
     names = [name for name in kernel.layout.inputs if name in split.columns]
     if not names:
         return lambda _: {}
-    prepared = LoweredGraph(graph, lowered.axes, {name: lowered.shapes[name] for name in _tables(graph)})
+    tables = {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion")}
+    prepared = LoweredGraph(graph, lowered.axes, {name: lowered.shapes[name] for name in tables})
     simulator = Simulator(prepared, [graph.names[name] for name in names], parameters)
 
     def prepare(bound: BoundDataset) -> dict[str, Float]:
@@ -148,20 +144,6 @@ def _preparation(
         return dict(zip(names, simulator.over(bound.columns, bound.count, parameters, starts), strict=True))
 
     return prepare
-
-
-def _tables(graph: Graph) -> set[str]:
-    return {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion")}
-
-
-def _in_time(sources: Sequence[TrainingSource]) -> list[Piece]:
-    """Return the pieces of all sources, one after the other."""
-    pieces, end = [], 0
-    for source in sources:
-        edges = [*source.bound.starts.tolist(), source.bound.count]
-        pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
-        end += source.bound.count
-    return pieces
 
 
 def _by_cell(
@@ -174,9 +156,9 @@ def _by_cell(
     total = sum(source.bound.count for source in sources)
     order = np.empty(total, dtype=np.uint32)
     pieces, before, end = [], 0, 0
-    for source, held, wanted in zip(sources, columns, targets, strict=True):
+    for source, own_columns, own_targets in zip(sources, columns, targets, strict=True):
         first = end
-        for block in scored_in_order(held, wanted, cells):
+        for block in scored_in_order(own_columns, own_targets, cells):
             order[end : end + block.size] = before + block
             end += block.size
         pieces += [Piece(first, end, source.scores)] if end > first else []

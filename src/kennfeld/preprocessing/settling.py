@@ -20,7 +20,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset, Settling
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph import CLOCK, OPERATIONS, Graph, GraphBuilder, State
 from kennfeld.graph.node import extract
 
@@ -66,7 +66,7 @@ def plan_hold(dataset: Dataset, settling: Settling, model_step: float | None) ->
     step = settling.step or model_step
     if step is None:
         message = f"settle = {settling.seconds:g} s requires a step, but neither the dataset nor the model defines one"
-        raise InputError.of(f"dataset {dataset.name}", message, "Set the step of the model in s.")
+        raise InputError.of(Location(f"dataset {dataset.name}"), message, "Set the step of the model in s.")
     samples = max(round(settling.seconds / step), 1) + 1
     return HoldPlan(samples, min(max(round(settling.average / step), 1), samples), step)
 
@@ -89,9 +89,9 @@ def average_window(b: GraphBuilder, node: int) -> int:
 
 def unheld_inputs(graph: Graph, samples: int) -> Mapping[str, Float]:
     """Return the averaging inputs of data that are not held, if the graph reads them; views of single numbers."""
-    return (
-        {SHARE: np.broadcast_to(1.0, samples), KEEP: np.broadcast_to(0.0, samples)} if _reads(graph, AVERAGING) else {}
-    )
+    if not _reads(graph, AVERAGING):
+        return {}
+    return {SHARE: np.broadcast_to(1.0, samples), KEEP: np.broadcast_to(0.0, samples)}
 
 
 def sample_ages(hold: HoldPlan | None, samples: int) -> dict[str, Float]:
@@ -110,8 +110,14 @@ def restart_states(graph: Graph) -> Graph:
 
     The graph is returned unchanged if an initial value depends on itself, which is reported when it runs.
     """
-    order = _firsts_before_reads(graph)
-    if order is None:
+    # states come after their initial values
+    needs = {
+        at: [graph.states[node.payload].init] if node.op == "state" else list(node.args)
+        for at, node in enumerate(graph.nodes)
+    }
+    try:
+        order = list(TopologicalSorter(needs).static_order())
+    except CycleError:
         return graph
     b = GraphBuilder()
     b.states.extend(graph.states)
@@ -122,34 +128,22 @@ def restart_states(graph: Graph) -> Graph:
         number[at] = b.call(op, *operands) if op in OPERATIONS else b.node(op, operands, payload)
         if op == "state":
             state = graph.states[payload]
-            number[at] = _read(b, number[at], number[state.init], state.latency)
+            number[at] = _restart(b, number[at], number[state.init], state.latency)
     for i, state in enumerate(graph.states):
         b.states[i] = State(number[state.init], number[state.next], state.latency)
     names = {name: number[at] for name, at in graph.names.items()}
     return extract(b.nodes, b.states, names, graph.units, graph.outputs)
 
 
-def _read(b: GraphBuilder, state: int, init: int, latency: int) -> int:
+def _restart(b: GraphBuilder, state: int, init: int, latency: int) -> int:
     """Return the value of a state; its initial value until it is as old as its latency."""
     age = b.input(AGE)
     first = init
     if latency > 1:
-        held = b.state()
-        first = b.call("select", b.call("lt", age, b.const(1.0)), init, held)
-        b.close(held, init, first)
+        delayed = b.state()
+        first = b.call("select", b.call("lt", age, b.const(1.0)), init, delayed)
+        b.close(delayed, init, first)
     return b.call("select", b.call("lt", age, b.const(float(latency))), first, state)
-
-
-def _firsts_before_reads(graph: Graph) -> list[int] | None:
-    """Return all nodes in order, states after their initial values; None if that forms a cycle."""
-    needs = {
-        at: [graph.states[node.payload].init] if node.op == "state" else list(node.args)
-        for at, node in enumerate(graph.nodes)
-    }
-    try:
-        return list(TopologicalSorter(needs).static_order())
-    except CycleError:
-        return None
 
 
 def _reads(graph: Graph, names: Sequence[str]) -> bool:

@@ -21,19 +21,19 @@ def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
     >>> data["u"].values
     array([nan,  1.,  2.])
     """
-    moved = []
+    shifted = []
     for name, by in shift.items():
         if name not in dataset or by == 0:
             continue
         values = dataset[name].values
-        times = [(piece, _time(dataset, piece)) for piece in dataset.pieces]
-        parts = [resample_channel(time, values[piece], time - by) for piece, time in times]
-        moved.append(replace(dataset[name], values=np.concatenate(parts)))
-    return dataset.with_channels(*moved) if moved else dataset
-
-
-def _time(dataset: Dataset, piece: slice) -> Float:
-    return np.arange(piece.stop - piece.start, dtype=np.float64) if dataset.time is None else dataset.time[piece]
+        parts = []
+        for piece in dataset.pieces:
+            time = np.arange(piece.stop - piece.start, dtype=np.float64)
+            if dataset.time is not None:
+                time = dataset.time[piece]
+            parts.append(resample_channel(time, values[piece], time - by))
+        shifted.append(replace(dataset[name], values=np.concatenate(parts)))
+    return dataset.with_channels(*shifted)
 
 
 def resample_channel(time: Float, values: Float, at: Float) -> Float:
@@ -47,9 +47,7 @@ def resample_channel(time: Float, values: Float, at: Float) -> Float:
     exact = np.abs(time[near] - at) <= _SAME_INSTANT * step
     inside = (at >= time[0]) & (at <= time[-1])
     width = np.where(after > before, time[after] - time[before], 1.0)
-    share = (at - time[before]) / width
+    share = 0.0 if is_stepped(values) else (at - time[before]) / width
     between = values[before] + share * (values[after] - values[before])
-    if is_stepped(values):
-        between = values[before]
     result: Float = np.where(exact, values[near], np.where(inside, between, np.nan))
     return result

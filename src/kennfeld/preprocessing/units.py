@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
@@ -147,18 +147,14 @@ def compare_units(source: str, target: str) -> UnitConversion | Kinship:
     """
     if is_unit_missing(source) or is_unit_missing(target):
         return "unknown"
-    first, second = _parsed(source), _parsed(target)
+    first, second = _parse_unit(source), _parse_unit(target)
     if first == second:
         return "same"
     if all(len(unit) == 1 and unit[0][0] in _KELVIN and unit[0][1] == 1 for unit in (first, second)):
-        return _temperature(first[0][0], second[0][0])
+        factor, offset = _KELVIN[first[0][0]]
+        divisor, zero = _KELVIN[second[0][0]]
+        return UnitConversion(factor / divisor, (offset - zero) / divisor)
     return _registry_conversion(first, second)
-
-
-def _temperature(source: str, target: str) -> UnitConversion:
-    factor, offset = _KELVIN[source]
-    unit, zero = _KELVIN[target]
-    return UnitConversion(factor / unit, (offset - zero) / unit)
 
 
 def _registry_conversion(first: _Unit, second: _Unit) -> UnitConversion | Kinship:
@@ -166,41 +162,38 @@ def _registry_conversion(first: _Unit, second: _Unit) -> UnitConversion | Kinshi
     registry = _registry()
     if not all(_is_known(registry, name) for name, _ in (*first, *second)):
         return "unknown"
-    source, target = dict(_in_differences(first)), dict(_in_differences(second))
+    source, target = dict(_as_differences(first)), dict(_as_differences(second))
     if registry.get_dimensionality(source) != registry.get_dimensionality(target):
         return "contrary"
     if not registry.get_dimensionality(source) and not {*source, *target} <= _SHARES:
         return "unknown"
-    factor = _factor(registry, registry.UnitsContainer(source), registry.UnitsContainer(target))
+    factor = _mere_factor(registry, registry.UnitsContainer(source), registry.UnitsContainer(target))
     return "unknown" if factor is None else "same" if factor == 1.0 else UnitConversion(factor)
 
 
-def _factor(registry: Any, source: Any, target: Any) -> float | None:
+def _mere_factor(registry: Any, source: Any, target: Any) -> float | None:
     """Return one `source` in `target`; None if it is not a mere factor, as for decibels and other temperatures."""
     try:
-        none, one, two = (float(registry.convert(value, source, target)) for value in (0.0, 1.0, 2.0))
+        zero, unit, double = (float(registry.convert(value, source, target)) for value in (0.0, 1.0, 2.0))
     except Exception:  # of many kinds, such as the logarithm of 0
         return None
-    return _plain(one) if none == 0.0 and math.isclose(two, 2 * one, rel_tol=1e-12) else None
+    if zero != 0.0 or not math.isclose(double, 2 * unit, rel_tol=1e-12):
+        return None
+    short = float(f"{unit:.12g}")  # 1000 for 1000.0000000000001
+    return short if math.isclose(short, unit, rel_tol=1e-14) else unit
 
 
-def _in_differences(unit: _Unit) -> _Unit:
+def _as_differences(unit: _Unit) -> _Unit:
     """Return the unit with differences of temperatures, which have no zero of their own, so that factors suffice."""
-    return _collected((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit)
+    return _multiply((_DIFFERENCE.get(name, name), exponent) for name, exponent in unit)
 
 
-def _collected(factors: Iterable[tuple[str, int]]) -> _Unit:
+def _multiply(factors: Iterable[tuple[str, int]]) -> _Unit:
     """Return the product of the factors, without those that cancel out."""
     exponents: dict[str, int] = {}
     for name, exponent in factors:
         exponents[name] = exponents.get(name, 0) + exponent
     return tuple(sorted((name, exponent) for name, exponent in exponents.items() if exponent))
-
-
-def _plain(number: float) -> float:
-    """Return the round number that differs by rounding alone: 1000 for 1000.0000000000001."""
-    short = float(f"{number:.12g}")
-    return short if math.isclose(short, number, rel_tol=1e-14) else number
 
 
 def _is_known(registry: Any, name: str) -> bool:
@@ -231,19 +224,19 @@ def _words(text: str) -> dict[str, str]:
 def _unit(meaning: str) -> _Unit:
     """Return a meaning of the table: factors, and at most one divisor."""
     factors, _, divisor = meaning.partition("/")
-    below = [(divisor, -1)] if divisor else []
-    return tuple(sorted([*((name, 1) for name in factors.split("*")), *below]))
+    return tuple(sorted([*((name, 1) for name in factors.split("*")), *([(divisor, -1)] if divisor else [])]))
 
 
 _WHOLE = {word: _unit(meaning) for word, meaning in _words(_WHOLE_WORDS).items()}
 _PARTS = _words(_PART_WORDS)
+_JOINED: dict[str, _Unit] = {"nm": (("newton", 1), ("meter", 1)), "knm": (("kilonewton", 1), ("meter", 1))}
 
 
 @cache
-def _parsed(text: str) -> _Unit:
+def _parse_unit(text: str) -> _Unit:
     """Return the unit as names with exponents; a text that is no unit as a name of its own."""
     plain = plain_unit(text).translate(_PLAIN)
-    folded = re.sub(r"[\s]", "", plain.casefold())
+    folded = re.sub(r"\s", "", plain.casefold())
     unit = None if len(plain) > _MAX_LENGTH else _WHOLE.get(folded) or _product(plain)
     return ((text, 1),) if unit is None else unit
 
@@ -264,18 +257,16 @@ def _product(text: str) -> _Unit | None:
             if factor is None:
                 return None
             power = sign * int(factor[2] or 1)
-            factors += [(name, power * exponent) for name, exponent in _named(factor[1])]
+            factors += [(name, power * exponent) for name, exponent in _unit_of_word(factor[1])]
             sign = sign if inside else 1
-    unit = _collected(factors)
-    return (unit if len(unit) == 1 and unit[0][1] == 1 else _in_differences(unit)) or None
+    unit = _multiply(factors)
+    return (unit if len(unit) == 1 and unit[0][1] == 1 else _as_differences(unit)) or None
 
 
-def _named(word: str) -> _Unit:
+def _unit_of_word(word: str) -> _Unit:
     """Return the unit of a word, or its product, such as Nm."""
     folded = word.casefold()
-    if folded in ("nm", "knm"):
-        return (("newton" if folded == "nm" else "kilonewton", 1), ("meter", 1))
-    return ((_PARTS.get(folded, word), 1),)
+    return _JOINED.get(folded, ((_PARTS.get(folded, word), 1),))
 
 
 @dataclass
@@ -291,12 +282,12 @@ class Units:
     first: dict[str, tuple[str, str]] = field(default_factory=dict)
     cases: dict[_Case, dict[str, None]] = field(default_factory=dict)
 
-    def converted(self, part: Dataset, name: str) -> Dataset:
+    def convert(self, part: Dataset, name: str) -> Dataset:
         """Return the recording with its channels converted; `name` is its file's."""
-        channels = [self._convert(channel, name) for channel in with_stated_units(part, self.stated).channels]
-        return replace(part, channels=tuple(channels))
+        stated = with_stated_units(part, self.stated)
+        return replace(part, channels=tuple(self._convert_channel(channel, name) for channel in stated.channels))
 
-    def _convert(self, channel: Channel, file: str) -> Channel:
+    def _convert_channel(self, channel: Channel, file: str) -> Channel:
         if is_unit_missing(channel.unit):
             return channel
         unit, whose = self.wanted.get(channel.name) or self.first.setdefault(channel.name, (channel.unit, file))
@@ -312,7 +303,7 @@ class Units:
             message = f"channel {channel} is converted from {unit} to {to}, the unit of {whose}"
             if channel in formulas:
                 message += f"; formulas read {channel} in {to}"
-            yield Finding(join_names(files, 1), message, severity="remark")
+            yield Finding(Location(join_names(files, 1)), message, severity="remark")
 
 
 def with_stated_units(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
@@ -341,10 +332,10 @@ def check_stated_units(
         if name in clocks:
             if in_seconds(unit) is None and name not in used:
                 message = f"{unit} is not a unit of time, but {name} is the time column"
-                yield Finding(file.place(f"[units] {name}"), message, "Write s, ms, us, ns, min or h.")
+                yield Finding(file.location("units", name), message, "Write s, ms, us, ns, min or h.")
             continue
         if not complete and time_unit(name, unit) is not None:
             continue
         if name not in used:
             remedy = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
-            yield Finding(file.place(f"[units] {name}"), f"channel {name} is not used", remedy)
+            yield Finding(file.location("units", name), f"channel {name} is not used", remedy)
