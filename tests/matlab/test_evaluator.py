@@ -430,10 +430,10 @@ TEXTS = {
     "blanks(2)": "  ",
 }
 WRONG = {
-    "Kp": "line 1 column 1: Kp is not defined",
+    "Kp": "line 1, column 1: Kp is not defined",
     "lenght(x)": "unknown function lenght. Did you mean length?",
     "tf(1, [1 1])": "unknown function tf",
-    "1 + wrod": "line 1 column 5: wrod is not defined. Did you mean word?",
+    "1 + wrod": "line 1, column 5: wrod is not defined. Did you mean word?",
     "x(4)": "the index is 4, but the size is 3",
     "x(0)": "indices must be integers >= 1, got 0",
     "x(1.5)": "indices must be integers >= 1, got 1.5",

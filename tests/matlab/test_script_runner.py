@@ -150,9 +150,9 @@ def test_variables_that_depend_on_unknown_functions_are_undefined():
     assert list(outcome.variables) == ["d"]
     assert set(outcome.undefined) == {"a", "b", "c"}
     assert [str(finding) for finding in outcome.findings] == [
-        "init.m line 2 column 5: unknown function readtable; a remains undefined. Did you mean real?",
-        "init.m line 3 column 5: a is undefined: assignment failed in init.m line 2; b remains undefined",
-        "init.m line 4 column 4: b is undefined: assignment failed in init.m line 3; c remains undefined",
+        "init.m line 2, column 5: unknown function readtable; a remains undefined. Did you mean real?",
+        "init.m line 3, column 5: a is undefined: assignment failed in init.m line 2; b remains undefined",
+        "init.m line 4, column 4: b is undefined: assignment failed in init.m line 3; c remains undefined",
     ]
 
 
@@ -167,7 +167,7 @@ def test_a_part_of_an_undefined_variable_cannot_be_assigned():
 def test_invalid_statements_are_reported_and_the_others_run():
     outcome = run_script("a = 1;\nb = (;\nc = 3;", "init.m")
     assert [str(finding) for finding in outcome.findings] == [
-        "init.m line 2 column 6: a value is missing before ';'",
+        "init.m line 2, column 6: a value is missing before ';'",
     ]
     assert set(outcome.variables) == {"a", "c"}
 
@@ -202,10 +202,10 @@ def test_other_files_are_run_called_and_loaded():
 def test_files_that_are_not_there_are_findings():
     found = findings("load('nothing.mat')\nrun other\nother2\nS = load('data.mat', 'Z');", files=FILES.get)
     assert found == [
-        "init.m line 1 column 1: file nothing.mat not found",
-        "init.m line 2 column 1: file other.m not found",
-        "init.m line 3 column 1: other2 is not defined. Did you mean interp2?",
-        "init.m line 4 column 5: data.mat does not contain the variable Z; S remains undefined",
+        "init.m line 1, column 1: file nothing.mat not found",
+        "init.m line 2, column 1: file other.m not found",
+        "init.m line 3, column 1: other2 is not defined. Did you mean interp2?",
+        "init.m line 4, column 5: data.mat does not contain the variable Z; S remains undefined",
     ]
 
 

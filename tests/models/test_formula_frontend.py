@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import expression, extend, formula, read
 from kennfeld.parameter_set import ParameterSet
@@ -42,7 +42,7 @@ def test_figure_3_is_read_as_it_stands(parameters, blank):
 
 
 def test_a_place_is_kept_for_every_name():
-    places = formula(FIGURE_3, "torque.kf").places
+    places = {name: str(location) for name, location in formula(FIGURE_3, "torque.kf").locations.items()}
     assert places["etaSpark"] == places["CurveEtaDeltaSpark"] == "torque.kf line 4"
     assert places["Ignition"] == "torque.kf line 3"
 
@@ -80,7 +80,7 @@ def test_a_file_is_read_with_and_without_a_byte_order_mark(tmp_path: Path, mark:
     path.write_bytes(mark + "T[°C] = Öl * 2\r\n".encode())
     model = read(path)
     assert (model.name, model.source) == ("torque", str(path))
-    assert model.places["T"] == "torque.KF line 1"
+    assert str(model.locations["T"]) == "torque.KF line 1"
     assert model.graph.units == {"T": "°C"}
 
 
@@ -120,11 +120,14 @@ def test_a_folder_is_no_file(tmp_path: Path):
 
 def test_an_extension_adds_nodes_over_those_of_the_model():
     model = formula("n[rpm] = PT1(u * K, 0.5)\nscalar K\noutput n", "idle.kf")
-    more = extend(model, {"deviation": "abs(n_set - n)", "worst": "max(deviation, K)"}, "kennfeld.toml limit 1")
+    more = extend(
+        model, {"deviation": "abs(n_set - n)", "worst": "max(deviation, K)"}, Location("kennfeld.toml limit 1")
+    )
     assert more.graph.inputs == ("u", "n_set")
     assert more.graph.outputs == ("n", "deviation", "worst")
     assert more.graph.units == {"n": "rpm"}
-    assert more.places == {**model.places, "deviation": "kennfeld.toml limit 1", "worst": "kennfeld.toml limit 1"}
+    limit = Location("kennfeld.toml limit 1")
+    assert more.locations == {**model.locations, "deviation": limit, "worst": limit}
     columns = {"u": np.array([1.0, 2.0, 3.0]), "n_set": np.array([5.0, 5.0, 5.0]), "dt": np.full(3, 0.1)}
     parameters = ParameterSet([Scalar("K", 2.0)])
     run = evaluate(more.graph, columns, parameters)
@@ -135,39 +138,39 @@ def test_an_extension_adds_nodes_over_those_of_the_model():
 
 def test_an_extension_shares_memory_with_the_model():
     model = formula("y = prev(u, 0) * 2")
-    assert len(extend(model, {"z": "prev(u, 0) * 3"}, "limit").graph.states) == 1
+    assert len(extend(model, {"z": "prev(u, 0) * 3"}, Location("limit")).graph.states) == 1
 
 
 def test_an_extension_leaves_the_model_as_it_is():
     model = formula("y = u * 2")
     before = model.graph
-    extend(model, {"z": "y * 3"}, "limit")
+    extend(model, {"z": "y * 3"}, Location("limit"))
     assert model.graph == before
     assert list(before.names) == ["y"]
 
 
 def test_findings_of_an_extension_show_its_expression():
     with pytest.raises(InputError) as caught:
-        extend(formula("y = u"), {"z": "abs(y"}, "kennfeld.toml limit 2")
+        extend(formula("y = u"), {"z": "abs(y"}, Location("kennfeld.toml limit 2"))
     assert str(caught.value) == "kennfeld.toml limit 2, column 4: unclosed parenthesis"
     assert caught.value.findings[0].excerpt == "abs(y\n   ^"
 
 
 def test_an_expression_is_the_graph_of_its_value():
-    graph = expression("air / n * 1000", "kennfeld.toml", ["air", "n", "unused"])
+    graph = expression("air / n * 1000", Location("kennfeld.toml"), ["air", "n", "unused"])
     assert graph.inputs == ("air", "n")
     assert list(graph.names) == ["value"]
     assert evaluate(graph, {"air": np.array([3.0]), "n": np.array([2.0])}, ParameterSet())["value"] == [1500.0]
 
 
 def test_an_expression_may_have_memory_and_several_lines():
-    graph = expression("derivative(n)  # slope\n + value", "kennfeld.toml where")
+    graph = expression("derivative(n)  # slope\n + value", Location("kennfeld.toml where"))
     assert graph.inputs == ("n", "value")
     with pytest.raises(InputError, match="where line 2, column 3: incomplete expression"):
-        expression("n\n +", "kennfeld.toml where")
+        expression("n\n +", Location("kennfeld.toml where"))
 
 
 @pytest.mark.parametrize("text", ["", "  ", "# none"])
 def test_an_empty_expression_is_an_error(text):
     with pytest.raises(InputError, match="here, column 1: incomplete expression"):
-        expression(text, "here")
+        expression(text, Location("here"))

@@ -7,7 +7,7 @@ from formula_graphs import graphs, one_nan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text
@@ -58,8 +58,8 @@ def test_a_soup_of_words_is_read_or_answered(text, known):
 def test_any_text_is_read_or_answered(text):
     read(text)
     read("y = " + text)
-    answer(lambda: expression(text, "fuzz.kf"))
-    answer(lambda: extend(formula(BASE), {"new": text}, "fuzz.kf"))
+    answer(lambda: expression(text, Location("fuzz.kf")))
+    answer(lambda: extend(formula(BASE), {"new": text}, Location("fuzz.kf")))
 
 
 @settings(max_examples=400, deadline=None)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.models.formula import expression, extend, formula
 
 
@@ -180,7 +180,7 @@ def test_all_wrong_names_of_a_text_are_reported_in_its_order():
 
 def test_an_expression_knows_channels_only():
     with pytest.raises(InputError) as caught:
-        expression("lambd < 1.5 and foo(n)", "kennfeld.toml [[dataset]] where", ["lambda", "n"])
+        expression("lambd < 1.5 and foo(n)", Location("kennfeld.toml [[dataset]] where"), ["lambda", "n"])
     assert [str(finding) for finding in caught.value.findings] == [
         "kennfeld.toml [[dataset]] where, column 1: unknown channel lambd. Did you mean lambda?",
         "kennfeld.toml [[dataset]] where, column 17: unknown function foo. Did you mean floor?",
@@ -190,7 +190,7 @@ def test_an_expression_knows_channels_only():
 def test_an_extension_knows_the_model():
     model = formula("n = Speed(u) * K\nscalar K", "idle")
     with pytest.raises(InputError) as caught:
-        extend(model, {"a": "Sped(u)", "b": "Speed(u, u)", "n": "u", "u": "1"}, "limit")
+        extend(model, {"a": "Sped(u)", "b": "Speed(u, u)", "n": "u", "u": "1"}, Location("limit"))
     assert [str(finding) for finding in caught.value.findings] == [
         "limit a, column 1: model idle has no parameter Sped. Did you mean Speed?",
         "limit b, column 1: Speed is a curve with 1 coordinate of model idle but has 2 here. Write Speed(x).",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.models.formula import expression, formula
 from kennfeld.models.formula.parser import MAX_DEPTH
 
@@ -67,7 +67,7 @@ def test_precedence_is_as_in_the_table(text, bracketed):
     ],
 )
 def test_constants_are_computed(text, value):
-    graph = expression(text, "here")
+    graph = expression(text, Location("here"))
     assert graph.nodes[graph.names["value"]].payload == value
 
 

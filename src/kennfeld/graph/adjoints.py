@@ -86,9 +86,8 @@ class AdjointProgram:
             if adjoint[of] != 0 and value(factor) != 0:
                 adjoint[onto] += adjoint[of] * value(factor)
         slopes = {leaf: adjoint[leaf] for leaf in self.reach[row]}
-        return {
-            leaf: s * value(self.scales[leaf]) if s != 0 and leaf in self.scales else s for leaf, s in slopes.items()
-        }
+        scaled = {leaf: s * value(self.scales[leaf]) for leaf, s in slopes.items() if s != 0 and leaf in self.scales}
+        return slopes | scaled
 
 
 def pull_back(
@@ -108,24 +107,21 @@ def pull_back(
         if b.nodes[at].op == "state" or is_atom(b.nodes[at]):
             leaves.append(at)
         for argument, factor, switches in partials(b, at, active):
-            pulls.append(AdjointStep(at, argument, _share(b, factor) if switches else factor))
+            share = b.call("select", factor, b.const(1.0), b.const(0.0)) if switches else factor
+            pulls.append(AdjointStep(at, argument, share))
             reached[argument] |= reached[at]
     reach = tuple(frozenset(leaf for leaf in leaves if reached[leaf] >> row & 1) for row in range(len(roots)))
     scales = {leaf: breakpoint_slope(b, leaf) for leaf in leaves if b.nodes[leaf].op == "position"}
     return AdjointProgram(tuple(roots), tuple(_without_copies(b, pulls, {*roots, *leaves})), reach, scales)
 
 
-def _share(b: GraphBuilder, condition: int) -> int:
-    return b.call("select", condition, b.const(1.0), b.const(0.0))
-
-
 def _without_copies(b: GraphBuilder, pulls: Sequence[AdjointStep], kept: Collection[int]) -> Iterator[AdjointStep]:
     """Yield the steps without those that only copy an adjoint, such as a sum passing it to an otherwise unused node."""
     users = Counter(pull.onto for pull in pulls)
-    one = b.const(1.0)
+    unit = b.const(1.0)
     same: dict[int, int] = {}
     for of, onto, factor in pulls:
-        if factor == one and users[onto] == 1 and onto not in kept:
+        if factor == unit and users[onto] == 1 and onto not in kept:
             same[onto] = same.get(of, of)
         else:
             yield AdjointStep(same.get(of, of), onto, factor)

@@ -18,6 +18,10 @@ _NEUTRAL: dict[str, tuple[float | None, float | None]] = {
 }
 
 
+_MAX_NODES = 500_000  # different operations in a step of a bounded graph
+_MAX_REQUESTS = 5_000_000  # requested operations, including duplicates and constants
+
+
 class GraphBuilder:
     """Builder of the graph of one time step. Equal nodes become one; constants are folded.
 
@@ -112,22 +116,22 @@ class GraphBuilder:
 
     def remember(self, init: int, then: Callable[[int], int], latency: int = 1) -> int:
         """Return the node that reads a new state; `settle` calls `then` with it to get the node of the next value."""
-        return self._opened(lambda read: (init, then(read)), latency)
+        return self._open_state(lambda read: (init, then(read)), latency)
 
     def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
         """Return a state holding x; it starts with the first x, or with `otherwise` if the first x depends on
         the state.
         """
 
-        def held(read: int) -> tuple[int, int]:
+        def contents(read: int) -> tuple[int, int]:
             node = x()
             return (self.const(otherwise) if self._needs(node, read) else node), node
 
-        return self._opened(held, latency)
+        return self._open_state(contents, latency)
 
-    def _opened(self, held: Callable[[int], tuple[int, int]], latency: int) -> int:
+    def _open_state(self, contents: Callable[[int], tuple[int, int]], latency: int) -> int:
         read = self.state(latency)
-        self._open.append((read, held))
+        self._open.append((read, contents))
         return read
 
     def _needs(self, node: int, other: int) -> bool:
@@ -142,9 +146,39 @@ class GraphBuilder:
     def settle(self) -> None:
         """Close all open states; closing one may open others."""
         while self._open:
-            read, held = self._open.pop()
-            self.close(read, *held(read))
+            read, contents = self._open.pop()
+            self.close(read, *contents(read))
 
     def value(self, node: int) -> float | None:
         """Return the value of a constant node, or None."""
         return float(self.nodes[node].payload) if self.nodes[node].op == "const" else None
+
+
+class GraphTooLargeError(Exception):
+    """The import requires more operations than allowed; `place` is the block that exceeded the limit."""
+
+    def __init__(self, place: str, message: str) -> None:
+        super().__init__(message)
+        self.place, self.message = place, message
+        self.remedy = "Import a subsystem, or make the arrays in it smaller."
+
+
+class BoundedGraphBuilder(GraphBuilder):
+    """Graph builder that accepts at most `most` requests for nodes; `place` names the block under construction.
+
+    Raises:
+        GraphTooLargeError: the limit is exceeded.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+        self.most = _MAX_REQUESTS
+        self.place = ""
+
+    def node(self, op: str, args: tuple[int, ...] = (), payload: Any = None) -> int:
+        self.asked += 1
+        if self.asked > self.most or len(self.nodes) > _MAX_NODES:
+            message = f"the blocks up to here require more than {_MAX_NODES} operations per step"
+            raise GraphTooLargeError(self.place, message)
+        return super().node(op, args, payload)

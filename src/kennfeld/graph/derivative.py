@@ -101,9 +101,8 @@ def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Lineariza
         if not moving.isdisjoint(node.args):
             moving.add(at)
     start_slopes = _slopes(b, [starts[i] for i in carried], moving, atom)
-    return Linearization(
-        tuple(b.nodes), graph.states, tuple(outputs), carried, seeds, slopes, tuple(starts), start_slopes
-    )
+    nodes = tuple(b.nodes)
+    return Linearization(nodes, graph.states, tuple(outputs), carried, seeds, slopes, tuple(starts), start_slopes)
 
 
 def _slopes(b: GraphBuilder, rows: Sequence[int], active: Collection[int], is_atom: Callable[[Node], bool]) -> Slopes:
@@ -125,46 +124,26 @@ def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tu
     return len(seen), sum(rows.bit_count() for rows in seen.values())
 
 
-class _Adjoints:
-    """Sums of adjoints by node, with a note of those that a condition may switch off."""
-
-    def __init__(self, b: GraphBuilder) -> None:
-        self.b = b
-        self.total: dict[int, int] = {}
-        self.switched: set[int] = set()
-
-    def add(self, to: int, adjoint: int, switched: bool) -> None:
-        before = self.total.get(to)
-        self.total[to] = adjoint if before is None else self.b.call("add", before, adjoint)
-        if switched:
-            self.switched.add(to)
-
-
 def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Callable[[Node], bool]) -> dict[int, int]:
     """Differentiate `root` with respect to the atoms and states it reaches within one step."""
     if root not in active:
         return {}
-    sums = _Adjoints(b)
-    sums.add(root, b.const(1.0), switched=False)
+    totals = {root: b.const(1.0)}  # sums of adjoints by node
+    switched: set[int] = set()  # nodes whose adjoint a condition may switch off
     result: dict[int, int] = {}
     for at in reversed(ancestors(b.nodes, [root], active)):
-        if at not in sums.total:  # reached through steps alone, as a comparison
+        if at not in totals:  # reached through steps alone, as a comparison
             continue
-        adjoint, switched = sums.total[at], at in sums.switched
-        node = b.nodes[at]
-        if node.op == "state" or is_atom(node):
-            result[at] = _convert_to_breakpoints(b, at, adjoint, switched) if node.op == "position" else adjoint
+        node, adjoint, product = b.nodes[at], totals[at], "guard" if at in switched else "mul"
+        if node.op == "state" or is_atom(node):  # of a position, the derivative with respect to B(p)
+            free_axis = node.op == "position"
+            result[at] = b.call(product, adjoint, breakpoint_slope(b, at)) if free_axis else adjoint
         for argument, factor, switches in partials(b, at, active):
-            if switches:
-                sums.add(argument, b.call("select", factor, adjoint, b.const(0.0)), switched=True)
-            else:
-                sums.add(argument, b.call("guard" if switched else "mul", adjoint, factor), switched)
+            part = b.call("select", factor, adjoint, b.const(0.0)) if switches else b.call(product, adjoint, factor)
+            totals[argument] = b.call("add", totals[argument], part) if argument in totals else part
+            if switches or at in switched:
+                switched.add(argument)
     return result
-
-
-def _convert_to_breakpoints(b: GraphBuilder, at: int, adjoint: int, switched: bool) -> int:
-    """Return the derivative with respect to B(p), given that with respect to the position p."""
-    return b.call("guard" if switched else "mul", adjoint, breakpoint_slope(b, at))
 
 
 def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:

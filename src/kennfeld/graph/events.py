@@ -8,12 +8,13 @@ condition changes is located, and outputs and next states are compared on both s
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.graph.node import Graph
+from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
 
@@ -23,19 +24,8 @@ SHRUNK = 0.1  # of the first difference; what is continuous has become far small
 JUMP = 1e-9  # of an end's size; what is smaller is rounding
 MAX_CHANGES = 8  # changes looked at for each condition
 MAX_CONDITIONS = 64  # conditions looked at in a graph that has more
-_WORDS = {
-    "floor": "floor",
-    "ceil": "ceil",
-    "round": "round",
-    "sign": "sign",
-    "mod": "mod",
-    "lt": "<",
-    "le": "<=",
-    "gt": ">",
-    "ge": ">=",
-    "eq": "==",
-    "ne": "!=",
-}
+_WORDS = {op: op for op in ("floor", "ceil", "round", "sign", "mod")}
+_WORDS |= {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
 
 
 @dataclass(frozen=True)
@@ -66,7 +56,7 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
     if not candidates:
         return ()
     jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MAX_CONDITIONS)])
-    reach = {name: _reached(graph, name) for name in free} if jumping else {}
+    reach = {name: dependents(graph, partial(_looks_up, name)) for name in (free if jumping else ())}
     return tuple(
         Event(at, _WORDS[graph.nodes[at].op], _user(graph, at), tuple(name for name in reach if at in reach[name]))
         for at in jumping
@@ -166,8 +156,8 @@ def _find_changes(level: Float) -> Int:
     return np.flatnonzero(apart)[:MAX_CHANGES]
 
 
-def _reached(graph: Graph, parameter: str) -> set[int]:
-    return dependents(graph, lambda node: node.op == "lookup" and node.payload == parameter)
+def _looks_up(parameter: str, node: Node) -> bool:
+    return node.op == "lookup" and node.payload == parameter
 
 
 def _needed(graph: Graph, outputs: Sequence[int]) -> tuple[list[int], set[int]]:

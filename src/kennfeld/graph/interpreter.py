@@ -97,7 +97,7 @@ class Interpreter:
             current = [float(values[at][0]) for at in firsts]
         else:
             order = _first_nodes(nodes, states)
-            current = self._settled(nodes, states, here) if order is None else self._first(nodes, states, here, order)
+            current = self._settle(nodes, states, here) if order is None else self._first(nodes, states, here, order)
         return [[value] * state.latency for value, state in zip(current, states, strict=True)]
 
     def _first(
@@ -113,7 +113,7 @@ class Interpreter:
                 values[at] = self._node(node, [values[a] for a in node.args], here, ())
         return [float(values[state.init][0]) for state in states]
 
-    def _settled(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[float]:
+    def _settle(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[float]:
         """Compute first values that depend on each other: sweep from NaN until nothing changes."""
         current = [np.nan] * len(states)
         for _ in states:

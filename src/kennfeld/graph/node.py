@@ -24,13 +24,13 @@ class Node(NamedTuple):
     | state | | index into `Graph.states` |
     | lookup | coordinates, none for a scalar | parameter name |
 
-    Preparation for a set of parameters (`lowering.py`) replaces lookups by:
+    Preparation for a set of parameters (`lookup_lowering.py`) replaces lookups by:
 
     | op | args | payload |
     |---|---|---|
     | position | x | `AxisRef`; the index of the cell that holds x plus the fraction within it |
-    | density | x | `AxisRef`; the slope of position, 1/width of the cell, 0 where clipped |
-    | interpolate | a position an axis, or x itself where the axis is smoothed | `TableRef` |
+    | density | x | `AxisRef`; the slope of position, 1/width of the cell, 0 if clipped |
+    | interpolate | a position an axis, or x itself if the axis is smoothed | `TableRef` |
     | slope | as interpolate | (`TableRef`, axis); the slope of interpolate along its argument `axis` |
     | expansion | coordinates | `ExpansionRef`; the value of a parameter of kind rbf |
     | expansion_slope | as expansion | (`ExpansionRef`, axis); the slope of expansion along its argument `axis` |
@@ -138,7 +138,7 @@ class _Order:
 def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, int]) -> tuple[str, ...]:
     """Return the names that no other name uses; feedback through a state onto itself does not count."""
     named = set(names.values())
-    needs = {at: _nearest_named(nodes, states, at, named) for at in named}
+    needs = {at: _named_before(nodes, states, at, named) for at in named}
     users: dict[int, set[int]] = {at: set() for at in named}
     for user, used in needs.items():
         for at in used - {user}:
@@ -147,7 +147,7 @@ def _sinks(nodes: Sequence[Node], states: Sequence[State], names: Mapping[str, i
     return tuple(name for name, at in names.items() if all(loop[user] == loop[at] for user in users[at]))
 
 
-def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, named: Collection[int]) -> set[int]:
+def _named_before(nodes: Sequence[Node], states: Sequence[State], root: int, named: Collection[int]) -> set[int]:
     """Return the named nodes on which a node depends, without those behind them."""
     result: set[int] = set()
     seen: set[int] = set()
@@ -165,9 +165,12 @@ def _nearest_named(nodes: Sequence[Node], states: Sequence[State], root: int, na
 
 
 def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict[int, int]:
-    """Return for each name a representative of its strongly connected component (Kosaraju's algorithm)."""
+    """Return a representative of the strongly connected component of each name, by Kosaraju's algorithm.
+
+    `scipy.sparse.csgraph` does the same, but its import takes longer than a whole small calibration.
+    """
     loop: dict[int, int] = {}
-    for root in reversed(_by_need(needs)):
+    for root in reversed(_in_postorder(needs)):
         stack = [root]
         while stack:
             at = stack.pop()
@@ -177,20 +180,20 @@ def _loops(needs: Mapping[int, set[int]], users: Mapping[int, set[int]]) -> dict
     return loop
 
 
-def _by_need(needs: Mapping[int, set[int]]) -> list[int]:
+def _in_postorder(needs: Mapping[int, set[int]]) -> list[int]:
     """Return the names in the postorder of a depth-first walk along `needs`."""
-    left: list[int] = []
-    met: set[int] = set()
+    ordered: list[int] = []
+    seen: set[int] = set()
     for root in needs:
-        stack = [] if root in met else [(root, iter(needs[root]))]
-        met.add(root)
+        stack = [] if root in seen else [(root, iter(needs[root]))]
+        seen.add(root)
         while stack:
             at, behind = stack[-1]
-            following = next((used for used in behind if used not in met), None)
+            following = next((used for used in behind if used not in seen), None)
             if following is None:
-                left.append(at)
+                ordered.append(at)
                 stack.pop()
             else:
-                met.add(following)
+                seen.add(following)
                 stack.append((following, iter(needs[following])))
-    return left
+    return ordered

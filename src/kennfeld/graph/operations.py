@@ -103,9 +103,18 @@ def _power_exponent(w: Writer, args: tuple[int, ...], y: int) -> int:
     return w.call("guard", y, w.call("log", args[0]))
 
 
-def _over_square_sum(w: Writer, numerator: int, args: tuple[int, ...]) -> int:
+def _minus_ratio(w: Writer, args: tuple[int, ...], y: int) -> int:
+    return w.call("neg", w.call("div", y, args[1]))
+
+
+def _atan2_first(w: Writer, args: tuple[int, ...], y: int) -> int:
     a, b = args
-    return w.call("div", numerator, w.call("add", w.call("mul", a, a), w.call("mul", b, b)))
+    return w.call("div", b, w.call("add", w.call("mul", a, a), w.call("mul", b, b)))
+
+
+def _atan2_second(w: Writer, args: tuple[int, ...], y: int) -> int:
+    a, b = args
+    return w.call("neg", w.call("div", a, w.call("add", w.call("mul", a, a), w.call("mul", b, b))))
 
 
 def _either(comparison: str) -> Callable[[Writer, tuple[int, ...]], tuple[int, int]]:
@@ -126,28 +135,10 @@ OPERATIONS: dict[str, Operation] = {
     "mul": Operation(2, _quiet(np.multiply), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
     # the product of an adjoint that a condition may have switched off with a slope that may not be finite
     "guard": Operation(2, _quiet(_guard), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
-    "div": Operation(
-        2,
-        _quiet(np.divide),
-        (
-            lambda w, args, y: _one_over(w, args[1]),
-            lambda w, args, y: w.call("neg", w.call("div", y, args[1])),
-        ),
-    ),
+    "div": Operation(2, _quiet(np.divide), (lambda w, args, y: _one_over(w, args[1]), _minus_ratio)),
     "pow": Operation(2, _quiet(np.power), (_power_base, _power_exponent)),
-    "mod": Operation(
-        2,
-        _quiet(_mod),
-        (_one, lambda w, args, y: w.call("neg", w.call("floor", w.call("div", *args)))),
-    ),
-    "atan2": Operation(
-        2,
-        _quiet(np.arctan2),
-        (
-            lambda w, args, y: _over_square_sum(w, args[1], args),
-            lambda w, args, y: w.call("neg", _over_square_sum(w, args[0], args)),
-        ),
-    ),
+    "mod": Operation(2, _quiet(_mod), (_one, lambda w, args, y: w.call("neg", w.call("floor", w.call("div", *args))))),
+    "atan2": Operation(2, _quiet(np.arctan2), (_atan2_first, _atan2_second)),
     "min": Operation(2, _quiet(np.minimum), (_one, _one), _either("le")),
     "max": Operation(2, _quiet(np.maximum), (_one, _one), _either("ge")),
     "select": Operation(3, _quiet(lambda c, a, b: np.where(c != 0, a, b)), (None, _one, _one), _choices),

@@ -10,15 +10,8 @@ from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import dependents, rewrite
 
 _COST = {
-    "const": 0,
-    "input": 1,
-    "state": 1000,
-    "div": 4,
-    "select": 1,
-    "position": 10,
-    "interpolate": 10,
-    "expansion": 1000,
-}
+    "const": 0, "input": 1, "state": 1000, "div": 4, "select": 1, "position": 10, "interpolate": 10, "expansion": 1000,
+}  # fmt: skip
 _CHEAP = {"add", "sub", "mul", "neg", "min", "max", "abs", "not", "and", "or", "lt", "le", "gt", "ge", "eq", "ne"}
 _WORTH = 5  # a column costs a load a sample; what is cheaper is computed again
 
@@ -61,9 +54,8 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
             return b.input(name_of[at])
         return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
 
-    reduced = Graph(
-        graph.nodes, {name: graph.names[name] for name in outputs}, graph.states, graph.units, tuple(outputs)
-    )
+    names = {name: graph.names[name] for name in outputs}
+    reduced = Graph(graph.nodes, names, graph.states, graph.units, tuple(outputs))
     prepared = extract(graph.nodes, graph.states, columns, {}, ())
     return GraphPartition(rewrite(reduced, resolve), columns, prepared)
 

@@ -9,7 +9,6 @@ from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.lookup_lowering import Free
-from kennfeld.graph.node import Node
 from kennfeld.parameter_set import ParameterSet
 
 
@@ -62,7 +61,8 @@ class ValueLayout:
 def order_values(line: Linearization, parameters: ParameterSet, used: Collection[str], free: Free) -> ValueLayout:
     """Assign offsets in the vector p to parameters and free axes."""
     states = [*line.slopes.reach[len(line.outputs) :], *line.start_slopes.reach]
-    reaching = {_owner(line.nodes[at]) for row in states for at in row if at not in line.seeds}
+    atoms = (line.nodes[at] for row in states for at in row if at not in line.seeds)
+    reaching = {atom.payload.key if atom.op == "position" else atom.payload.name for atom in atoms}
     searched = (n.payload.key for n in line.nodes if n.op in ("position", "density"))
     axes = free_axes(parameters)
     sizes: dict[str | AxisKey, int] = {name: parameters[name].size for name in used}
@@ -83,9 +83,3 @@ def order_values(line: Linearization, parameters: ParameterSet, used: Collection
     moving = {key: at for key, at in first.items() if not isinstance(key, str)}
     places = {key: axes[key].places[0] for key in moving}
     return ValueLayout(offsets, free=ends[1], reach=ends[0], total=at, moving=moving, places=places)
-
-
-def _owner(atom: Node) -> str | AxisKey:
-    """Return the parameter or axis whose values enter at an atom."""
-    owner: str | AxisKey = atom.payload.key if atom.op == "position" else atom.payload.name
-    return owner

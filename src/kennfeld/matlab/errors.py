@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.matlab.syntax import SourcePosition
 
 
@@ -12,16 +12,7 @@ class MatlabError(InputError):
     @classmethod
     def at(cls, name: str, place: SourcePosition, message: str, remedy: str = "", excerpt: str = "") -> "MatlabError":
         """Return the error with one finding at a position of the text called `name`."""
-        return cls([Finding(format_location(name, place), message, remedy, excerpt)])
-
-
-def format_location(name: str, place: SourcePosition) -> str:
-    """Format a position of a text; the name may be empty.
-
-    >>> format_location("init.m", SourcePosition(3, 7))
-    'init.m line 3 column 7'
-    """
-    return f"{name} line {place.line} column {place.column}".strip()
+        return cls([Finding(Location(name, place.line, column=place.column), message, remedy, excerpt)])
 
 
 class LimitError(Exception):

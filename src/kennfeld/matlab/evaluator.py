@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.formatting import nearest
+from kennfeld.formatting import nearest, size_text
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS, NumericArguments
 from kennfeld.matlab.indexing import ALL, Index, index_array
@@ -24,24 +25,6 @@ from kennfeld.matlab.operators import (
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.simulink_objects import construct_object, is_constructor
 from kennfeld.matlab.traversal import access_chain, names_read
-from kennfeld.matlab.values import (
-    MatlabCell,
-    MatlabFunctionHandle,
-    MatlabStruct,
-    MatlabValueError,
-    OpaqueValue,
-    Value,
-    characters,
-    class_name,
-    elements_of,
-    format_shape,
-    from_python,
-    logical,
-    scalar,
-    strings,
-    text,
-    with_class_of,
-)
 
 HostFunction = Callable[..., Any]
 _SHORT = ("&&", "||")
@@ -57,7 +40,7 @@ def evaluate(
     functions: Mapping[str, HostFunction] | None = None,
     name: str = "",
     budget: Budget | None = None,
-) -> Value:
+) -> v.Value:
     """Evaluate an expression.
 
     Args:
@@ -79,7 +62,7 @@ def evaluate(
         [[0.0, 1.0, 3.0]]
     """
     tree = parse_expression(expression, name) if isinstance(expression, str) else expression
-    values = {key: from_python(value) for key, value in (variables or {}).items()}
+    values = {key: v.from_python(value) for key, value in (variables or {}).items()}
     evaluator = NumericEvaluator(values, functions or {}, budget or Budget(), name)
     try:
         return evaluator.value(tree)
@@ -93,7 +76,7 @@ class NumericEvaluator:
     """Evaluates expressions over `variables`; `undefined` maps those without a value to the reason."""
 
     def __init__(
-        self, variables: dict[str, Value], functions: Mapping[str, HostFunction], budget: Budget, name: str
+        self, variables: dict[str, v.Value], functions: Mapping[str, HostFunction], budget: Budget, name: str
     ) -> None:
         self.variables = variables
         self.functions = functions
@@ -101,9 +84,9 @@ class NumericEvaluator:
         self.name = name
         self.undefined: dict[str, str] = {}
         self.owned: dict[str, int] = {}  # id of the array of each variable that owns it alone
-        self._ends: list[tuple[Value, int, int]] = []
+        self._ends: list[tuple[v.Value, int, int]] = []
 
-    def value(self, node: m.Expression) -> Value:
+    def value(self, node: m.Expression) -> v.Value:
         """Return the value of an expression that has exactly one."""
         values = self.values(node)
         if len(values) != 1:
@@ -111,29 +94,29 @@ class NumericEvaluator:
             raise MatlabError.at(self.name, node.place, f"this expression {message}")
         return values[0]
 
-    def values(self, node: m.Expression, outputs: int = 1) -> list[Value]:
+    def values(self, node: m.Expression, outputs: int = 1) -> list[v.Value]:
         """Return the values of an expression: several for `c{:}`, or for a call with several outputs."""
         self.budget.step()
         try:
             if isinstance(node, m.Name | m.Field | m.DynamicField | m.Call | m.CellIndex):
                 return self._access(node, outputs)
             return [self._evaluate_node(node)]
-        except MatlabValueError as error:
+        except v.MatlabValueError as error:
             raise MatlabError.at(self.name, node.place, str(error)) from None
 
     def is_true(self, node: m.Expression) -> bool:
         """Return the truth value of a condition."""
         try:
             return is_true(self.value(node))
-        except MatlabValueError as error:
+        except v.MatlabValueError as error:
             raise MatlabError.at(self.name, node.place, str(error)) from None
 
-    def _evaluate_node(self, node: m.Expression) -> Value:
+    def _evaluate_node(self, node: m.Expression) -> v.Value:
         match node:
             case m.Number():
                 return self._number(node)
             case m.Text():
-                return strings([node.value]) if node.is_string else characters(node.value)
+                return v.strings([node.value]) if node.is_string else v.characters(node.value)
             case m.Binary():
                 return self._binary(node)
             case m.Unary():
@@ -147,25 +130,25 @@ class NumericEvaluator:
                 return make_cells([self._flatten(row) for row in node.rows if row], self.budget)
             case m.Transpose():
                 operand = self.value(node.operand)
-                return with_class_of(operand, transpose(elements_of(operand)))
+                return v.with_class_of(operand, transpose(v.elements_of(operand)))
             case m.AnonymousFunction():
                 captured = {name: self.variables[name] for name in names_read(node) if name in self.variables}
                 self.owned.clear()
-                return MatlabFunctionHandle("", node.parameters, node.body, captured)
+                return v.MatlabFunctionHandle("", node.parameters, node.body, captured)
             case m.FunctionHandle():
-                return MatlabFunctionHandle(node.name)
+                return v.MatlabFunctionHandle(node.name)
             case m.End():
                 return self._end_value()
             case _:
-                return characters(":")
+                return v.characters(":")
 
     @staticmethod
-    def _number(node: m.Number) -> Value:
+    def _number(node: m.Number) -> v.Value:
         if node.suffix == "i":
-            raise MatlabValueError("complex numbers are not supported")
-        return cast_to_class(scalar(node.value), _CLASSES[node.suffix]) if node.suffix else scalar(node.value)
+            raise v.MatlabValueError("complex numbers are not supported")
+        return cast_to_class(v.scalar(node.value), _CLASSES[node.suffix]) if node.suffix else v.scalar(node.value)
 
-    def _matrix(self, node: m.Matrix) -> Value:
+    def _matrix(self, node: m.Matrix) -> v.Value:
         rows = node.rows
         if len({len(row) for row in rows}) == 1:
             literals = [[_literal(element) for element in row] for row in rows]
@@ -174,10 +157,10 @@ class NumericEvaluator:
                 return np.array(literals, dtype=np.float64)
         return concatenate_rows([self._flatten(row) for row in rows], self.budget)
 
-    def _flatten(self, nodes: Sequence[m.Expression]) -> list[Value]:
+    def _flatten(self, nodes: Sequence[m.Expression]) -> list[v.Value]:
         return [value for node in nodes for value in self.values(node)]
 
-    def _binary(self, node: m.Binary) -> Value:
+    def _binary(self, node: m.Binary) -> v.Value:
         """Evaluate an operator; long chains are evaluated from left to right without recursion."""
         chain: list[m.Binary] = []
         at: m.Expression = node
@@ -190,21 +173,21 @@ class NumericEvaluator:
             if operation.operator in _SHORT:
                 first = is_true(value)
                 decided = first != (operation.operator == "&&")
-                value = logical(first if decided else self.is_true(operation.right))
+                value = v.logical(first if decided else self.is_true(operation.right))
             else:
                 value = apply_binary(operation.operator, value, self.value(operation.right), self.budget)
         return value
 
-    def _end_value(self) -> Value:
+    def _end_value(self) -> v.Value:
         if not self._ends:
-            raise MatlabValueError("end is valid in an index only")
+            raise v.MatlabValueError("end is valid in an index only")
         holder, at, count = self._ends[-1]
-        shape = elements_of(holder).shape
+        shape = v.elements_of(holder).shape
         if at < count - 1:
-            return scalar(shape[at] if at < len(shape) else 1)
-        return scalar(math.prod(shape[at:]))
+            return v.scalar(shape[at] if at < len(shape) else 1)
+        return v.scalar(math.prod(shape[at:]))
 
-    def _access(self, node: m.Expression, outputs: int) -> list[Value]:
+    def _access(self, node: m.Expression, outputs: int) -> list[v.Value]:
         """Evaluate a variable or a call, and the accesses behind it."""
         base, steps = access_chain(node)
         at = 0
@@ -218,36 +201,36 @@ class NumericEvaluator:
             values, at = self._call_by_name(base, steps, outputs)
         for k in range(at, len(steps)):
             if len(values) != 1:
-                raise MatlabValueError(f"expected one value, got {len(values)}")
+                raise v.MatlabValueError(f"expected one value, got {len(values)}")
             values = self.step(values[0], steps[k], outputs if k == len(steps) - 1 else 1)
         return values
 
-    def step(self, value: Value, step: m.Expression, outputs: int = 1) -> list[Value]:
+    def step(self, value: v.Value, step: m.Expression, outputs: int = 1) -> list[v.Value]:
         """Return the part of a value that a field, an index or a brace index selects."""
         match step:
             case m.Field() | m.DynamicField():
                 return _read_field(value, self.field_name(step))
             case m.CellIndex():
                 indices = self.indices(step.arguments, value)
-                if isinstance(value, MatlabCell):
+                if isinstance(value, v.MatlabCell):
                     return list(index_array(value.values, indices, self.budget).ravel(order="F"))
                 if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-                    return list(map(characters, map(str, index_array(value, indices, self.budget).ravel(order="F"))))
-                raise MatlabValueError(f"a {class_name(value)} cannot be indexed with braces")
+                    return list(map(v.characters, map(str, index_array(value, indices, self.budget).ravel(order="F"))))
+                raise v.MatlabValueError(f"a {v.class_name(value)} cannot be indexed with braces")
             case m.Call():
-                if isinstance(value, MatlabFunctionHandle):
+                if isinstance(value, v.MatlabFunctionHandle):
                     return self.apply(value, self._arguments(step.arguments), outputs)
                 indices = self.indices(step.arguments, value)
-                if isinstance(value, OpaqueValue):
-                    raise MatlabValueError(f"a {value.kind} can be read by MATLAB only")
-                return [with_class_of(value, index_array(elements_of(value), indices, self.budget))]
-        raise MatlabValueError("this kind of access is not supported")
+                if isinstance(value, v.OpaqueValue):
+                    raise v.MatlabValueError(f"a {value.kind} can be read by MATLAB only")
+                return [v.with_class_of(value, index_array(v.elements_of(value), indices, self.budget))]
+        raise v.MatlabValueError("this kind of access is not supported")
 
     def field_name(self, step: m.Field | m.DynamicField) -> str:
         """Return the name of a field, evaluated if it is dynamic."""
-        return step.name if isinstance(step, m.Field) else text(self.value(step.name))
+        return step.name if isinstance(step, m.Field) else v.text(self.value(step.name))
 
-    def indices(self, nodes: Sequence[m.Expression], holder: Value) -> list[Index]:
+    def indices(self, nodes: Sequence[m.Expression], holder: v.Value) -> list[Index]:
         """Evaluate the indices within brackets; `end` refers to the size of `holder`."""
         indices: list[Index] = []
         for at, node in enumerate(nodes):
@@ -261,10 +244,10 @@ class NumericEvaluator:
                 self._ends.pop()
         return indices
 
-    def _arguments(self, nodes: Sequence[m.Expression]) -> list[Value]:
+    def _arguments(self, nodes: Sequence[m.Expression]) -> list[v.Value]:
         return self._flatten(nodes)
 
-    def _call_by_name(self, base: m.Name, steps: Sequence[m.Expression], outputs: int) -> tuple[list[Value], int]:
+    def _call_by_name(self, base: m.Name, steps: Sequence[m.Expression], outputs: int) -> tuple[list[v.Value], int]:
         """Call the function at the base of a chain; return its values and the number of accesses it consumes."""
         if base.name in self.undefined:
             raise MatlabError.at(self.name, base.place, f"{base.name} is undefined: {self.undefined[base.name]}")
@@ -273,8 +256,8 @@ class NumericEvaluator:
             path, at = f"{path}.{field.name}", at + 1
             if is_constructor(path):
                 behind = steps[at] if at < len(steps) else None
-                given = self._arguments(behind.arguments) if isinstance(behind, m.Call) else []
-                return [construct_object(path, given)], at + isinstance(behind, m.Call)
+                known = self._arguments(behind.arguments) if isinstance(behind, m.Call) else []
+                return [construct_object(path, known)], at + isinstance(behind, m.Call)
         first = steps[0] if steps else None
         arguments = self._arguments(first.arguments) if isinstance(first, m.Call) else []
         is_call = isinstance(first, m.Call)
@@ -292,11 +275,11 @@ class NumericEvaluator:
         """Return True if a function of this name exists."""
         return name in self.functions or name in NUMERIC_FUNCTIONS
 
-    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.SourcePosition) -> list[Value]:
+    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.SourcePosition) -> list[v.Value]:
         """Call a function by its name."""
         if name in self.functions:
             result = self.functions[name](*arguments)
-            return [from_python(value) for value in result] if isinstance(result, tuple) else [from_python(result)]
+            return [v.from_python(value) for value in result] if isinstance(result, tuple) else [v.from_python(result)]
         known = NUMERIC_FUNCTIONS.get(name)
         if known is None:
             raise MatlabError.at(self.name, place, f"unknown function {name}", nearest(name, NUMERIC_FUNCTIONS))
@@ -309,33 +292,33 @@ class NumericEvaluator:
 
     def _run(
         self, name: str, run: Callable[[NumericArguments], Any], call: NumericArguments, place: m.SourcePosition
-    ) -> list[Value]:
+    ) -> list[v.Value]:
         try:
             result = run(call)
-        except MatlabValueError as error:
+        except v.MatlabValueError as error:
             raise MatlabError.at(self.name, place, f"{name}: {error}") from None
         except _FAILURES:
-            sizes = ", ".join(f"{class_name(v)} of {format_shape(elements_of(v).shape)}" for v in call.values)
-            message = f"{name} cannot be computed for these arguments ({sizes or 'none'})"
+            sizes = [f"{v.class_name(value)} of {size_text(v.elements_of(value).shape)}" for value in call.values]
+            message = f"{name} cannot be computed for these arguments ({', '.join(sizes) or 'none'})"
             raise MatlabError.at(self.name, place, message) from None
         results = list(result) if isinstance(result, tuple) else [result]
         if len(results) < call.outputs:
             raise MatlabError.at(self.name, place, f"{name} returns {len(results)} values, {call.outputs} requested")
         return results[: max(call.outputs, 1)]
 
-    def apply(self, function: Value, arguments: Sequence[Value], outputs: int) -> list[Value]:
+    def apply(self, function: v.Value, arguments: Sequence[v.Value], outputs: int) -> list[v.Value]:
         """Call a function handle."""
         if isinstance(function, np.ndarray):
-            function = MatlabFunctionHandle(text(function))
-        if not isinstance(function, MatlabFunctionHandle):
-            raise MatlabValueError(f"a {class_name(function)} is not a function")
+            function = v.MatlabFunctionHandle(v.text(function))
+        if not isinstance(function, v.MatlabFunctionHandle):
+            raise v.MatlabValueError(f"a {v.class_name(function)} is not a function")
         if function.body is None:
             return self.call(function.name, arguments, outputs, m.SourcePosition())
         with self.nested_call():
             inner = self.inner(_bind_arguments(function, arguments))
             return inner.values(function.body, outputs)
 
-    def inner(self, variables: dict[str, Value]) -> "NumericEvaluator":
+    def inner(self, variables: dict[str, v.Value]) -> "NumericEvaluator":
         """Return an evaluator for the body of a function."""
         return NumericEvaluator(variables, self.functions, self.budget, self.name)
 
@@ -365,24 +348,24 @@ def _literal(node: m.Expression) -> float | None:
     return node.value if isinstance(node, m.Number) and not node.suffix else None
 
 
-def _bind_arguments(function: MatlabFunctionHandle, arguments: Sequence[Value]) -> dict[str, Value]:
+def _bind_arguments(function: v.MatlabFunctionHandle, arguments: Sequence[v.Value]) -> dict[str, v.Value]:
     parameters = function.parameters
     if parameters and parameters[-1] == "varargin":
         count = len(parameters) - 1
         rest = make_cells([list(arguments[count:])], Budget()) if arguments[count:] else make_cells([], Budget())
         arguments = [*arguments[:count], rest]
     if len(arguments) > len(parameters):
-        raise MatlabValueError(f"the function takes {len(parameters)} arguments, got {len(arguments)}")
+        raise v.MatlabValueError(f"the function takes {len(parameters)} arguments, got {len(arguments)}")
     bound = dict(zip(parameters, arguments, strict=False))
     bound.pop("~", None)
     return {**function.variables, **bound}
 
 
-def _read_field(value: Value, name: str) -> list[Value]:
-    if isinstance(value, OpaqueValue):
-        raise MatlabValueError(f"a {value.kind} can be read by MATLAB only")
-    if not isinstance(value, MatlabStruct):
-        raise MatlabValueError(f"a {class_name(value)} has no field {name}")
+def _read_field(value: v.Value, name: str) -> list[v.Value]:
+    if isinstance(value, v.OpaqueValue):
+        raise v.MatlabValueError(f"a {value.kind} can be read by MATLAB only")
+    if not isinstance(value, v.MatlabStruct):
+        raise v.MatlabValueError(f"a {v.class_name(value)} has no field {name}")
     if name not in value.names:
-        raise MatlabValueError(f"unknown field {name}. {nearest(name, value.names)}".strip())
+        raise v.MatlabValueError(f"unknown field {name}. {nearest(name, value.names)}".strip())
     return [element[name] for element in value.elements.ravel(order="F")]

@@ -78,7 +78,7 @@ class ExpressionParser:
         tree = self._binary(0)
         self.depth -= 1
         if not self.depth and self.steps > MAX_HEIGHT and _height(tree) > MAX_HEIGHT:
-            raise self._too_long_error(begin)
+            raise self.fail(f"more than {MAX_HEIGHT} operators in a row", "Split the expression.", begin)
         return tree
 
     def _binary(self, level: int) -> m.Expression:
@@ -88,9 +88,6 @@ class ExpressionParser:
         while self._continues(_LEVELS[level]):
             left = self._join(left, self.take(), self._binary(level + 1))
         return left
-
-    def _too_long_error(self, token: MatlabToken) -> MatlabError:
-        return self.fail(f"more than {MAX_HEIGHT} operators in a row", "Split the expression.", token)
 
     def _join(self, left: m.Expression, token: MatlabToken, right: m.Expression) -> m.Expression:
         self.steps += 1
@@ -117,15 +114,11 @@ class ExpressionParser:
 
     def _sum(self, level: int) -> m.Expression:
         if level == len(_SUMS):
-            return self._signed()
+            return self._apply_signs(self._signs(), self._power())
         left = self._sum(level + 1)
         while self._continues(_SUMS[level]):
             left = self._join(left, self.take(), self._sum(level + 1))
         return left
-
-    def _signed(self) -> m.Expression:
-        signs = self._signs()
-        return self._apply_signs(signs, self._power())
 
     def _signs(self) -> list[MatlabToken]:
         signs = []
@@ -186,7 +179,7 @@ class ExpressionParser:
         self.spaced = spaced
         return tree
 
-    def arguments(self, opening: str, closing: str) -> tuple[m.Expression, ...]:
+    def arguments(self, opening: str, closing: str) -> m.Expressions:
         """Parse the arguments between brackets behind an operand."""
         self.expect(opening)
         spaced, self.spaced = self.spaced, False
@@ -253,7 +246,7 @@ class ExpressionParser:
             return m.Number(float(text[:-1].lower().replace("d", "e")), "i", place=place)
         return m.Number(float(text.lower().replace("d", "e")), place=place)
 
-    def _rows(self, closing: str) -> tuple[tuple[m.Expression, ...], ...]:
+    def _rows(self, closing: str) -> tuple[m.Expressions, ...]:
         self.at += 1
         spaced, self.spaced = self.spaced, True
         indices, rows, row = self.indices, [], list[m.Expression]()

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Int
+from kennfeld.formatting import size_text
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, format_shape, numbers, trim_dimensions
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, numbers, trim_dimensions
 
 
 class _All:
@@ -132,7 +133,7 @@ def _sizes_for_all(indices: Sequence[Index], shape: tuple[int, ...], values: Arr
 def _arrange(values: Array, count: tuple[int, ...]) -> Array:
     """Reshape values for an assignment; dimensions of length 1 do not count."""
     if [size for size in values.shape if size != 1] != [size for size in count if size != 1]:
-        sizes = map(format_shape, (values.shape, count))
+        sizes = map(size_text, (values.shape, count))
         raise MatlabValueError("values of size {} cannot be assigned to a part of size {}".format(*sizes))
     return values.reshape(count, order="F")
 

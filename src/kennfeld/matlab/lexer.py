@@ -71,9 +71,6 @@ class Lines:
     def line(self, at: int) -> str:
         """Return the line around an offset."""
         begin = self.begins[bisect_right(self.begins, at) - 1]
-        return self.text[begin:].partition("\n")[0] if len(self.text) < 1000 else self._cut(begin)
-
-    def _cut(self, begin: int) -> str:
         end = self.text.find("\n", begin)
         return self.text[begin : len(self.text) if end < 0 else end]
 
@@ -113,7 +110,7 @@ class _Lexer:
             if skipped is not None:
                 blank = True
                 if skipped:
-                    yield self._comment(skipped)
+                    yield MatlabToken(TokenKind.COMMENT, skipped[1:], self.at - len(skipped), self.at)
                 continue
             for token in self._token(blank):
                 self.last = None if token.kind == TokenKind.STOP else token
@@ -142,9 +139,6 @@ class _Lexer:
     def _line_end(self) -> int:
         end = self.text.find("\n", self.at)
         return len(self.text) if end < 0 else end
-
-    def _comment(self, text: str) -> MatlabToken:
-        return MatlabToken(TokenKind.COMMENT, text[1:], self.at - len(text), self.at)
 
     def _token(self, blank: bool) -> Iterator[MatlabToken]:
         character = self.text[self.at]

@@ -6,20 +6,11 @@ from io import BytesIO
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.matlab import mat_nodes, mat_v4, mat_v5, mat_v73
-from kennfeld.matlab.mcos import read_workspace, resolve_objects
+from kennfeld.matlab import values as v
+from kennfeld.matlab.mcos import resolve_objects
 from kennfeld.matlab.operators import cast_to_class
-from kennfeld.matlab.values import (
-    INTEGERS,
-    Array,
-    MatlabCell,
-    MatlabStruct,
-    OpaqueValue,
-    Value,
-    characters,
-    object_array,
-)
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
@@ -28,7 +19,7 @@ _MAX_DEPTH = 40
 _MAX_BYTES = 1_000_000_000  # of the arrays that a script loads
 
 
-def load_variables(content: bytes, name: str) -> dict[str, Value]:
+def load_variables(content: bytes, name: str) -> dict[str, v.Value]:
     """Read the variables of a data file, including parameter objects.
 
     Args:
@@ -48,27 +39,7 @@ def load_variables(content: bytes, name: str) -> dict[str, Value]:
     try:
         nodes = read_nodes(content, _MAX_BYTES)
     except mat_nodes.MatFileError as error:
-        raise InputError.of(name, f"the MATLAB file is damaged: {error}", "Save it again.") from None
-    return {key: to_value(node) for key, node in nodes.items()}
-
-
-def load_workspace(content: bytes, name: str) -> dict[str, Value]:
-    """Read the variables of a model workspace (`modelWorkspace.mxarray`).
-
-    Args:
-        content: The bytes of the workspace.
-        name: Its name in error messages.
-
-    Returns:
-        The variables by name.
-
-    Raises:
-        InputError: The workspace is damaged.
-    """
-    try:
-        nodes = read_workspace(content).whole().variables
-    except mat_nodes.MatFileError as error:
-        raise InputError.of(name, f"the model workspace is damaged: {error}", "Save the model again.") from None
+        raise InputError.of(Location(name), f"the MATLAB file is damaged: {error}", "Save it again.") from None
     return {key: to_value(node) for key, node in nodes.items()}
 
 
@@ -110,53 +81,55 @@ def load_nodes(
     return resolve_objects(mat_v5.load_all(memoryview(content), max_bytes, max_nodes), max_bytes)
 
 
-def to_value(node: mat_nodes.Node, depth: int = 0) -> Value:
+def to_value(node: mat_nodes.Node, depth: int = 0) -> v.Value:
     """Convert a node to a value; an unreadable one becomes opaque."""
     if depth > _MAX_DEPTH:
-        return OpaqueValue("value nested too deeply")
+        return v.OpaqueValue("value nested too deeply")
     match node:
         case mat_nodes.MatNumbers():
             return _array(node)
         case mat_nodes.MatText():
             return _characters(node)
         case mat_nodes.MatStruct():
-            return MatlabStruct.of({name: to_value(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+            return v.MatlabStruct.of(
+                {name: to_value(inner, depth + 1) for name, inner in node.fields.items()}, node.kind
+            )
         case mat_nodes.MatStructArray():
             return _structs(node, depth)
         case mat_nodes.MatCells():
             values = [to_value(cell, depth + 1) for cell in node.cells]
-            return MatlabCell(object_array(values, _shape(node.shape, len(values))))
+            return v.MatlabCell(v.object_array(values, _shape(node.shape, len(values))))
         case _:
-            return OpaqueValue(node.kind)
+            return v.OpaqueValue(node.kind)
 
 
-def _array(node: mat_nodes.MatNumbers) -> Array:
+def _array(node: mat_nodes.MatNumbers) -> v.Array:
     """Return numbers in their class, which may be larger than the stored type."""
     values = node.values if node.values.ndim > 1 else node.values.reshape(-1, 1)
     if node.kind == "logical" or values.dtype == np.bool_:
         return np.asarray(values != 0)
-    if node.kind in INTEGERS:
+    if node.kind in v.INTEGERS:
         return values.astype(node.kind)
     with np.errstate(invalid="ignore"):  # signaling NaN of single precision
         return cast_to_class(values.astype(np.float64), "single" if node.kind == "single" else "double")
 
 
-def _characters(node: mat_nodes.MatText) -> Array:
+def _characters(node: mat_nodes.MatText) -> v.Array:
     if not node.rows:
-        return characters(node.text)
+        return v.characters(node.text)
     widest = max(map(len, node.rows))
     return np.array([list(line.ljust(widest)) for line in node.rows], dtype="U1").reshape(len(node.rows), widest)
 
 
-def _structs(node: mat_nodes.MatStructArray, depth: int) -> Value:
+def _structs(node: mat_nodes.MatStructArray, depth: int) -> v.Value:
     names = tuple(node.elements[0].fields) if node.elements else ()
     kind = node.elements[0].kind if node.elements else ""
-    missing = dict.fromkeys(names, OpaqueValue("nothing"))
+    missing = dict.fromkeys(names, v.OpaqueValue("nothing"))
     complete = [
         {**missing, **{name: to_value(part, depth + 1) for name, part in element.fields.items() if name in missing}}
         for element in node.elements
     ]
-    return MatlabStruct(object_array(complete, _shape(node.shape, len(complete))), names, kind)
+    return v.MatlabStruct(v.object_array(complete, _shape(node.shape, len(complete))), names, kind)
 
 
 def _shape(shape: tuple[int, ...], count: int) -> tuple[int, ...]:

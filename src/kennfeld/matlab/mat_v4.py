@@ -10,83 +10,75 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.matlab.mat_nodes import (
-    MAX_DENSE,
-    MatFileContent,
-    MatFileError,
-    MatNumbers,
-    MatUnreadable,
-    Node,
-    split_text_rows,
-)
+from kennfeld.matlab import mat_nodes as n
 
 _STORED = ("f8", "f4", "i4", "i2", "u2", "u1")
 _FULL, _TEXT, _SPARSE, _COMPLEX = 0, 1, 2, 10
 
 
-def load(content: memoryview) -> dict[str, Node]:
+def load(content: memoryview) -> dict[str, n.Node]:
     """Read the variables; raises `MatFileError` if the content is not a valid file."""
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview) -> MatFileContent:
+def load_all(content: memoryview) -> n.MatFileContent:
     """Read the variables, damaged ones included."""
-    found, at, remaining = MatFileContent(), 0, MAX_DENSE
+    result, at, remaining = n.MatFileContent(), 0, n.MAX_DENSE
     try:
         while any(content[at : at + 20]):
             name, values, form, at = _array(content, at)
             with np.errstate(invalid="ignore"):  # signaling NaN of single precision
                 node, remaining = _node(values, form, remaining)
-            found.variables[name] = node
-            found.damage = found.damage or (node.why if isinstance(node, MatUnreadable) else "")
-    except MatFileError as error:
-        found.lose(str(error))
-    return found
+            result.variables[name] = node
+            result.damage = result.damage or (node.why if isinstance(node, n.MatUnreadable) else "")
+    except n.MatFileError as error:
+        result.lose(str(error))
+    return result
 
 
 def _array(content: memoryview, at: int) -> tuple[str, NDArray[Any], int, int]:
     """Return name, numbers, form and end of the array at an offset."""
     if at + 20 > len(content):
-        raise MatFileError(f"the last {len(content) - at} bytes belong to no array")
+        raise n.MatFileError(f"the last {len(content) - at} bytes belong to no array")
     order = "<" if struct.unpack_from("<i", content, at)[0] in range(1000) else ">"
     kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", content, at)
     if kind // 1000 != (order == ">") or kind % 1000 // 10 >= len(_STORED) or min(rows, columns, length) < 0:
-        raise MatFileError(f"no array found at byte {at}")
+        raise n.MatFileError(f"no array found at byte {at}")
     stored = np.dtype(order + _STORED[kind % 1000 // 10])
     begin, size = at + 20 + length, rows * columns * stored.itemsize
     end = begin + size * (2 if imaginary else 1)
     if end > len(content):
-        raise MatFileError(f"the array at byte {at} claims {rows} x {columns} values")
+        raise n.MatFileError(f"the array at byte {at} claims {rows} x {columns} values")
     name = bytes(content[begin - length : begin]).partition(b"\0")[0].decode("latin-1")
     values = np.frombuffer(content[begin : begin + size], stored).reshape((rows, columns), order="F")
     return name, values, _COMPLEX if imaginary else kind % 10, end
 
 
-def _node(values: NDArray[Any], form: int, left: int) -> tuple[Node, int]:
+def _node(values: NDArray[Any], form: int, left: int) -> tuple[n.Node, int]:
     """Return the node of an array, and the remaining number of values for sparse matrices."""
     if form == _TEXT:
         codes = np.nan_to_num(values.astype(np.float64)).clip(0, 0x10FFFF).astype(int)
-        return split_text_rows("".join(map(chr, codes.ravel(order="F").tolist())), len(codes)), left
+        return n.split_text_rows("".join(map(chr, codes.ravel(order="F").tolist())), len(codes)), left
     if form == _FULL:
-        return MatNumbers(values), left
+        return n.MatNumbers(values), left
     if form != _SPARSE or values.shape[1] == 4:
-        return MatUnreadable("complex numbers"), left
+        return n.MatUnreadable("complex numbers"), left
     try:
         node = _sparse(values.astype(np.float64), left)
-    except MatFileError as error:
-        return MatUnreadable("damaged value", why=str(error)), left
-    return node, left - (node.values.size if isinstance(node, MatNumbers) else 0)
+    except n.MatFileError as error:
+        return n.MatUnreadable("damaged value", why=str(error)), left
+    return node, left - (node.values.size if isinstance(node, n.MatNumbers) else 0)
 
 
-def _sparse(triples: NDArray[np.float64], left: int) -> Node:
+def _sparse(triples: NDArray[np.float64], left: int) -> n.Node:
     """Convert a sparse matrix: one line of row, column and value each; the last line holds its size."""
     known = triples.size and triples.shape[1] == 3 and np.all(np.isfinite(triples[:, :2]))
     known = known and np.all(np.floor(triples[:, :2]) == triples[:, :2])
     places, shape = (triples[:-1, :2], triples[-1, :2]) if known else (triples, np.full(2, -1))
     if min(shape) < 0 or not np.all((places >= 1) & (places <= shape)):
-        raise MatFileError("the rows of a sparse matrix are inconsistent")
+        raise n.MatFileError("the rows of a sparse matrix are inconsistent")
     if not shape[0] * shape[1] <= left:
-        return MatUnreadable("sparse matrix")
+        return n.MatUnreadable("sparse matrix")
     full = np.zeros(shape.astype(np.int64))
     full[tuple(places.T.astype(np.int64) - 1)] = triples[:-1, 2]
-    return MatNumbers(full)
+    return n.MatNumbers(full)

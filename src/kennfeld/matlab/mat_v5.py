@@ -14,24 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.matlab.mat_nodes import (
-    MAX_BYTES,
-    MAX_COMPRESSION,
-    MAX_DENSE,
-    MAX_NODES,
-    ArrayLimitError,
-    MatCells,
-    MatFileContent,
-    MatFileError,
-    MatNumbers,
-    MatStruct,
-    MatStructArray,
-    MatText,
-    MatUnreadable,
-    Node,
-    split_text_rows,
-    to_dense,
-)
+from kennfeld.matlab import mat_nodes as n
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
@@ -47,39 +30,39 @@ _MAX_CLAIMED = 2**48  # values of an array that may be empty
 _CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 
 
-def load(content: memoryview) -> dict[str, Node]:
+def load(content: memoryview) -> dict[str, n.Node]:
     """Read the variables; raises `MatFileError` if the content is not a valid file."""
     return load_all(content).whole().variables
 
 
-def load_all(content: memoryview, max_bytes: int = MAX_BYTES, max_nodes: int = MAX_NODES) -> MatFileContent:
+def load_all(content: memoryview, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
     """Read all arrays, damaged ones included."""
     order = "<" if bytes(content[126:128]) == b"IM" else ">"
     return read_elements(content, 128, order, max_bytes, max_nodes)
 
 
 def read_elements(
-    content: memoryview, begin: int, order: str, max_bytes: int = MAX_BYTES, max_nodes: int = MAX_NODES
-) -> MatFileContent:
+    content: memoryview, begin: int, order: str, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES
+) -> n.MatFileContent:
     """Read the arrays from an offset on, damaged ones included; `order` is "<" or ">", the byte order of the file."""
-    reader, loaded, remaining = _ArrayReader(order, max_nodes), MatFileContent(), max_bytes
+    reader, loaded, remaining = _ArrayReader(order, max_nodes), n.MatFileContent(), max_bytes
     try:
         for kind, at, raw in _iterate_elements(content, order, begin):
             if (element := _unpack(loaded, kind, raw, at, order, remaining)) is not None:
                 remaining -= len(element)
                 _store(loaded, *reader.array(element, 0))
-    except MatFileError as error:
+    except n.MatFileError as error:
         loaded.lose(str(error))
     loaded.damage = loaded.damage or reader.damage
     return loaded
 
 
-def _store(loaded: MatFileContent, name: str, node: Node) -> None:
+def _store(loaded: n.MatFileContent, name: str, node: n.Node) -> None:
     if name:
         loaded.variables[name] = node
         return
     loaded.further.append(node)
-    if isinstance(node, MatUnreadable) and node.why:
+    if isinstance(node, n.MatUnreadable) and node.why:
         loaded.lose(node.why)
 
 
@@ -88,24 +71,24 @@ def _iterate_elements(content: memoryview, order: str, at: int) -> Iterator[tupl
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         if at + 8 + length > len(content):
-            raise MatFileError(f"the element at byte {at} claims {length} bytes")
+            raise n.MatFileError(f"the element at byte {at} claims {length} bytes")
         yield kind, at, content[at + 8 : at + 8 + length]
         at += 8 + length + (-length % 8 if kind != _COMPRESSED else 0)
     if any(content[at:]):
-        raise MatFileError(f"the last {len(content) - at} bytes belong to no array")
+        raise n.MatFileError(f"the last {len(content) - at} bytes belong to no array")
 
 
 def _unpack(
-    loaded: MatFileContent, kind: int, raw: memoryview, at: int, order: str, remaining: int
+    loaded: n.MatFileContent, kind: int, raw: memoryview, at: int, order: str, remaining: int
 ) -> memoryview | None:
     """Return the content of an array; None for other elements, and for a corrupt one, after which reading continues."""
     try:
         kind, element = _inflate(raw, at, order, remaining) if kind == _COMPRESSED else (kind, raw)
-    except MatFileError as error:
+    except n.MatFileError as error:
         loaded.lose(str(error))
         return None
     if len(element) > remaining:
-        raise MatFileError(f"its arrays take more than {remaining} bytes")
+        raise n.MatFileError(f"its arrays take more than {remaining} bytes")
     return element if kind == _MATRIX else None
 
 
@@ -114,14 +97,14 @@ def _inflate(packed: memoryview, at: int, order: str, max_bytes: int) -> tuple[i
     try:
         head = unpacker.decompress(packed, 8)
         kind, claimed = struct.unpack(f"{order}II", head)
-        if claimed > min(MAX_COMPRESSION * (len(packed) + 8), max_bytes):
-            raise MatFileError(f"the element at byte {at} claims {claimed} bytes in {len(packed)} compressed bytes")
+        if claimed > min(n.MAX_COMPRESSION * (len(packed) + 8), max_bytes):
+            raise n.MatFileError(f"the element at byte {at} claims {claimed} bytes in {len(packed)} compressed bytes")
         unpacked = unpacker.decompress(unpacker.unconsumed_tail, claimed) if claimed else b""
         unpacker.decompress(unpacker.unconsumed_tail, 8)  # checks the checksum
     except (zlib.error, struct.error):
-        raise MatFileError(f"the compressed element at byte {at} is corrupt") from None
+        raise n.MatFileError(f"the compressed element at byte {at} is corrupt") from None
     if len(unpacked) < claimed:  # the end of the stream may be missing, as behind objects
-        raise MatFileError(f"the compressed element at byte {at} is truncated")
+        raise n.MatFileError(f"the compressed element at byte {at} is truncated")
     return kind, memoryview(unpacked)
 
 
@@ -132,18 +115,18 @@ class _ArrayReader:
         self.order = order
         self.most = most
         self.count = 0
-        self.dense = MAX_DENSE
+        self.dense = n.MAX_DENSE
         self.damage = ""
 
-    def array(self, content: memoryview, depth: int) -> tuple[str, Node]:
+    def array(self, content: memoryview, depth: int) -> tuple[str, n.Node]:
         """Return name and node of an array; damage does not affect other arrays."""
         self._count_arrays(1)
         name = ""
         try:
             if depth > _MAX_DEPTH:
-                raise MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
+                raise n.MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
             if not content:
-                return "", MatNumbers(np.empty((0, 0)))
+                return "", n.MatNumbers(np.empty((0, 0)))
             parts = self._elements(content)
             flags = self._flags(parts)
             if flags & 0xFF == _OPAQUE:
@@ -151,16 +134,16 @@ class _ArrayReader:
             shape = self._shape(parts)
             name = _text(*self._next(parts, "name"))
             return name, self._content(flags & 0xFF, flags, shape, parts, depth)
-        except ArrayLimitError:
+        except n.ArrayLimitError:
             raise
-        except MatFileError as error:
+        except n.MatFileError as error:
             self.damage = self.damage or str(error)
-            return name, MatUnreadable("damaged value", why=str(error))
+            return name, n.MatUnreadable("damaged value", why=str(error))
 
     def _count_arrays(self, more: int) -> None:
         self.count += more
         if self.count > self.most:
-            raise ArrayLimitError(f"it contains more than {self.most} arrays")
+            raise n.ArrayLimitError(f"it contains more than {self.most} arrays")
 
     def _flags(self, parts: Iterator[tuple[int, memoryview]]) -> int:
         _, raw = self._next(parts, "flags")
@@ -170,46 +153,46 @@ class _ArrayReader:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
         if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MAX_CLAIMED:
-            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
         if not 2 <= len(shape) <= _MAX_DIMENSIONS:
-            raise MatFileError(f"an array claims {len(shape)} dimensions")
+            raise n.MatFileError(f"an array claims {len(shape)} dimensions")
         return shape
 
-    def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, Node]:
+    def _opaque(self, parts: list[tuple[int, memoryview]], depth: int) -> tuple[str, n.Node]:
         """Read an object: its name unless it is nested, the system of its class, its class, its reference."""
         texts = [_text(*part) for part in parts if part[0] != _MATRIX]
         inner = next((content for kind, content in parts if kind == _MATRIX), None)
         if len(texts) < 2:
-            raise MatFileError("an array has no class")
+            raise n.MatFileError("an array has no class")
         reference = None if inner is None else self.array(inner, depth + 1)[1]
-        return texts[0] if len(texts) > 2 else "", MatUnreadable(texts[-1] or "object", reference)
+        return texts[0] if len(texts) > 2 else "", n.MatUnreadable(texts[-1] or "object", reference)
 
-    def _content(self, kind: int, flags: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
+    def _content(self, kind: int, flags: int, shape: tuple[int, ...], parts: Any, depth: int) -> n.Node:
         if kind in (_STRUCT, _OBJECT):
             return self._structs(kind, shape, parts, depth)
         if kind == _CELL:
-            return MatCells([self._inner(parts, depth) for _ in range(self._check_count(shape))], shape)
+            return n.MatCells([self._inner(parts, depth) for _ in range(self._check_count(shape))], shape)
         if kind == _CHARACTERS:
-            return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else MatText("")
+            return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else n.MatText("")
         if flags & _COMPLEX and kind <= _LAST_NUMERIC:
-            return MatUnreadable("complex numbers")
+            return n.MatUnreadable("complex numbers")
         if kind == _SPARSE:
             return self._sparse(flags, shape, parts)
         if not _OBJECT < kind <= _LAST_NUMERIC:
-            return MatUnreadable("function handle" if kind == _FUNCTION else "object")
+            return n.MatUnreadable("function handle" if kind == _FUNCTION else "object")
         values = self._numbers(shape, *self._next(parts, "numbers")) if math.prod(shape) else np.empty(shape)
         name = "logical" if flags & _LOGICAL else _CLASSES[kind]
-        return MatNumbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
+        return n.MatNumbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
 
-    def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> Node:
+    def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> n.Node:
         if math.prod(shape) > self.dense:
-            return MatUnreadable("sparse matrix")
+            return n.MatUnreadable("sparse matrix")
         rows, starts, values = (self._row(*self._next(parts, message)) for message in ("rows", "columns", "numbers"))
         self.dense -= math.prod(shape)
         logical = bool(flags & _LOGICAL)
-        return MatNumbers(to_dense(shape, rows, starts, values), logical, "logical" if logical else "double")
+        return n.MatNumbers(n.to_dense(shape, rows, starts, values), logical, "logical" if logical else "double")
 
-    def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> Node:
+    def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> n.Node:
         if kind == _OBJECT:
             self._next(parts, "class")
         _, width = self._next(parts, "length of the names")
@@ -218,24 +201,24 @@ class _ArrayReader:
         fields = [_text(1, names[k : k + each]) for k in range(0, len(names), each)]
         count = self._check_count((*shape, max(len(fields), 1))) // max(len(fields), 1)
         self._count_arrays(count)
-        elements = [MatStruct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
-        return elements[0] if count == 1 else MatStructArray(elements, shape)
+        elements = [n.MatStruct({name: self._inner(parts, depth) for name in fields}) for _ in range(count)]
+        return elements[0] if count == 1 else n.MatStructArray(elements, shape)
 
-    def _inner(self, parts: Any, depth: int) -> Node:
+    def _inner(self, parts: Any, depth: int) -> n.Node:
         kind, content = self._next(parts, "content")
-        return self.array(content, depth + 1)[1] if kind == _MATRIX else MatUnreadable("data")
+        return self.array(content, depth + 1)[1] if kind == _MATRIX else n.MatUnreadable("data")
 
     def _check_count(self, shape: tuple[int, ...]) -> int:
         """Return the number of arrays that a cell array or struct claims to contain, up to the limit."""
         if math.prod(shape) > self.most:
-            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
         return math.prod(shape)
 
     def _numbers(self, shape: tuple[int, ...], kind: int, content: memoryview) -> NDArray[Any]:
         """Return numbers in the stored type, which may be smaller than their class."""
         stored = self._stored(kind)
         if math.prod(shape) * stored.itemsize != len(content):
-            raise MatFileError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
+            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
         return np.frombuffer(content, stored).reshape(shape, order="F")
 
     def _row(self, kind: int, content: memoryview) -> NDArray[Any]:
@@ -245,7 +228,7 @@ class _ArrayReader:
 
     def _stored(self, kind: int) -> np.dtype[Any]:
         if kind not in _STORED:
-            raise MatFileError(f"an array is stored in an unknown type {kind}")
+            raise n.MatFileError(f"an array is stored in an unknown type {kind}")
         return np.dtype(self.order + _STORED[kind])
 
     def _elements(self, content: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -259,14 +242,14 @@ class _ArrayReader:
                 at += 8
                 continue
             if at + 8 + size > len(content):
-                raise MatFileError(f"an element of {size} bytes exceeds its array of {len(content)} bytes")
+                raise n.MatFileError(f"an element of {size} bytes exceeds its array of {len(content)} bytes")
             yield kind, content[at + 8 : at + 8 + size]
             at += 8 + size + -size % 8
 
     def _next(self, parts: Iterator[tuple[int, memoryview]], message: str) -> tuple[int, memoryview]:
         part = next(parts, None)
         if part is None:
-            raise MatFileError(f"an array has no {message}")
+            raise n.MatFileError(f"an array has no {message}")
         return part
 
 
@@ -275,7 +258,7 @@ def _text(kind: int, content: memoryview) -> str:
     return bytes(content).partition(b"\0")[0].decode(_ENCODED.get(kind, "utf-8"), errors="replace")
 
 
-def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> MatText:
+def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: str) -> n.MatText:
     """Decode a character array, stored in column-major order."""
     if kind in _ENCODED:
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""
@@ -286,4 +269,4 @@ def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: s
         letters = "".join(map(chr, codes.astype(np.int64).clip(0, 0x10FFFF).tolist()))
     else:
         letters = bytes(content).decode("latin-1")
-    return split_text_rows(letters, shape[0])
+    return n.split_text_rows(letters, shape[0])

@@ -10,24 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from kennfeld.matlab.mat_nodes import (
-    MAX_BYTES,
-    MAX_COMPRESSION,
-    MAX_DENSE,
-    MAX_NODES,
-    ArrayLimitError,
-    MatCells,
-    MatFileContent,
-    MatFileError,
-    MatNumbers,
-    MatStruct,
-    MatStructArray,
-    MatText,
-    MatUnreadable,
-    Node,
-    split_text_rows,
-    to_dense,
-)
+from kennfeld.matlab import mat_nodes as n
 
 _MAX_DEPTH = 50
 _MAX_DIMENSIONS = 32
@@ -36,20 +19,20 @@ _OBJECTS = "#subsystem#/MCOS"
 _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def load(path: Path | BinaryIO, max_bytes: int = MAX_BYTES) -> dict[str, Node]:
+def load(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES) -> dict[str, n.Node]:
     """Read the variables; raises `MatFileError` if the file is damaged or claims more than it can hold."""
-    return _load_file(path, _Loader(max_bytes, MAX_NODES), False).whole().variables
+    return _load_file(path, _Loader(max_bytes, n.MAX_NODES), False).whole().variables
 
 
-def load_all(path: Path | BinaryIO, max_bytes: int = MAX_BYTES, max_nodes: int = MAX_NODES) -> MatFileContent:
+def load_all(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
     """Read the variables, damaged ones included, and the properties of objects."""
     return _load_file(path, _Loader(max_bytes, max_nodes), True)
 
 
-def _load_file(path: Path | BinaryIO, loader: "_Loader", with_objects: bool) -> MatFileContent:
+def _load_file(path: Path | BinaryIO, loader: "_Loader", with_objects: bool) -> n.MatFileContent:
     import h5py
 
-    loaded = MatFileContent()
+    loaded = n.MatFileContent()
     try:
         with h5py.File(path, "r") as file:
             for name, item in _members(file):
@@ -64,7 +47,7 @@ def _load_file(path: Path | BinaryIO, loader: "_Loader", with_objects: bool) -> 
 
 
 def _describe(error: Exception) -> str:
-    if isinstance(error, MatFileError):
+    if isinstance(error, n.MatFileError):
         return str(error)
     return f"it is truncated or corrupt ({' '.join(str(error).split())[:160] or type(error).__name__})"
 
@@ -92,20 +75,20 @@ class _Loader:
         self.max_bytes = max_bytes
         self.max_nodes = max_nodes
         self.nodes = self.bytes = 0
-        self.dense = MAX_DENSE
+        self.dense = n.MAX_DENSE
         self.damage = ""
 
-    def variable(self, item: Any) -> Node:
+    def variable(self, item: Any) -> n.Node:
         """Convert a variable; damage does not affect others."""
         try:
             return self._node(item, 0)
-        except ArrayLimitError:
+        except n.ArrayLimitError:
             raise
         except Exception as error:  # of many kinds: the library does not validate its input
             self.damage = self.damage or _describe(error)
-            return MatUnreadable("damaged value", why=_describe(error))
+            return n.MatUnreadable("damaged value", why=_describe(error))
 
-    def object_properties(self, file: Any) -> list[Node]:
+    def object_properties(self, file: Any) -> list[n.Node]:
         """Return the properties of all objects, in the form of version 5."""
         import h5py
 
@@ -114,75 +97,75 @@ class _Loader:
             return []
         try:
             targets = self._targets(wrapper)
-            cells = [self.variable(file[target]) if target else MatUnreadable("nothing") for target in targets]
+            cells = [self.variable(file[target]) if target else n.MatUnreadable("nothing") for target in targets]
         except Exception as error:  # of many kinds: the library does not validate its input
-            return [MatUnreadable("damaged value", why=_describe(error))]
-        return [MatStruct({"MCOS": MatUnreadable("FileWrapper__", MatCells(cells, (len(cells), 1)))})]
+            return [n.MatUnreadable("damaged value", why=_describe(error))]
+        return [n.MatStruct({"MCOS": n.MatUnreadable("FileWrapper__", n.MatCells(cells, (len(cells), 1)))})]
 
-    def _node(self, item: Any, depth: int) -> Node:
+    def _node(self, item: Any, depth: int) -> n.Node:
         import h5py
 
         self.nodes += 1
         if self.nodes > self.max_nodes:
-            raise ArrayLimitError(f"it contains more than {self.max_nodes} arrays")
+            raise n.ArrayLimitError(f"it contains more than {self.max_nodes} arrays")
         if depth > _MAX_DEPTH:
-            raise MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
+            raise n.MatFileError(f"arrays are nested more than {_MAX_DEPTH} deep")
         kind = _class(item)
         if "MATLAB_object_decode" in item.attrs:
             return self._object(item, kind or "object")
         if isinstance(item, h5py.Group):
             return self._sparse(item, kind) if "MATLAB_sparse" in item.attrs else self._struct(item, depth)
         if not isinstance(item, h5py.Dataset):
-            return MatUnreadable(kind or "object")
+            return n.MatUnreadable(kind or "object")
         return self._dataset(item, kind, depth)
 
-    def _object(self, item: Any, kind: str) -> Node:
+    def _object(self, item: Any, kind: str) -> n.Node:
         """Convert an object to its class and the reference to its properties."""
         import h5py
 
         if kind == "function_handle":
-            return MatUnreadable("function handle")
+            return n.MatUnreadable("function handle")
         if not isinstance(item, h5py.Dataset) or item.dtype.kind != "u":
-            return MatUnreadable(kind, why="it is an enumeration or an object without references")
+            return n.MatUnreadable(kind, why="it is an enumeration or an object without references")
         self._check(item)
-        return MatUnreadable(kind, MatNumbers(np.asarray(item[()]).T, True, "uint32"))
+        return n.MatUnreadable(kind, n.MatNumbers(np.asarray(item[()]).T, True, "uint32"))
 
-    def _sparse(self, group: Any, kind: str) -> Node:
+    def _sparse(self, group: Any, kind: str) -> n.Node:
         """Convert a sparse matrix; rows and values are absent if all values are 0."""
         import h5py
 
         parts = {name: item for name, item in _members(group) if isinstance(item, h5py.Dataset)}
         if "jc" not in parts:
-            return MatUnreadable("sparse matrix")
+            return n.MatUnreadable("sparse matrix")
         shape = int(group.attrs["MATLAB_sparse"]), parts["jc"].size - 1
         if any(part.dtype.kind not in "buif" for part in parts.values()):
-            return MatUnreadable(
+            return n.MatUnreadable(
                 "complex numbers" if "data" in parts and parts["data"].dtype.names else "sparse matrix"
             )
         if not 0 <= shape[0] * shape[1] <= self.dense:
-            return MatUnreadable("sparse matrix")
+            return n.MatUnreadable("sparse matrix")
         for part in parts.values():
             self._check(part)
         rows, values = (
             np.ravel(parts[name][()]) if name in parts else np.zeros(0, np.uint64) for name in ("ir", "data")
         )
         self.dense -= shape[0] * shape[1]
-        full = to_dense(shape, rows, np.ravel(parts["jc"][()]), values)
-        return MatNumbers(full, kind not in ("double", "single", ""), kind)
+        full = n.to_dense(shape, rows, np.ravel(parts["jc"][()]), values)
+        return n.MatNumbers(full, kind not in ("double", "single", ""), kind)
 
-    def _struct(self, group: Any, depth: int) -> Node:
+    def _struct(self, group: Any, depth: int) -> n.Node:
         import h5py
 
         members = _members(group)
         arrays = [m for _, m in members if isinstance(m, h5py.Dataset) and _holds_references(m) and not _class(m)]
         if not arrays or len(arrays) < len(members):
-            return MatStruct({name: self._node(member, depth + 1) for name, member in members})
+            return n.MatStruct({name: self._node(member, depth + 1) for name, member in members})
         count = min(member.size for member in arrays)
         if count > self.max_nodes:
-            raise MatFileError(f"{group.name} claims {count} structs")
+            raise n.MatFileError(f"{group.name} claims {count} structs")
         targets = {name: self._targets(member) for name, member in members}
-        return MatStructArray(
-            [MatStruct({n: self._reference(group, t[k], depth) for n, t in targets.items()}) for k in range(count)]
+        return n.MatStructArray(
+            [n.MatStruct({n: self._reference(group, t[k], depth) for n, t in targets.items()}) for k in range(count)]
         )
 
     def _targets(self, dataset: Any) -> list[Any]:
@@ -190,39 +173,39 @@ class _Loader:
         self._check(dataset)
         return list(np.asarray(dataset[()], dtype=object).ravel())  # reversed twice: column-major order
 
-    def _reference(self, item: Any, reference: Any, depth: int) -> Node:
-        return self._node(item.file[reference], depth + 1) if reference else MatUnreadable("nothing")
+    def _reference(self, item: Any, reference: Any, depth: int) -> n.Node:
+        return self._node(item.file[reference], depth + 1) if reference else n.MatUnreadable("nothing")
 
-    def _dataset(self, dataset: Any, kind: str, depth: int) -> Node:
+    def _dataset(self, dataset: Any, kind: str, depth: int) -> n.Node:
         if dataset.attrs.get("MATLAB_empty", 0):
             return self._empty(dataset, kind)
         if _holds_references(dataset):
-            return MatCells(
+            return n.MatCells(
                 [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
             )
         if dataset.shape is None or dataset.dtype.kind not in "buif":
-            return MatUnreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
+            return n.MatUnreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
         if kind not in (*_NUMBERS, "char", ""):
-            return MatUnreadable(kind)
+            return n.MatUnreadable(kind)
         self._check(dataset)
         values = np.asarray(dataset[()]).T
         if kind == "char":
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
-            return split_text_rows(letters, values.shape[0] if values.ndim > 1 else 1)
-        return MatNumbers(values, kind not in ("double", "single", ""), kind)
+            return n.split_text_rows(letters, values.shape[0] if values.ndim > 1 else 1)
+        return n.MatNumbers(values, kind not in ("double", "single", ""), kind)
 
-    def _empty(self, dataset: Any, kind: str) -> Node:
+    def _empty(self, dataset: Any, kind: str) -> n.Node:
         """Convert an empty array, which stores its size instead of numbers."""
         shape = tuple(int(n) for n in np.ravel(dataset[()])) if 2 <= dataset.size <= _MAX_DIMENSIONS else (0, 0)
         if kind == "char":
-            return MatText("")
+            return n.MatText("")
         if kind == "struct":
-            return MatStruct() if math.prod(shape) == 1 else MatStructArray([], shape)
+            return n.MatStruct() if math.prod(shape) == 1 else n.MatStructArray([], shape)
         if kind == "cell":
-            return MatCells([], shape)
+            return n.MatCells([], shape)
         known = min(shape) == 0 and math.prod(filter(None, shape)) < _MAX_CLAIMED
         name = kind if kind in _NUMBERS else ""
-        return MatNumbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)
+        return n.MatNumbers(np.empty(shape if known else (0, 0)), name not in ("double", "single", ""), name)
 
     def _check(self, dataset: Any) -> None:
         """Reject a size that the file cannot hold, since the library would allocate it."""
@@ -230,11 +213,11 @@ class _Loader:
         stored = dataset.id.get_storage_size()
         if (
             self.bytes > self.max_bytes
-            or dataset.nbytes > MAX_COMPRESSION * (stored + 8)
+            or dataset.nbytes > n.MAX_COMPRESSION * (stored + 8)
             or dataset.external
             or dataset.is_virtual
         ):
-            raise MatFileError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
+            raise n.MatFileError(f"{dataset.name} claims {dataset.size} values in {stored} bytes")
 
 
 def _class(item: Any) -> str:

@@ -10,19 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.matlab.mat_nodes import (
-    MAX_BYTES,
-    MatCells,
-    MatFileContent,
-    MatFileError,
-    MatNumbers,
-    MatStruct,
-    MatStructArray,
-    MatText,
-    MatUnreadable,
-    Node,
-    node_text,
-)
+from kennfeld.matlab import mat_nodes as n
 from kennfeld.matlab.mat_v5 import read_elements
 
 _TAG = 0xDD000000  # the first number of a reference
@@ -35,7 +23,7 @@ _HEADS = {b"\0\1IM": "<", b"\1\0MI": ">"}
 _NO_SUBSYSTEM = "the file does not contain its properties"
 
 
-def read_workspace(content: bytes, max_bytes: int = MAX_BYTES) -> MatFileContent:
+def read_workspace(content: bytes, max_bytes: int = n.MAX_BYTES) -> n.MatFileContent:
     """Read the variables of a model workspace, the part `modelWorkspace.mxarray` of a Simulink file.
 
     Its first array is a struct of the variables, or an array of structs with Name and Value; the subsystem follows.
@@ -47,50 +35,50 @@ def read_workspace(content: bytes, max_bytes: int = MAX_BYTES) -> MatFileContent
     if not loaded.further:
         return loaded
     first, *behind = loaded.further
-    if isinstance(first, MatUnreadable):
+    if isinstance(first, n.MatUnreadable):
         return replace(loaded, variables={})
     return resolve_objects(replace(loaded, variables=_variables_of(first), further=behind), max_bytes)
 
 
-def read_array(content: bytes, max_bytes: int = MAX_BYTES) -> Node:
+def read_array(content: bytes, max_bytes: int = n.MAX_BYTES) -> n.Node:
     """Read the single array of content in the form of a workspace; raises `MatFileError` if there is none."""
     loaded = _arrays(content, max_bytes)
     if not loaded.further:
-        raise MatFileError(loaded.lost or "no array found")
+        raise n.MatFileError(loaded.lost or "no array found")
     first, *behind = loaded.further
     return resolve_objects(replace(loaded, variables={"": first}, further=behind), max_bytes).variables[""]
 
 
-def _arrays(content: bytes, max_bytes: int) -> MatFileContent:
+def _arrays(content: bytes, max_bytes: int) -> n.MatFileContent:
     order = _HEADS.get(content[:4])
     if order is None:
-        raise MatFileError("unknown header")
+        raise n.MatFileError("unknown header")
     return read_elements(memoryview(content), 8, order, max_bytes, _MAX_OBJECTS)
 
 
-def _variables_of(node: Node) -> dict[str, Node]:
-    if isinstance(node, MatStruct) and not (_is_pair(node) and len(node.fields) == 2):
+def _variables_of(node: n.Node) -> dict[str, n.Node]:
+    if isinstance(node, n.MatStruct) and not (_is_pair(node) and len(node.fields) == 2):
         return dict(node.fields)
-    if isinstance(node, MatNumbers) and not node.values.size:
+    if isinstance(node, n.MatNumbers) and not node.values.size:
         return {}
-    pairs = node.elements if isinstance(node, MatStructArray) else [node] if isinstance(node, MatStruct) else None
+    pairs = node.elements if isinstance(node, n.MatStructArray) else [node] if isinstance(node, n.MatStruct) else None
     if pairs is None or not all(map(_is_pair, pairs)):
-        raise MatFileError("no variables found")
-    return {node_text(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
+        raise n.MatFileError("no variables found")
+    return {n.node_text(pair.fields["Name"]): pair.fields["Value"] for pair in pairs}
 
 
-def _is_pair(node: MatStruct) -> bool:
+def _is_pair(node: n.MatStruct) -> bool:
     """Return True if a struct holds the name and the value of a variable."""
-    return "Value" in node.fields and isinstance(node.fields.get("Name"), MatText)
+    return "Value" in node.fields and isinstance(node.fields.get("Name"), n.MatText)
 
 
-def resolve_objects(loaded: MatFileContent, max_bytes: int = MAX_BYTES) -> MatFileContent:
+def resolve_objects(loaded: n.MatFileContent, max_bytes: int = n.MAX_BYTES) -> n.MatFileContent:
     """Replace the references to objects by structs of their properties."""
     objects = _find_objects(loaded.further, max_bytes)
     return replace(loaded, variables={name: objects.resolve_safely(node) for name, node in loaded.variables.items()})
 
 
-def _find_objects(further: Sequence[Node], max_bytes: int) -> "Objects":
+def _find_objects(further: Sequence[n.Node], max_bytes: int) -> "Objects":
     """Return the objects of a file; without any, an instance that gives the reason."""
     why = _NO_SUBSYSTEM
     for node in further:
@@ -98,38 +86,38 @@ def _find_objects(further: Sequence[Node], max_bytes: int) -> "Objects":
             cells = _object_cells(_subsystem(node, max_bytes))
             if cells is not None:
                 return Objects(cells)
-        except MatFileError as error:
+        except n.MatFileError as error:
             why = str(error)
     return Objects(None, why)
 
 
-def _subsystem(node: Node, max_bytes: int) -> Node | None:
+def _subsystem(node: n.Node, max_bytes: int) -> n.Node | None:
     """Return the content of a subsystem; version 7.3 stores it without the wrapping bytes."""
-    if isinstance(node, MatUnreadable) and node.why:
-        raise MatFileError(node.why)
-    if not isinstance(node, MatNumbers):
+    if isinstance(node, n.MatUnreadable) and node.why:
+        raise n.MatFileError(node.why)
+    if not isinstance(node, n.MatNumbers):
         return node
     raw = _bytes(node)
     loaded = read_elements(memoryview(raw), 8, "<" if raw[2:4] == b"IM" else ">", max_bytes, _MAX_OBJECTS)
     first = next(iter(loaded.further), None)
-    if loaded.damage and not isinstance(first, MatStruct):
-        raise MatFileError(loaded.damage)
+    if loaded.damage and not isinstance(first, n.MatStruct):
+        raise n.MatFileError(loaded.damage)
     return first
 
 
-def _object_cells(subsystem: Node | None) -> MatCells | None:
+def _object_cells(subsystem: n.Node | None) -> n.MatCells | None:
     """Return the cells that describe the objects."""
-    wrapper = subsystem.fields.get("MCOS") if isinstance(subsystem, MatStruct) else None
-    cells = wrapper.reference if isinstance(wrapper, MatUnreadable) else None
-    if isinstance(wrapper, MatUnreadable) and wrapper.why:
-        raise MatFileError(wrapper.why)
-    return cells if isinstance(cells, MatCells) else None
+    wrapper = subsystem.fields.get("MCOS") if isinstance(subsystem, n.MatStruct) else None
+    cells = wrapper.reference if isinstance(wrapper, n.MatUnreadable) else None
+    if isinstance(wrapper, n.MatUnreadable) and wrapper.why:
+        raise n.MatFileError(wrapper.why)
+    return cells if isinstance(cells, n.MatCells) else None
 
 
 class Objects:
     """The objects of one file; without `cells` none can be resolved, for the reason `why`."""
 
-    def __init__(self, cells: MatCells | None, why: str = "") -> None:
+    def __init__(self, cells: n.MatCells | None, why: str = "") -> None:
         self.why = why
         self.left = _MAX_OBJECTS
         self.within: list[int] = []  # the objects being resolved, outermost first
@@ -138,74 +126,74 @@ class Objects:
             self._read()
 
     def _read(self) -> None:
-        if len(self.cells) < 3 or not isinstance(table := self.cells[0], MatNumbers):
-            raise MatFileError("the object table is missing")
+        if len(self.cells) < 3 or not isinstance(table := self.cells[0], n.MatNumbers):
+            raise n.MatFileError("the object table is missing")
         raw = _bytes(table)
         self.words = np.frombuffer(raw[: len(raw) // 4 * 4], dtype="<u4").astype(np.int64)
         if self.words.size < 2 + _OFFSETS or int(self.words[0]) not in _VERSIONS:
-            raise MatFileError("the object table has an unknown version")
+            raise n.MatFileError("the object table has an unknown version")
         starts = [int(n) for n in self.words[2 : 2 + _OFFSETS]]
         if any(start > len(raw) for start in starts):
-            raise MatFileError("the object table is truncated")
+            raise n.MatFileError("the object table is truncated")
         self.names = [name.decode("utf-8", "replace") for name in raw[8 + 4 * _OFFSETS : starts[0]].split(b"\0")]
         self.classes = self._rows(starts[0], starts[1], 4)
         self.stored = self._blocks(starts[1], starts[2])
         self.objects = self._rows(starts[2], starts[3], 6)
         self.plain = self._blocks(starts[3], starts[4])
 
-    def resolve_safely(self, node: Node, depth: int = 0) -> Node:
+    def resolve_safely(self, node: n.Node, depth: int = 0) -> n.Node:
         """Resolve a node; a damaged object becomes unreadable with the reason."""
         try:
             return self.resolve(node, depth)
-        except MatFileError as error:
-            return MatUnreadable(node.kind if isinstance(node, MatUnreadable) else "object", why=str(error))
+        except n.MatFileError as error:
+            return n.MatUnreadable(node.kind if isinstance(node, n.MatUnreadable) else "object", why=str(error))
 
-    def resolve(self, node: Node, depth: int = 0) -> Node:
+    def resolve(self, node: n.Node, depth: int = 0) -> n.Node:
         """Replace the references in a node by structs of properties; unresolved ones stay unreadable."""
         self.left -= 1
         if depth > _MAX_DEPTH or self.left < 0:
-            raise MatFileError("its objects are nested too deeply")
-        if isinstance(node, MatUnreadable):
+            raise n.MatFileError("its objects are nested too deeply")
+        if isinstance(node, n.MatUnreadable):
             return node if node.reference is None else self._resolve_reference(node, node.reference, depth)
-        if isinstance(node, MatNumbers) and _is_reference(node):
-            return self._resolve_reference(MatUnreadable("object", node), node, depth)
-        if isinstance(node, MatStruct):
-            return MatStruct({name: self.resolve(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
-        if isinstance(node, MatStructArray):
+        if isinstance(node, n.MatNumbers) and _is_reference(node):
+            return self._resolve_reference(n.MatUnreadable("object", node), node, depth)
+        if isinstance(node, n.MatStruct):
+            return n.MatStruct({name: self.resolve(inner, depth + 1) for name, inner in node.fields.items()}, node.kind)
+        if isinstance(node, n.MatStructArray):
             elements = [self.resolve(element, depth + 1) for element in node.elements]
-            return MatStructArray([element for element in elements if isinstance(element, MatStruct)], node.shape)
-        if isinstance(node, MatCells):
-            return MatCells([self.resolve(cell, depth + 1) for cell in node.cells], node.shape)
+            return n.MatStructArray([element for element in elements if isinstance(element, n.MatStruct)], node.shape)
+        if isinstance(node, n.MatCells):
+            return n.MatCells([self.resolve(cell, depth + 1) for cell in node.cells], node.shape)
         return node
 
-    def _resolve_reference(self, node: MatUnreadable, reference: Node | None, depth: int) -> Node:
+    def _resolve_reference(self, node: n.MatUnreadable, reference: n.Node | None, depth: int) -> n.Node:
         """Resolve a reference: tag, number of dimensions, sizes, an object number each, class number."""
         if self.why:
             return replace(node, why=self.why)
-        if not isinstance(reference, MatNumbers) or not _is_reference(reference):
+        if not isinstance(reference, n.MatNumbers) or not _is_reference(reference):
             return replace(node, why="it is an enumeration or an object without references")
         numbers = [int(n) for n in reference.values.ravel(order="F")]
         sizes = numbers[2 : 2 + numbers[1]]
         objects = numbers[2 + len(sizes) : -1]
         if len(objects) != int(np.prod(sizes, dtype=float)) or len(objects) > self.left:
-            raise MatFileError("the object references are inconsistent")
+            raise n.MatFileError("the object references are inconsistent")
         resolved = [self._object(number, numbers[-1], depth) for number in objects]
         if len(resolved) == 1:
             return resolved[0]
-        structs = [one for one in resolved if isinstance(one, MatStruct)]
-        return MatStructArray(structs, tuple(sizes)) if len(structs) == len(resolved) else node
+        structs = [item for item in resolved if isinstance(item, n.MatStruct)]
+        return n.MatStructArray(structs, tuple(sizes)) if len(structs) == len(resolved) else node
 
-    def _object(self, number: int, of: int, depth: int) -> Node:
+    def _object(self, number: int, of: int, depth: int) -> n.Node:
         if not 0 < number < len(self.objects):
-            raise MatFileError(f"object {number} not found")
+            raise n.MatFileError(f"object {number} not found")
         if number in self.within:
-            raise MatFileError("its objects are nested too deeply")
+            raise n.MatFileError("its objects are nested too deeply")
         class_, _, _, stored, plain, _ = self.objects[number]
         block = self._block(self.stored, stored) if stored else self._block(self.plain, plain)
         fields = dict(self._defaults(class_ or of)) | self._own_properties(block)
         self.within.append(number)
         try:
-            return MatStruct(
+            return n.MatStruct(
                 {name: self.resolve_safely(inner, depth + 1) for name, inner in fields.items()},
                 self._class(class_ or of),
             )
@@ -214,33 +202,33 @@ class Objects:
 
     def _class(self, number: int) -> str:
         if not 0 < number < len(self.classes):
-            raise MatFileError(f"class {number} not found")
+            raise n.MatFileError(f"class {number} not found")
         return ".".join(part for part in map(self._name, self.classes[number][:2]) if part)
 
-    def _own_properties(self, block: list[tuple[int, int, int]]) -> dict[str, Node]:
+    def _own_properties(self, block: list[tuple[int, int, int]]) -> dict[str, n.Node]:
         """Return the properties that an object sets itself."""
-        fields: dict[str, Node] = {}
+        fields: dict[str, n.Node] = {}
         for name, sort, at in block:
             if sort == _VALUE:
                 fields[self._name(name)] = self._cell(at)
             elif sort == _NAME:
-                fields[self._name(name)] = MatText(self._name(at))
+                fields[self._name(name)] = n.MatText(self._name(at))
         return fields
 
-    def _cell(self, at: int) -> Node:
+    def _cell(self, at: int) -> n.Node:
         if not 0 <= at < len(self.cells) - 2:
-            raise MatFileError("a property of an object has no value")
+            raise n.MatFileError("a property of an object has no value")
         return self.cells[at + 2]
 
-    def _defaults(self, kind: int) -> Mapping[str, Node]:
+    def _defaults(self, kind: int) -> Mapping[str, n.Node]:
         table = self.cells[-1]
-        defaults = table.cells[kind] if isinstance(table, MatCells) and 0 < kind < len(table.cells) else None
-        return defaults.fields if isinstance(defaults, MatStruct) else {}
+        defaults = table.cells[kind] if isinstance(table, n.MatCells) and 0 < kind < len(table.cells) else None
+        return defaults.fields if isinstance(defaults, n.MatStruct) else {}
 
     def _name(self, index: int) -> str:
         """Return a name by its number from 1; empty for 0."""
         if not 0 <= index <= len(self.names):
-            raise MatFileError(f"name {index} not found")
+            raise n.MatFileError(f"name {index} not found")
         return self.names[index - 1] if index else ""
 
     def _rows(self, start: int, stop: int, width: int) -> list[tuple[int, ...]]:
@@ -253,7 +241,7 @@ class Objects:
         while at < end:
             count = int(self.words[at])
             if count < 0 or at + 1 + 3 * count > end:
-                raise MatFileError("the object table is truncated")
+                raise n.MatFileError("the object table is truncated")
             rows = self.words[at + 1 : at + 1 + 3 * count].reshape(-1, 3)
             blocks.append([(int(a), int(b), int(c)) for a, b, c in rows])
             at += (1 + 3 * count + 1) // 2 * 2
@@ -262,14 +250,14 @@ class Objects:
     @staticmethod
     def _block(blocks: list[list[tuple[int, int, int]]], number: int) -> list[tuple[int, int, int]]:
         if not 0 <= number < len(blocks):
-            raise MatFileError(f"properties {number} not found")
+            raise n.MatFileError(f"properties {number} not found")
         return blocks[number]
 
 
-def _bytes(node: MatNumbers) -> bytes:
+def _bytes(node: n.MatNumbers) -> bytes:
     return node.values.ravel(order="F").astype(np.uint8).tobytes()
 
 
-def _is_reference(node: MatNumbers) -> bool:
+def _is_reference(node: n.MatNumbers) -> bool:
     values = node.values
     return values.size >= 5 and values.dtype.kind in "ui" and int(values.flat[0]) & 0xFFFFFFFF == _TAG

@@ -73,15 +73,11 @@ def parse_leniently(text: str, name: str = "") -> tuple[m.Script, tuple[Finding,
     return parser.script(), tuple(parser.findings)
 
 
-def _normalize_line_ends(text: str) -> str:
-    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-
-
 class _ScriptParser(ExpressionParser):
     """Parses statements; an invalid one is reported and skipped."""
 
     def __init__(self, text: str, name: str, commands: bool = True) -> None:
-        text = _normalize_line_ends(text)
+        text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
         tokens = tokenize(text, commands)
         self.comments = {}
         significant: list[MatlabToken] = []
@@ -108,7 +104,7 @@ class _ScriptParser(ExpressionParser):
                 self._parse_guarded(lambda: functions.append(self._definition()))
         return m.Script(self.name, tuple(statements), tuple(functions))
 
-    def body(self, ends: frozenset[str]) -> tuple[m.Statement, ...]:
+    def body(self, ends: frozenset[str]) -> m.Statements:
         """Parse statements up to one of the keywords `ends`, which stays unread, or to the end of the text."""
         statements: list[m.Statement] = []
         while True:

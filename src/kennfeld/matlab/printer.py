@@ -1,4 +1,4 @@
-"""Conversion of syntax trees to MATLAB text; parsing the text gives an equal tree."""
+"""Conversion of expressions to MATLAB text; parsing the text gives an equal tree."""
 
 from collections.abc import Iterable
 
@@ -84,69 +84,3 @@ def _join_arguments(nodes: Iterable[m.Expression]) -> str:
 
 def _rows(rows: Iterable[Iterable[m.Expression]]) -> str:
     return "; ".join(", ".join(_part(element) for element in row) for row in rows)
-
-
-def format_script(script: m.Script) -> str:
-    """Format a script with one statement per line, without its comments."""
-    parts = [_statement(statement) for statement in script.statements]
-    return "\n".join([*parts, *map(_function, script.functions)]) + "\n"
-
-
-def _statement(node: m.Statement) -> str:
-    match node:
-        case m.Assign():
-            targets = ["~" if target is None else format_expression(target) for target in node.targets]
-            single = len(targets) == 1 and targets[0] != "~"
-            return f"{targets[0] if single else '[' + ', '.join(targets) + ']'} = {format_expression(node.value)};"
-        case m.Evaluate():
-            return f"{format_expression(node.expression)};"
-        case m.Command():
-            return " ".join((node.name, *node.words)) if node.name != "!" else f"!{' '.join(node.words)}"
-        case m.Jump():
-            return f"{node.kind};"
-        case m.Declaration():
-            return " ".join((node.kind, *node.names)) + ";"
-        case _:
-            return _block(node)
-
-
-def _block(node: m.If | m.For | m.While | m.Switch | m.Try) -> str:
-    match node:
-        case m.If():
-            words = ["if", *("elseif" for _ in node.branches[1:])]
-            heads = [_branch(word, branch) for word, branch in zip(words, node.branches, strict=True)]
-            return _format_block(*heads, *_otherwise("else", node.otherwise))
-        case m.For():
-            return _format_block(
-                f"for {format_expression(node.target)} = {format_expression(node.values)}", *map(_statement, node.body)
-            )
-        case m.While():
-            return _format_block(_branch("while", m.Branch(node.condition, node.body)))
-        case m.Switch():
-            cases = [_branch("case", branch) for branch in node.cases]
-            return _format_block(
-                f"switch {format_expression(node.subject)}", *cases, *_otherwise("otherwise", node.otherwise)
-            )
-        case m.Try():
-            handler = ("catch " + node.name).strip() if node.name or node.handler else ""
-            return _format_block(
-                "try", *map(_statement, node.body), *filter(None, [handler]), *map(_statement, node.handler)
-            )
-
-
-def _branch(word: str, branch: m.Branch) -> str:
-    return "\n".join([f"{word} {format_expression(branch.condition)}", *map(_statement, branch.body)])
-
-
-def _otherwise(word: str, body: tuple[m.Statement, ...]) -> list[str]:
-    return [word, *map(_statement, body)] if body else []
-
-
-def _format_block(*parts: str) -> str:
-    return "\n".join([*parts, "end"])
-
-
-def _function(node: m.FunctionDefinition) -> str:
-    results = f"[{', '.join(node.results)}] = " if node.results else ""
-    head = f"function {results}{node.name}({', '.join(node.parameters)})"
-    return _format_block(head, *map(_statement, node.body))

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location, Severity
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab import values as v
 from kennfeld.matlab.assignment import assign
-from kennfeld.matlab.errors import Budget, LimitError, MatlabError, format_location
+from kennfeld.matlab.errors import Budget, LimitError, MatlabError
 from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator
 from kennfeld.matlab.functions.reductions import matches_case
 from kennfeld.matlab.parser import parse_leniently
@@ -22,21 +23,6 @@ from kennfeld.matlab.printer import format_expression
 from kennfeld.matlab.script_files import Files, ScriptFiles
 from kennfeld.matlab.simulink_objects import define_enumeration
 from kennfeld.matlab.traversal import access_chain, names_assigned
-from kennfeld.matlab.values import (
-    MatlabCell,
-    MatlabStruct,
-    MatlabValueError,
-    Value,
-    characters,
-    class_name,
-    elements_of,
-    from_python,
-    measure_nesting,
-    object_array,
-    scalar,
-    text,
-    with_class_of,
-)
 
 _UNCLOSED = ("is never closed", "deep")  # findings after which the rest of the script is lost
 _FAILURE_STEPS = 100  # reporting takes longer than a statement
@@ -62,7 +48,7 @@ class ScriptResult:
     ends early.
     """
 
-    variables: dict[str, Value]
+    variables: dict[str, v.Value]
     findings: tuple[Finding, ...]
     comments: dict[str, str] = field(default_factory=dict)
     undefined: dict[str, str] = field(default_factory=dict)
@@ -96,7 +82,7 @@ def run_script(
         [[2.0, 4.0], [6.0, 8.0]]
     """
     shared = _ScriptSession(ScriptFiles(files or (lambda _: None)), budget or Budget())
-    initial = {key: from_python(value) for key, value in (variables or {}).items()}
+    initial = {key: v.from_python(value) for key, value in (variables or {}).items()}
     runner = _ScriptRunner(initial, functions or {}, shared, name)
     try:
         runner.script(text)
@@ -104,7 +90,8 @@ def run_script(
         pass
     except (LimitError, RecursionError) as error:
         reason = str(error) if isinstance(error, LimitError) else "functions and blocks are nested too deeply"
-        shared.report(format_location(name, runner.place), f"{reason}; the rest of the script is skipped", "", "error")
+        location = Location(name, runner.place.line, column=runner.place.column)
+        shared.report(location, f"{reason}; the rest of the script is skipped", "", "error")
     undefined = {key: why for key, why in runner.undefined.items() if key not in runner.variables}
     return ScriptResult(runner.variables, tuple(shared.findings.values()), runner.comments, undefined, runner.lines)
 
@@ -116,11 +103,14 @@ class _ScriptSession:
     files: ScriptFiles
     budget: Budget
     findings: dict[object, Finding] = field(default_factory=dict)
-    globals: dict[str, Value] = field(default_factory=dict)
+    globals: dict[str, v.Value] = field(default_factory=dict)
     scripts: list[str] = field(default_factory=list)
 
-    def report(self, place: str, message: str, remedy: str = "", severity: Any = "warning", once: str = "") -> None:
-        self.findings.setdefault(once or (place, message), Finding(place, message, remedy, "", severity))
+    def report(
+        self, location: Location, message: str, remedy: str = "", severity: Severity = "warning", once: str = ""
+    ) -> None:
+        """Add a finding, unless it or another one with the key `once` is known."""
+        self.findings.setdefault(once or (str(location), message), Finding(location, message, remedy, "", severity))
 
 
 class _JumpError(Exception):
@@ -138,7 +128,7 @@ class _ScriptRunner(NumericEvaluator):
     """Runs the statements of one script or function."""
 
     def __init__(
-        self, variables: dict[str, Value], functions: Mapping[str, HostFunction], shared: _ScriptSession, name: str
+        self, variables: dict[str, v.Value], functions: Mapping[str, HostFunction], shared: _ScriptSession, name: str
     ) -> None:
         super().__init__(variables, functions, shared.budget, name)
         self.shared = shared
@@ -159,15 +149,11 @@ class _ScriptRunner(NumericEvaluator):
         self.local |= {function.name: function for function in tree.functions}
         try:
             if not tree.statements and tree.functions:
-                self._run_first(tree.functions[0])
+                first = tree.functions[0]  # of a file of functions
+                self.body(() if first.parameters else first.body)
             self.body(tree.statements)
         except _JumpError:
             return
-
-    def _run_first(self, function: m.FunctionDefinition) -> None:
-        """Run the first function of a file of functions, if it takes no arguments."""
-        if not function.parameters:
-            self.body(function.body)
 
     def body(self, statements: Sequence[m.Statement]) -> None:
         """Run statements; a failure is reported, and the variables that the statement assigns become undefined."""
@@ -176,20 +162,20 @@ class _ScriptRunner(NumericEvaluator):
             self.place = statement.place
             try:
                 self._run_statement(statement)
-            except (MatlabError, MatlabValueError) as error:
+            except (MatlabError, v.MatlabValueError) as error:
                 if self.trying:
                     raise
                 self._report_failure(statement, error)
 
-    def _report_failure(self, statement: m.Statement, error: MatlabError | MatlabValueError) -> None:
+    def _report_failure(self, statement: m.Statement, error: MatlabError | v.MatlabValueError) -> None:
         self.budget.step(_FAILURE_STEPS)
-        if isinstance(error, MatlabValueError):
+        if isinstance(error, v.MatlabValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
         line = f"{self.name} line {statement.place.line}"
         lost = sorted(names_assigned(statement))
         for finding in error.findings:
             message = finding.message + (f"; {', '.join(lost[:5])} remains undefined" if lost else "")
-            self.shared.report(str(finding.location), message, finding.remedy)
+            self.shared.report(finding.location, message, finding.remedy)
         self.forget(lost, f"assignment failed in {line}")
 
     def forget(self, names: Iterable[str], why: str) -> None:
@@ -231,12 +217,12 @@ class _ScriptRunner(NumericEvaluator):
             if target is not None:
                 self._store(target, value, statement)
 
-    def _store(self, target: m.Expression, value: Value, statement: m.Assign | m.For) -> None:
+    def _store(self, target: m.Expression, value: v.Value, statement: m.Assign | m.For) -> None:
         try:
             name = assign(self, target, value)
-        except MatlabValueError as error:
+        except v.MatlabValueError as error:
             raise MatlabError.at(self.name, target.place, str(error)) from None
-        count, depth = measure_nesting(self.variables[name])
+        count, depth = v.measure_nesting(self.variables[name])
         if count > _MAX_NESTED or depth > _MAX_DEPTH:
             self.variables.pop(name)
             raise LimitError(f"{name} contains too many nested values")
@@ -259,7 +245,7 @@ class _ScriptRunner(NumericEvaluator):
                 self._skip(base.name, statement.place)
                 return
             if base.name in _STATEMENTS:
-                arguments = self.indices(call.arguments, scalar(0)) if isinstance(call, m.Call) else []
+                arguments = self.indices(call.arguments, v.scalar(0)) if isinstance(call, m.Call) else []
                 _STATEMENTS[base.name](self, arguments, statement.place)
                 return
             if not steps and self._run_script_file(base.name):
@@ -275,7 +261,7 @@ class _ScriptRunner(NumericEvaluator):
             return False
         try:
             name, members = define_enumeration(self._arguments(second.arguments))
-        except MatlabValueError as error:
+        except v.MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
         self.variables[name] = members
         self.undefined.pop(name, None)
@@ -286,15 +272,15 @@ class _ScriptRunner(NumericEvaluator):
         return name in self.functions or name in self.local
 
     def _skip(self, name: str, place: m.SourcePosition) -> None:
-        self.shared.report(f"{self.name} line {place.line}", f"{name} skipped", "", "remark", f"skipped {name}")
+        self.shared.report(Location(self.name, place.line), f"{name} skipped", "", "remark", f"skipped {name}")
 
     def _command(self, name: str, words: Sequence[str], place: m.SourcePosition) -> None:
         if name in _SKIPPED_SILENTLY:
             return
         if name in _STATEMENTS:
-            _STATEMENTS[name](self, [characters(word) for word in words], place)
+            _STATEMENTS[name](self, [v.characters(word) for word in words], place)
         elif self._is_user_function(name):
-            self.call(name, [characters(word) for word in words], 0, place)
+            self.call(name, [v.characters(word) for word in words], 0, place)
         else:
             self._skip(name, place)
 
@@ -307,11 +293,11 @@ class _ScriptRunner(NumericEvaluator):
 
     def _for(self, statement: m.For) -> None:
         values = self.value(statement.values)
-        data = elements_of(values)
+        data = v.elements_of(values)
         columns = data.reshape(data.shape[0], -1, order="F") if data.size else data.reshape(0, 0)
         for at in range(columns.shape[1]):
             self.budget.step()
-            self._store(statement.target, with_class_of(values, columns[:, at : at + 1].copy()), statement)
+            self._store(statement.target, v.with_class_of(values, columns[:, at : at + 1].copy()), statement)
             if self._run_turn(statement.body):
                 break
 
@@ -338,11 +324,11 @@ class _ScriptRunner(NumericEvaluator):
         self.trying += 1
         try:
             self.body(statement.body)
-        except (MatlabError, MatlabValueError, _StopError) as error:
+        except (MatlabError, v.MatlabValueError, _StopError) as error:
             self.trying -= 1
             if statement.name:
-                message = characters(str(error))
-                self.variables[statement.name] = MatlabStruct.of({"message": message, "identifier": characters("")})
+                message = v.characters(str(error))
+                self.variables[statement.name] = v.MatlabStruct.of({"message": message, "identifier": v.characters("")})
             self.body(statement.handler)
         else:
             self.trying -= 1
@@ -358,13 +344,13 @@ class _ScriptRunner(NumericEvaluator):
     def knows(self, name: str) -> bool:
         return name in self.local or name == "load" or super().knows(name) or bool(self.shared.files.functions(name))
 
-    def call(self, name: str, arguments: Sequence[Value], outputs: int, place: m.SourcePosition) -> list[Value]:
+    def call(self, name: str, arguments: Sequence[v.Value], outputs: int, place: m.SourcePosition) -> list[v.Value]:
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
             return self._invoke(self.local[name], self.local, self.name, arguments, outputs)
         if name == "load":
-            return [MatlabStruct.of(self.shared.files.load(arguments))]
+            return [v.MatlabStruct.of(self.shared.files.load(arguments))]
         if not super().knows(name) and (functions := self.shared.files.functions(name)):
             local = {function.name: function for function in functions}
             return self._invoke(functions[0], local, f"{name}.m", arguments, outputs)
@@ -375,35 +361,35 @@ class _ScriptRunner(NumericEvaluator):
         function: m.FunctionDefinition,
         local: dict[str, m.FunctionDefinition],
         name: str,
-        arguments: Sequence[Value],
+        arguments: Sequence[v.Value],
         outputs: int,
-    ) -> list[Value]:
+    ) -> list[v.Value]:
         """Call a function written in MATLAB."""
         with self.nested_call():
             runner = _ScriptRunner(_parameters(function, arguments), self.functions, self.shared, name)
             runner.local = local
             runner.trying = self.trying
-            runner.variables |= {"nargin": scalar(len(arguments)), "nargout": scalar(outputs)}
+            runner.variables |= {"nargin": v.scalar(len(arguments)), "nargout": v.scalar(outputs)}
             with suppress(_JumpError):
                 runner.body(function.body)
         return runner.results(function, outputs)
 
-    def results(self, function: m.FunctionDefinition, outputs: int) -> list[Value]:
+    def results(self, function: m.FunctionDefinition, outputs: int) -> list[v.Value]:
         """Return the outputs of a function that has run."""
-        values: list[Value] = []
+        values: list[v.Value] = []
         for name in function.results:
-            if name == "varargout" and isinstance(rest := self.variables.get(name), MatlabCell):
+            if name == "varargout" and isinstance(rest := self.variables.get(name), v.MatlabCell):
                 values += list(rest.values.ravel(order="F"))
             elif name in self.variables:
                 values.append(self.variables[name])
             elif len(values) < max(outputs, 1) and (outputs or name in self.undefined):
                 why = self.undefined.get(name, "no assignment was reached")
-                raise MatlabValueError(f"{function.name} does not assign its output {name}: {why}")
+                raise v.MatlabValueError(f"{function.name} does not assign its output {name}: {why}")
             else:
                 break
         return values[: max(outputs, 1)]
 
-    def inner(self, variables: dict[str, Value]) -> "_ScriptRunner":
+    def inner(self, variables: dict[str, v.Value]) -> "_ScriptRunner":
         runner = _ScriptRunner(variables, self.functions, self.shared, self.name)
         runner.local = self.local
         runner.trying = self.trying
@@ -420,7 +406,7 @@ class _ScriptRunner(NumericEvaluator):
     def follow(self, name: str, content: str) -> None:
         """Run another script in the same variables."""
         if name in self.shared.scripts or name == self.name:
-            raise MatlabValueError(f"{name} calls itself")
+            raise v.MatlabValueError(f"{name} calls itself")
         before, local, place = self.name, self.local, self.place
         self.shared.scripts.append(name)
         self.name, self.local = name, {}
@@ -432,13 +418,13 @@ class _ScriptRunner(NumericEvaluator):
             self.name, self.local, self.place = before, local, place
 
 
-def _parameters(function: m.FunctionDefinition, arguments: Sequence[Value]) -> dict[str, Value]:
+def _parameters(function: m.FunctionDefinition, arguments: Sequence[v.Value]) -> dict[str, v.Value]:
     names, values = list(function.parameters), list(arguments)
     if names and names[-1] == "varargin":
         rest = values[len(names) - 1 :]
-        values = [*values[: len(names) - 1], MatlabCell(object_array(rest, (1, len(rest))))]
+        values = [*values[: len(names) - 1], v.MatlabCell(v.object_array(rest, (1, len(rest))))]
     if len(values) > len(names):
-        raise MatlabValueError(f"{function.name} takes {len(names)} arguments, got {len(values)}")
+        raise v.MatlabValueError(f"{function.name} takes {len(names)} arguments, got {len(values)}")
     return {name: value for name, value in zip(names, values, strict=False) if name != "~"}
 
 
@@ -451,39 +437,41 @@ def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePositi
 
 
 def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    name = text(arguments[0]) if arguments else ""
+    name = v.text(arguments[0]) if arguments else ""
     name = name if name.casefold().endswith(".m") else f"{name}.m"
     content = runner.shared.files.text(name)
     if content is None:
-        raise MatlabValueError(f"file {name} not found")
+        raise v.MatlabValueError(f"file {name} not found")
     runner.follow(name, content)
 
 
 def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     """Remove named variables; `clear all` is ignored, since it would remove values from other files."""
-    for word in (text(value) for value in arguments):
+    for word in (v.text(value) for value in arguments):
         runner.variables.pop(word, None)
         runner.undefined.pop(word, None)
 
 
 def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    message = text(arguments[0])[:200] if arguments and class_name(arguments[0]) in ("char", "string") else "an error"
+    message = (
+        v.text(arguments[0])[:200] if arguments and v.class_name(arguments[0]) in ("char", "string") else "an error"
+    )
     if not runner.trying:
         runner.shared.report(
-            f"{runner.name} line {place.line}", f"the script stops with an error: {message}", "", "error"
+            Location(runner.name, place.line), f"the script stops with an error: {message}", "", "error"
         )
     raise _StopError(message)
 
 
 def _assert(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
-    if arguments and not all(np.asarray(elements_of(arguments[0])).ravel()):
+    if arguments and not all(np.asarray(v.elements_of(arguments[0])).ravel()):
         _error(runner, arguments[1:], place)
 
 
 def _assignin(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
     if len(arguments) != 3:
-        raise MatlabValueError("assignin requires a workspace, a name and a value")
-    runner.variables[text(arguments[1])] = arguments[2]
+        raise v.MatlabValueError("assignin requires a workspace, a name and a value")
+    runner.variables[v.text(arguments[1])] = arguments[2]
 
 
 _STATEMENTS: dict[str, Callable[[_ScriptRunner, Sequence[Any], m.SourcePosition], None]] = {

@@ -148,24 +148,10 @@ class FunctionHandle(_Node):
 
 
 Expression = (
-    Number
-    | Text
-    | Name
-    | Colon
-    | End
-    | Field
-    | DynamicField
-    | Call
-    | CellIndex
-    | Range
-    | Unary
-    | Binary
-    | Transpose
-    | Matrix
-    | CellArray
-    | AnonymousFunction
-    | FunctionHandle
-)
+    Number | Text | Name | Colon | End | Field | DynamicField | Call | CellIndex | Range | Unary | Binary | Transpose
+    | Matrix | CellArray | AnonymousFunction | FunctionHandle
+)  # fmt: skip
+Expressions = tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
@@ -269,6 +255,7 @@ class FunctionDefinition(_Node):
 
 
 Statement = Assign | Evaluate | Command | If | For | While | Switch | Try | Jump | Declaration
+Statements = tuple[Statement, ...]
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def expressions_in(tree: object) -> Iterator[m.Expression]:
     return (node for node in _nodes(tree) if isinstance(node, m.Expression))
 
 
-def calls_in(tree: object) -> Iterator[tuple[str, tuple[m.Expression, ...]]]:
+def calls_in(tree: object) -> Iterator[tuple[str, m.Expressions]]:
     """Yield the name and the arguments of each call or index of a name in a tree."""
     for node in expressions_in(tree):
         if isinstance(node, m.Call) and isinstance(node.of, m.Name):

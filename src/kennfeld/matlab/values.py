@@ -4,7 +4,7 @@ Every array has at least two dimensions. Character arrays have the type `U1`, st
 are never changed in place; an assignment to a part makes a new one.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float
+from kennfeld.formatting import size_text
 from kennfeld.matlab.syntax import Expression
 
 Array: TypeAlias = NDArray[Any]
@@ -168,16 +169,16 @@ def number(value: Value) -> float:
     """Return the number of a scalar."""
     array = numbers(value)
     if array.size != 1:
-        raise MatlabValueError(f"must be one number, got an array of {format_shape(array.shape)}")
+        raise MatlabValueError(f"must be one number, got an array of {size_text(array.shape)}")
     return float(array.flat[0])
 
 
 def integer(value: Value) -> int:
     """Return the integer of a scalar."""
-    found = number(value)
-    if not np.isfinite(found) or found != int(found) or abs(found) > 2**53:
-        raise MatlabValueError(f"must be an integer, got {found:g}")
-    return int(found)
+    result = number(value)
+    if not np.isfinite(result) or result != int(result) or abs(result) > 2**53:
+        raise MatlabValueError(f"must be an integer, got {result:g}")
+    return int(result)
 
 
 def text(value: Value) -> str:
@@ -187,11 +188,6 @@ def text(value: Value) -> str:
     if isinstance(value, np.ndarray) and value.dtype.kind == "O" and value.size == 1:
         return str(value.flat[0])
     raise MatlabValueError(f"must be text, got a {class_name(value)}")
-
-
-def format_shape(shape: Iterable[int]) -> str:
-    """Format a shape as in "2 x 3"."""
-    return " x ".join(map(str, shape))
 
 
 def measure_nesting(value: Value) -> tuple[int, int]:

@@ -3,17 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-
-if TYPE_CHECKING:
-    from kennfeld.surrogate.surrogate_file import Surrogate
+from kennfeld.surrogate.surrogate_file import Surrogate, as_parameters
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -31,17 +30,16 @@ class Model:
         declared: parameters that the source declares, with their numbers of axes; `graph.parameters` are those looked
             up.
         source: path of the source, or "formula".
-        places: location of nodes, parameters and inputs in the source, by name.
+        locations: location of nodes, parameters and inputs in the source, by name.
         surrogates: data-driven models that the model calls.
         values: parameters for which the source provides values.
-        remarks: sentences on what runs differently from the source.
+        remarks: what runs differently from the source.
         stepped: True if continuous states use a fixed step that the source does not define; a shorter step may then
-            give
-            other values.
+            give other values.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
-    >>> model.graph.inputs, dict(model.graph.parameters), model.places["y"]
+    >>> model.graph.inputs, dict(model.graph.parameters), str(model.locations["y"])
     (('u',), {'Gain': 1, 'k': 0}, 'demo line 1')
     """
 
@@ -50,51 +48,47 @@ class Model:
     step: float | None = None
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
-    places: Mapping[str, str] = field(default_factory=_nothing)
-    surrogates: "tuple[Surrogate, ...]" = ()
+    locations: Mapping[str, Location] = field(default_factory=_nothing)
+    surrogates: tuple[Surrogate, ...] = ()
     values: ParameterSet = field(default_factory=ParameterSet)
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
     stepped: bool = False
 
     @property
     def carried(self) -> ParameterSet:
         """The parameters that the model provides: `values`, and the expansions of its surrogates."""
-        if not self.surrogates:
-            return self.values
-        from kennfeld.surrogate.surrogate_file import as_parameters
-
         return as_parameters(self.surrogates).merged(self.values)
 
 
-def merge_start_values(own: ParameterSet, given: ParameterSet, *, continued: bool = True) -> ParameterSet:
-    """Return the parameters of a model, replaced by given ones of the same name, mostly from calibration files.
+def merge_start_values(own: ParameterSet, other: ParameterSet, *, continued: bool = True) -> ParameterSet:
+    """Return the parameters of a model, replaced by others of the same name, mostly from calibration files.
 
     Args:
         own: parameters of the model.
-        given: replacements and additional parameters. Their limits apply; a parameter without limits takes the model's.
+        other: replacements and additional parameters. Their limits apply; a parameter without limits takes the model's.
         continued: take the extrapolation of tables from the model, since most calibration formats do not store it.
     """
     replaced = [
         parameter.changed(**_from_model(own[name], parameter, continued))
-        for name, parameter in given.items()
+        for name, parameter in other.items()
         if name in own
     ]
-    return own.merged(given.with_parameters(*replaced))
+    return own.merged(other.with_parameters(*replaced))
 
 
-def _from_model(own: Parameter, given: Parameter, continued: bool) -> dict[str, Any]:
-    """Return the attributes that the model defines and the given parameter does not."""
+def _from_model(own: Parameter, other: Parameter, continued: bool) -> dict[str, Any]:
+    """Return the attributes that the model defines and the other parameter does not."""
     attributes: dict[str, Any] = {}
-    if continued and given.axes and len(given.axes) == len(own.axes) and own.extrapolation != "clip":
+    if continued and other.axes and len(other.axes) == len(own.axes) and own.extrapolation != "clip":
         attributes["extrapolation"] = own.extrapolation
-    if not given.limited:
-        attributes |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, given)) is not None}
+    if not other.limited:
+        attributes |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, other)) is not None}
     return attributes
 
 
-def _bound(own: Parameter, side: str, given: Parameter) -> Float | None:
-    """Return the model's bound for given values; None if the shapes differ and the bound is not uniform."""
+def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
+    """Return the model's bound for other values; None if the shapes differ and the bound is not uniform."""
     bound: Float = getattr(own, side)
-    if bound.shape == given.values.shape:
+    if bound.shape == other.values.shape:
         return bound
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None

@@ -564,4 +564,4 @@ def test_blocks_that_share_a_number_are_told_apart_by_their_names(tmp_path):
         block.sid = 0
     found = import_simulink(drawn.write(tmp_path, "mdl"))
     assert run(found.model, {"u": U})["y"].tolist() == (2 * U + 1).tolist()
-    assert any("two blocks with the SID 0" in remark for remark in found.report.remarks)
+    assert any("two blocks with the SID 0" in str(remark) for remark in found.report.remarks)

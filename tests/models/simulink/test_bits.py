@@ -112,7 +112,7 @@ def test_blocks_whose_integers_are_not_applied_are_told(tmp_path):
 
 
 def reported(drawn, folder):
-    return import_simulink(drawn.write(folder)).report.remarks
+    return tuple(map(str, import_simulink(drawn.write(folder)).report.remarks))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

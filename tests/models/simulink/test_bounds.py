@@ -8,7 +8,7 @@ from simulink_files import LAYOUTS, Chart, Model
 from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
-from kennfeld.graph import bounded_builder
+from kennfeld.graph import builder
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
@@ -36,7 +36,7 @@ def product(rows, columns):
 
 
 def test_a_graph_ends_at_a_number_of_operations_and_names_the_block(tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded_builder, "_MAX_NODES", 500)
+    monkeypatch.setattr(builder, "_MAX_NODES", 500)
     assert import_simulink(product(20, 20).write(tmp_path)).model is not None
     (found,) = said(product(30, 30), tmp_path)
     assert found == (
@@ -53,7 +53,7 @@ def test_a_solver_whose_stages_are_too_many_operations_is_told(tmp_path, monkeyp
     drawn.chain("u", "I", "y")
     path = drawn.write(tmp_path)
     assert import_simulink(path).model is not None
-    monkeypatch.setattr(bounded_builder, "_MAX_NODES", 200)
+    monkeypatch.setattr(builder, "_MAX_NODES", 200)
     with pytest.raises(InputError, match=r"model.slx ode5: the blocks up to here require more than 200 operations"):
         import_simulink(path)
 
@@ -65,7 +65,7 @@ def test_a_product_of_large_matrices_is_told_before_it_is_begun(tmp_path):
 
 def test_arrays_that_spread_against_each_other_without_end_are_told(tmp_path):
     (found,) = said(alone("Gain", Gain="ones(1,200000) .* ones(200000,1)"), tmp_path)
-    assert "it creates an array of 40000000000 elements; the maximum is 1000000" in found
+    assert "its Gain (ones(1,200000) .* ones(200000,1)) has no value: it creates an array of 4e+10 elements" in found
 
 
 def test_a_large_memory_is_built_in_one_go(tmp_path):
@@ -83,7 +83,9 @@ def test_a_line_to_a_port_that_no_block_can_have_is_loose(layout, tmp_path):
     drawn.chain("u", "G", "y")
     drawn.line("u", "G:999999999")
     report = import_simulink(drawn.write(tmp_path, layout)).report
-    assert any("port 999999999 of" in remark and "treated as unconnected" in remark for remark in report.remarks)
+    assert any(
+        "port 999999999 of" in str(remark) and "treated as unconnected" in str(remark) for remark in report.remarks
+    )
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -91,7 +93,7 @@ def test_a_block_with_more_ports_than_any_is_refused(layout, tmp_path):
     drawn = alone("Mux", 1)
     drawn.blocks[0].ports = {"in": 999_999, "out": 1}
     (found,) = said(drawn, tmp_path, layout)
-    assert "(B): has 999999 ports; at most 10000 are supported" in found
+    assert "B: has 999999 ports; at most 10000 are supported" in found
 
 
 @pytest.mark.parametrize("outputs", ["inf", "0/0", "[1 nan]", "2.5"])
@@ -168,7 +170,7 @@ def test_a_statement_that_fails_over_and_over_uses_up_the_steps_of_a_script(tmp_
     drawn = alone("Gain", Gain="k", model=Model(step="0.1", code="for i=1:1000, for j=1:1000, y=u+i; end, end"))
     report = inspect_simulink(drawn.write(tmp_path))
     assert list(report.undefined) == ["k"]
-    assert any("the script takes too many steps" in remark for remark in report.remarks)
+    assert any("the script takes too many steps" in str(remark) for remark in report.remarks)
 
 
 @pytest.mark.parametrize("text", ["zeros(nan)", "zeros(inf,1)", "k(nan)", "k(1.5)", "ones(2.5)", "reshape(k,nan,1)"])
@@ -177,7 +179,9 @@ def test_sizes_and_indices_that_are_no_whole_numbers(text, tmp_path):
     found = said(alone("Gain", Gain=text, model=Model(step="0.1", code=code)), tmp_path)
     assert any("must be an integer" in line for line in found)
     drawn = alone("Integrator", model=Model(solver="ode4", step=text, code=code))
-    assert import_simulink(drawn.write(tmp_path)).report.remarks == (f"the solver setting {text} has no value",)
+    assert [*map(str, import_simulink(drawn.write(tmp_path)).report.remarks)] == [
+        f"the solver setting {text} has no value"
+    ]
 
 
 def test_an_array_in_empty_parentheses_is_the_array(tmp_path):

@@ -221,4 +221,4 @@ def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
     assert found["y_out"][1:].tolist() == [-56.0, 6.0, -2.0]  # of 100, 3, 127 in int8
     assert found["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
     assert found["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
-    assert any(one.startswith("integer types are ignored in C") for one in report.report.notes)
+    assert any(str(one).startswith("integer types are ignored in C") for one in report.report.notes)

@@ -51,7 +51,7 @@ def test_arrays_of_three_dimensions_are_expanded_from_the_first_one(text, values
 def test_a_slice_is_assigned_in_its_own_size(tmp_path):
     code = "A = zeros(2, 2, 2);\nA(:, :, 2) = [u v; 1 2];\ny = A(1, 1, 2) + 10*A(1, 2, 2) + 100*A(2, 1, 2);"
     np.testing.assert_allclose(outputs(body(code), tmp_path), U + 10 * V + 100)
-    with pytest.raises(InputError, match="an array of size 2x3 is assigned to indices of size 3x2"):
+    with pytest.raises(InputError, match="values of size 2 x 3 cannot be assigned to a part of size 3 x 2"):
         imported(function(body("A = zeros(3, 3);\nA(:, 1:2) = [1 2 3; u 5 6];\ny = A(1);")), tmp_path)
     with pytest.raises(InputError, match="cannot be transposed"):
         imported(function(body("A = zeros(2, 2, 2);\nB = A';\ny = B(1) + u;")), tmp_path)
@@ -104,16 +104,16 @@ def test_an_input_has_the_integer_type_of_its_signal_or_of_the_port(tmp_path):
     drawn.chain("u", "F", "y")
     found = import_simulink(drawn.write(tmp_path))
     assert run(found.model, {"u": [200.0, 3.0]})["y"].tolist() == [144.0, 6.0]
-    assert not any("bitshift" in one for one in found.report.remarks)
+    assert not any("bitshift" in str(one) for one in found.report.remarks)
 
 
 def test_what_an_unknown_class_could_change_is_told(tmp_path):
     shifted = import_simulink(function(body("y = bitshift(u, 2) + v;")).write(tmp_path)).report
-    assert any("F calls a bit function: bitshift keeps the bits" in one for one in shifted.notes)
+    assert any("F calls a bit function: bitshift keeps the bits" in str(one) for one in shifted.notes)
     lower = import_simulink(function(body("y = bitshift(u, -2) + v;")).write(tmp_path)).report
     assert lower.notes == ()
     cast = import_simulink(function(body("y = double(int8(u)) + v;")).write(tmp_path)).report
-    assert any(one.startswith("integer types are ignored in F") for one in cast.notes)
+    assert any(str(one).startswith("integer types are ignored in F") for one in cast.notes)
     with pytest.raises(InputError, match="bitcmp: its argument must be of an integer class"):
         imported(function(body("y = bitcmp(u) + v;")), tmp_path)
 

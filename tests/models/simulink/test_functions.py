@@ -13,7 +13,7 @@ from kennfeld.errors import InputError
     ("code", "told"),
     [
         ("y = 3;", "not define a function"),
-        ("function y = (", "model.slx F: F line 1 "),
+        ("function y = (", "model.slx F: F line 1, column "),
     ],
 )
 def test_code_that_is_no_function_is_told(code, told, tmp_path):

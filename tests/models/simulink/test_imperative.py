@@ -262,7 +262,7 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
         ("x = (1:60000) + (1:60000)';\ny = x(1);", r"line 2: .*array of 3\.6e\+09 elements"),
         ("while true\n y = u;\nend", "unrolls to more than 20000 statements"),
         ("y = g(u);\nend\nfunction y = g(x)\ny = g(x - 1);", "g calls itself"),
-        ("y = g(u);\nfunction y = g(x)\ny = x;\nend\n", "line 3 .*nested functions are not supported.*Move it behind"),
+        ("y = g(u);\nfunction y = g(x)\ny = x;\nend\n", "line 3, .*nested functions are not supported.*Move it behind"),
         ("y = 3i*u;", "complex numbers are not supported"),
         ("y = u + 2*j;", "complex numbers are not supported"),
         ("x = [1 2 3];\nx(2) = [];\ny = x(1)*u;", "line 3: deleting elements"),

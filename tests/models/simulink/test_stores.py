@@ -46,7 +46,7 @@ def test_priorities_say_whether_a_data_store_is_read_before_it_is_written(reader
 def test_what_no_priority_decides_is_told(tmp_path):
     report = import_simulink(store("", "").write(tmp_path), parameters=[{"start": 2.0}]).report
     assert any("data store" in one and "R" in one for one in report.substitutions)
-    assert any("Assign a Priority to both" in one for one in report.notes)
+    assert any("Assign a Priority to both" in str(one) for one in report.notes)
 
 
 def tasks(reader, writer, mode, priorities):

@@ -19,7 +19,6 @@ from kennfeld.matlab.evaluator import NumericEvaluator, evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import ProgramError
-from kennfeld.models.imperative.library.elementwise_functions import OF_BITS
 from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS, matlab_word
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import (
@@ -44,6 +43,7 @@ GIVEN = {text: evaluate(text) for text in TEXTS}
 THREE = ("1", "3", "[1 2 3]", "[1 2;3 4]", "[]", "reshape([1 3 2 4 2 1 3 1],2,2,2)", "'all'", "-2.5")
 PAIRS, TRIPLES = 7, 11  # one of so many is tried; no multiple of the number of arguments
 
+OF_BITS = {"bitand", "bitor", "bitxor", "bitshift", "bitcmp", "bitget", "bitset"}
 CASTS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 MISSING = "in a graph NaN is a missing value, which an extreme passes on; a script passes over it"
 INTENDED = {
@@ -124,7 +124,7 @@ def in_code(name, arguments, wanted):
     context = EvaluationContext(builder)
     try:
         results = SYMBOLIC_FUNCTIONS[name].results(
-            StatementInterpreter(context).calls, [held(builder, one) for one in arguments], wanted
+            StatementInterpreter(context).expressions, [held(builder, one) for one in arguments], wanted
         )
         return [shown(context, one) for one in results[: max(wanted, 1)]]
     except ProgramError:

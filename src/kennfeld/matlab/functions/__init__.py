@@ -14,15 +14,4 @@ from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, Numeri
 
 __all__ = ["NUMERIC_FUNCTIONS", "NumericArguments", "NumericFunction"]
 
-_FAMILIES = (
-    bits,
-    elementary,
-    array_shapes,
-    polynomials,
-    reductions,
-    reductions,
-    array_shapes,
-    structs_and_cells,
-    strings,
-    types,
-)
+_FAMILIES = (array_shapes, bits, elementary, polynomials, reductions, strings, structs_and_cells, types)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.formatting import size_text
+from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import (
     MANY,
     NUMERIC_FUNCTIONS,
@@ -13,43 +15,26 @@ from kennfeld.matlab.functions.numeric_registry import (
     function,
 )
 from kennfeld.matlab.operators import cast_to_class, colon_range, concatenate_along, transpose
-from kennfeld.matlab.values import (
-    EMPTY,
-    INTEGERS,
-    MatlabCell,
-    MatlabValueError,
-    Value,
-    array_value,
-    class_name,
-    format_shape,
-    logical,
-    numbers,
-    object_array,
-    row,
-    scalar,
-    text,
-    with_class_of,
-)
 
-_CLASSES = (*INTEGERS, "double", "single", "logical")
+_CLASSES = (*v.INTEGERS, "double", "single", "logical")
 
 
-def parse_shape(values: Sequence[Value]) -> tuple[int, ...]:
+def parse_shape(values: Sequence[v.Value]) -> tuple[int, ...]:
     """Return the shape that size arguments request: none for 1 x 1, one number for a square, a vector, or one each."""
     if not values:
         return (1, 1)
     if any(isinstance(value, np.ndarray) and value.dtype.kind == "U" for value in values):
-        raise MatlabValueError("a size must be a number, got text")
-    vectors = [numbers(value).ravel(order="F") for value in values]
+        raise v.MatlabValueError("a size must be a number, got text")
+    vectors = [v.numbers(value).ravel(order="F") for value in values]
     if len(vectors) > 1 and any(vector.size != 1 for vector in vectors):
-        raise MatlabValueError("each size must be one number")
+        raise v.MatlabValueError("each size must be one number")
     sizes = [float(size) for vector in vectors for size in vector]
     if len(sizes) == 1 and len(vectors) == 1:
         sizes *= 2
     if any(math.isnan(size) or (size != math.floor(size) and math.isfinite(size)) for size in sizes):
-        raise MatlabValueError("a size must be an integer")
+        raise v.MatlabValueError("a size must be an integer")
     if not 2 <= len(sizes) <= 32:
-        raise MatlabValueError("an array must have 2 to 32 dimensions")
+        raise v.MatlabValueError("an array must have 2 to 32 dimensions")
     shape = [int(min(max(size, 0), 2**53)) for size in sizes]
     while len(shape) > 2 and shape[-1] == 1:
         shape.pop()
@@ -57,25 +42,25 @@ def parse_shape(values: Sequence[Value]) -> tuple[int, ...]:
 
 
 def _filled(fill: float) -> NumericFunction:
-    def run(call: NumericArguments) -> Value:
+    def run(call: NumericArguments) -> v.Value:
         values, name = _with_class(call)
         shape = parse_shape(values)
         call.budget.allocate(math.prod(shape))
-        made = np.full(shape, fill)
-        return made != 0 if name == "logical" else cast_to_class(made, name)
+        result = np.full(shape, fill)
+        return result != 0 if name == "logical" else cast_to_class(result, name)
 
     return NumericFunction(run, 0, MANY)
 
 
-def _with_class(call: NumericArguments) -> tuple[list[Value], str]:
+def _with_class(call: NumericArguments) -> tuple[list[v.Value], str]:
     """Return the size arguments of a call, and the class behind them."""
     values, name = list(call.values), "double"
     for at in range(len(values) - 1, -1, -1):
         if call.is_text(at):
-            word = text(values[at])
+            word = v.text(values[at])
             if word not in (*_CLASSES, "like"):
-                raise MatlabValueError(f"unknown numeric class {word}")
-            name = class_name(array_value(values[at + 1])) if word == "like" and at + 1 < len(values) else word
+                raise v.MatlabValueError(f"unknown numeric class {word}")
+            name = v.class_name(v.array_value(values[at + 1])) if word == "like" and at + 1 < len(values) else word
             del values[at:]
     return values, "double" if name == "like" else name
 
@@ -85,13 +70,8 @@ for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("in
         NUMERIC_FUNCTIONS[_name] = _filled(_fill)
 
 
-@function("pi", 0)
-def _pi(call: NumericArguments) -> Value:
-    return scalar(math.pi)
-
-
 def _constant(value: bool) -> NumericFunction:
-    def run(call: NumericArguments) -> Value:
+    def run(call: NumericArguments) -> v.Value:
         shape = parse_shape(_with_class(call)[0])
         call.budget.allocate(math.prod(shape))
         return np.full(shape, value)
@@ -103,56 +83,51 @@ NUMERIC_FUNCTIONS["true"], NUMERIC_FUNCTIONS["false"] = _constant(True), _consta
 
 
 @function("cell", 0, MANY)
-def _cell(call: NumericArguments) -> Value:
+def _cell(call: NumericArguments) -> v.Value:
     shape = parse_shape(call.values) if len(call) else (0, 0)
     call.budget.allocate(10 * math.prod(shape))
-    return MatlabCell(object_array([EMPTY] * math.prod(shape), shape))
+    return v.MatlabCell(v.object_array([v.EMPTY] * math.prod(shape), shape))
 
 
 @function("eye", 0, 4)
-def _eye(call: NumericArguments) -> Value:
+def _eye(call: NumericArguments) -> v.Value:
     values, name = _with_class(call)
     shape = parse_shape(values)
     if len(shape) > 2:
-        raise MatlabValueError("a matrix requires two sizes")
+        raise v.MatlabValueError("a matrix requires two sizes")
     call.budget.allocate(math.prod(shape))
     matrix = np.eye(shape[0], shape[1])
     return matrix != 0 if name == "logical" else cast_to_class(matrix, name)
 
 
 @function("linspace", 2, 3)
-def _linspace(call: NumericArguments) -> Value:
+def _linspace(call: NumericArguments) -> v.Value:
     count = max(call.integer(2, 100), 1)
     call.budget.allocate(count)
     begin, end = call.number(0), call.number(1)
-    return row(np.linspace(begin, end, count)) if count > 1 else row([end])
+    return v.row(np.linspace(begin, end, count)) if count > 1 else v.row([end])
 
 
 @function("logspace", 2, 3)
-def _logspace(call: NumericArguments) -> Value:
+def _logspace(call: NumericArguments) -> v.Value:
     count = max(call.integer(2, 50), 1)
     call.budget.allocate(count)
     begin, end = call.number(0), call.number(1)
     with np.errstate(all="ignore"):
-        return row(10.0 ** (np.linspace(begin, end, count) if count > 1 else np.array([end])))
-
-
-@function("colon", 2, 3)
-def _colon(call: NumericArguments) -> Value:
-    return colon_range(call[0], call[1] if len(call) == 3 else None, call[len(call) - 1], call.budget)
+        return v.row(10.0 ** (np.linspace(begin, end, count) if count > 1 else np.array([end])))
 
 
 @function("repmat", 2, MANY)
-def _repmat(call: NumericArguments) -> Value:
+def _repmat(call: NumericArguments) -> v.Value:
     data, times = call.data(0), parse_shape(call.values[1:])
     call.budget.allocate(data.size * math.prod(times))
     dimensions = max(data.ndim, len(times))
     deeper = data.reshape(data.shape + (1,) * (dimensions - data.ndim))
-    return with_class_of(call[0], np.tile(deeper, times + (1,) * (dimensions - len(times))))
+    return v.with_class_of(call[0], np.tile(deeper, times + (1,) * (dimensions - len(times))))
 
 
 @function("meshgrid", 1, 2)
-def _meshgrid(call: NumericArguments) -> tuple[Value, ...]:
+def _meshgrid(call: NumericArguments) -> tuple[v.Value, ...]:
     x = call.array(0).ravel(order="F")
     y = call.array(1).ravel(order="F") if len(call) > 1 else x
     call.budget.allocate(2 * x.size * y.size)
@@ -160,7 +135,7 @@ def _meshgrid(call: NumericArguments) -> tuple[Value, ...]:
 
 
 @function("ndgrid", 1, 4)
-def _ndgrid(call: NumericArguments) -> tuple[Value, ...]:
+def _ndgrid(call: NumericArguments) -> tuple[v.Value, ...]:
     axes = [call.numbers(at).ravel(order="F") for at in range(len(call))]
     axes = axes * max(call.outputs, 2) if len(axes) == 1 else axes
     call.budget.allocate(len(axes) * math.prod(axis.size for axis in axes))
@@ -168,10 +143,10 @@ def _ndgrid(call: NumericArguments) -> tuple[Value, ...]:
 
 
 @function("magic", 1)
-def _magic(call: NumericArguments) -> Value:
+def _magic(call: NumericArguments) -> v.Value:
     size = call.integer(0)
     if not 3 <= size <= 1000 or size % 2 == 0:
-        raise MatlabValueError("magic supports odd sizes from 3 to 999")
+        raise v.MatlabValueError("magic supports odd sizes from 3 to 999")
     call.budget.allocate(size * size)
     row_, column = np.meshgrid(np.arange(1, size + 1), np.arange(1, size + 1), indexing="ij")
     first = (row_ + column + (size - 3) // 2) % size
@@ -180,115 +155,101 @@ def _magic(call: NumericArguments) -> Value:
 
 
 @function("size", 1, 2)
-def _size(call: NumericArguments) -> "Value | tuple[Value, ...]":
+def _size(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
     shape = call.data(0).shape
     if len(call) > 1:
         if any(at < 1 or at != math.floor(at) for at in call.numbers(1).ravel(order="F")):
-            raise MatlabValueError("a dimension must be an integer >= 1")
+            raise v.MatlabValueError("a dimension must be an integer >= 1")
         wanted = [int(at) for at in call.numbers(1).ravel(order="F")]
-        return row([shape[at - 1] if at <= len(shape) else 1 for at in wanted])
+        return v.row([shape[at - 1] if at <= len(shape) else 1 for at in wanted])
     if call.outputs < 2:
-        return row(shape)
+        return v.row(shape)
     padded = (*shape, *(1 for _ in range(call.outputs - len(shape))))
     last = math.prod(padded[call.outputs - 1 :])
-    return tuple(scalar(size) for size in (*padded[: call.outputs - 1], last))
+    return tuple(v.scalar(size) for size in (*padded[: call.outputs - 1], last))
 
 
 for _name, _run in {
-    "numel": lambda call: scalar(call.data(0).size),
-    "length": lambda call: scalar(max(call.data(0).shape) if call.data(0).size else 0),
-    "ndims": lambda call: scalar(call.data(0).ndim),
-    "height": lambda call: scalar(call.data(0).shape[0]),
-    "width": lambda call: scalar(call.data(0).shape[1]),
-    "isempty": lambda call: logical(not call.data(0).size),
-    "isscalar": lambda call: logical(call.data(0).size == 1),
-    "isrow": lambda call: logical(call.data(0).ndim == 2 and call.data(0).shape[0] == 1),
-    "iscolumn": lambda call: logical(call.data(0).ndim == 2 and call.data(0).shape[1] == 1),
-    "ismatrix": lambda call: logical(call.data(0).ndim == 2),
-    "fliplr": lambda call: with_class_of(call[0], np.flip(call.data(0), 1)),
-    "flipud": lambda call: with_class_of(call[0], np.flip(call.data(0), 0)),
-    "transpose": lambda call: with_class_of(call[0], transpose(call.data(0))),
-    "ctranspose": lambda call: with_class_of(call[0], transpose(call.data(0))),
+    "numel": lambda call: v.scalar(call.data(0).size),
+    "length": lambda call: v.scalar(max(call.data(0).shape) if call.data(0).size else 0),
+    "ndims": lambda call: v.scalar(call.data(0).ndim),
+    "height": lambda call: v.scalar(call.data(0).shape[0]),
+    "width": lambda call: v.scalar(call.data(0).shape[1]),
+    "isempty": lambda call: v.logical(not call.data(0).size),
+    "isscalar": lambda call: v.logical(call.data(0).size == 1),
+    "isrow": lambda call: v.logical(call.data(0).ndim == 2 and call.data(0).shape[0] == 1),
+    "iscolumn": lambda call: v.logical(call.data(0).ndim == 2 and call.data(0).shape[1] == 1),
+    "issquare": lambda call: v.logical(call.data(0).ndim == 2 and len(set(call.data(0).shape)) == 1),
+    "ismatrix": lambda call: v.logical(call.data(0).ndim == 2),
+    "fliplr": lambda call: v.with_class_of(call[0], np.flip(call.data(0), 1)),
+    "flipud": lambda call: v.with_class_of(call[0], np.flip(call.data(0), 0)),
+    "transpose": lambda call: v.with_class_of(call[0], transpose(call.data(0))),
+    "ctranspose": lambda call: v.with_class_of(call[0], transpose(call.data(0))),
 }.items():
     NUMERIC_FUNCTIONS[_name] = NumericFunction(_run, 1, 1)
 
 
 @function("isvector", 1)
-def _isvector(call: NumericArguments) -> Value:
+def _isvector(call: NumericArguments) -> v.Value:
     data = call.data(0)
-    return logical(data.ndim == 2 and 1 in data.shape)
+    return v.logical(data.ndim == 2 and 1 in data.shape)
 
 
 @function("reshape", 2, MANY)
-def _reshape(call: NumericArguments) -> Value:
+def _reshape(call: NumericArguments) -> v.Value:
     data, sizes = call.data(0), list(call.values[1:])
-    empty = [at for at, size in enumerate(sizes) if not numbers(size).size]
+    empty = [at for at, size in enumerate(sizes) if not v.numbers(size).size]
     if len(empty) == 1 and len(sizes) > 1:
-        known = math.prod(float(numbers(size).flat[0]) for size in sizes if numbers(size).size)
-        sizes[empty[0]] = scalar(data.size / known if known else 0)
+        known = math.prod(float(v.numbers(size).flat[0]) for size in sizes if v.numbers(size).size)
+        sizes[empty[0]] = v.scalar(data.size / known if known else 0)
     shape = parse_shape(sizes)
-    if len(sizes) == 1 and numbers(sizes[0]).size == 1:
-        raise MatlabValueError("a size requires two numbers")
+    if len(sizes) == 1 and v.numbers(sizes[0]).size == 1:
+        raise v.MatlabValueError("a size requires two numbers")
     if math.prod(shape) != data.size:
-        raise MatlabValueError(f"{data.size} elements cannot be reshaped to {format_shape(shape)}")
+        raise v.MatlabValueError(f"{data.size} elements cannot be reshaped to {size_text(shape)}")
     call.budget.allocate(data.size)
-    return with_class_of(call[0], data.reshape(shape, order="F"))
-
-
-@function("horzcat", 0, MANY)
-def _horzcat(call: NumericArguments) -> Value:
-    return concatenate_along(call.values, 1, call.budget)
-
-
-@function("vertcat", 0, MANY)
-def _vertcat(call: NumericArguments) -> Value:
-    return concatenate_along(call.values, 0, call.budget)
+    return v.with_class_of(call[0], data.reshape(shape, order="F"))
 
 
 @function("cat", 1, MANY)
-def _cat(call: NumericArguments) -> Value:
+def _cat(call: NumericArguments) -> v.Value:
     axis = call.integer(0)
     if not 1 <= axis <= 32:
-        raise MatlabValueError(f"a dimension must be between 1 and 32, got {axis}")
+        raise v.MatlabValueError(f"a dimension must be between 1 and 32, got {axis}")
     return concatenate_along(call.values[1:], axis - 1, call.budget)
 
 
 @function("flip", 1, 2)
-def _flip(call: NumericArguments) -> Value:
+def _flip(call: NumericArguments) -> v.Value:
     data = call.data(0)
     axis = call.dimension(1, data)
-    return with_class_of(call[0], np.flip(data, axis) if axis < data.ndim else data)
-
-
-@function("rot90", 1, 2)
-def _rot90(call: NumericArguments) -> Value:
-    return with_class_of(call[0], np.rot90(call.data(0), call.integer(1, 1) % 4))
+    return v.with_class_of(call[0], np.flip(data, axis) if axis < data.ndim else data)
 
 
 @function("permute", 2)
-def _permute(call: NumericArguments) -> Value:
+def _permute(call: NumericArguments) -> v.Value:
     data, order = call.data(0), [int(at) - 1 for at in call.numbers(1).ravel(order="F")]
     if sorted(order) != list(range(len(order))) or len(order) < data.ndim or len(order) > 32:
-        raise MatlabValueError("the order must list each dimension once")
-    return with_class_of(call[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
+        raise v.MatlabValueError("the order must list each dimension once")
+    return v.with_class_of(call[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
 
 
 @function("squeeze", 1)
-def _squeeze(call: NumericArguments) -> Value:
+def _squeeze(call: NumericArguments) -> v.Value:
     data = call.data(0)
     sizes = [size for size in data.shape if size != 1] if data.ndim > 2 else list(data.shape)
-    return with_class_of(call[0], data.reshape([*sizes, 1, 1][: max(len(sizes), 2)], order="F"))
+    return v.with_class_of(call[0], data.reshape([*sizes, 1, 1][: max(len(sizes), 2)], order="F"))
 
 
 @function("circshift", 2, 3)
-def _circshift(call: NumericArguments) -> Value:
+def _circshift(call: NumericArguments) -> v.Value:
     data, shift = call.data(0), [int(by) for by in call.numbers(1).ravel(order="F")]
     axes = [call.dimension(2, data)] if len(shift) == 1 else list(range(len(shift)))
-    return with_class_of(call[0], np.roll(data, shift, axes))
+    return v.with_class_of(call[0], np.roll(data, shift, axes))
 
 
 @function("diag", 1, 2)
-def _diag(call: NumericArguments) -> Value:
+def _diag(call: NumericArguments) -> v.Value:
     data, offset = call.matrix(0), call.integer(1, 0)
     if data.shape == (0, 0):
         return data
@@ -304,34 +265,43 @@ NUMERIC_FUNCTIONS["triu"] = NumericFunction(lambda call: np.triu(call.matrix(0),
 
 
 @function("kron", 2)
-def _kron(call: NumericArguments) -> Value:
+def _kron(call: NumericArguments) -> v.Value:
     call.budget.allocate(call.data(0).size * call.data(1).size)
-    return np.kron(numbers(call.matrix(0)), numbers(call.matrix(1)))
+    return np.kron(v.numbers(call.matrix(0)), v.numbers(call.matrix(1)))
 
 
 @function("sub2ind", 2, MANY)
-def _sub2ind(call: NumericArguments) -> Value:
+def _sub2ind(call: NumericArguments) -> v.Value:
     shape = [int(size) for size in call.numbers(0).ravel(order="F")]
     step, linear = 1.0, np.ones(call.data(1).shape)
     for at, size in enumerate(shape[: len(call) - 1]):
         index = call.numbers(at + 1)
         if ((index < 1) | (index > size)).any():
-            raise MatlabValueError(f"an index of dimension {at + 1} must be between 1 and {size}")
+            raise v.MatlabValueError(f"an index of dimension {at + 1} must be between 1 and {size}")
         linear = linear + (index - 1) * step
         step *= size
     return linear
 
 
 @function("ind2sub", 2)
-def _ind2sub(call: NumericArguments) -> tuple[Value, ...]:
+def _ind2sub(call: NumericArguments) -> tuple[v.Value, ...]:
     shape = [int(size) for size in call.numbers(0).ravel(order="F")]
     count = max(call.outputs, 1)
     shape = [*shape[: count - 1], math.prod(shape[count - 1 :])] if count <= len(shape) else shape
     rest = call.numbers(1) - 1
     if ((rest < 0) | (rest >= math.prod(shape))).any():
-        raise MatlabValueError(f"an index must be between 1 and {math.prod(shape)}")
+        raise v.MatlabValueError(f"an index must be between 1 and {math.prod(shape)}")
     indices = []
     for size in shape:
         indices.append(rest % size + 1)
         rest = np.floor(rest / size)
     return (*indices, *(np.ones_like(rest) for _ in range(count - len(indices))))
+
+
+function("pi", 0)(lambda call: v.scalar(math.pi))
+function("colon", 2, 3)(
+    lambda call: colon_range(call[0], call[1] if len(call) == 3 else None, call[len(call) - 1], call.budget)
+)
+function("horzcat", 0, MANY)(lambda call: concatenate_along(call.values, 1, call.budget))
+function("vertcat", 0, MANY)(lambda call: concatenate_along(call.values, 0, call.budget))
+function("rot90", 1, 2)(lambda call: v.with_class_of(call[0], np.rot90(call.data(0), call.integer(1, 1) % 4)))

@@ -29,7 +29,7 @@ class _Class:
 def _class_of(call: NumericArguments, operands: int = 1) -> tuple[_Class, NumericArguments]:
     """Return the class of the operands or the named one, and the arguments without that name."""
     names = [class_name(call.array(at)) for at in range(operands)]
-    integers = dict.fromkeys(one for one in names if one in INTEGERS)
+    integers = dict.fromkeys(item for item in names if item in INTEGERS)
     if len(integers) > 1:
         raise MatlabValueError(f"{' and '.join(integers)} cannot be combined")
     name = next(iter(integers), "uint64")
@@ -56,8 +56,7 @@ def _apply_bits(call: NumericArguments, operation: Callable[[int, int], int], ki
     right = _to_integers(call, 1, replace(kind, signed=True))
     each = np.frompyfunc(lambda a, b: float(kind.wrapped(operation(int(a), int(b)))), 2, 1)
     name = next(
-        (class_name(call.array(at)) for at in range(operands) if class_name(call.array(at)) in INTEGERS),
-        "double",
+        (class_name(call.array(at)) for at in range(operands) if class_name(call.array(at)) in INTEGERS), "double"
     )
     return apply_pairwise(call, lambda *_: np.asarray(each(*pad_dimensions(left, right))).astype(np.float64), name)
 
@@ -71,9 +70,9 @@ def _bitwise(operation: Callable[[int, int], int]) -> NumericFunction:
     return NumericFunction(run, 2, 3)
 
 
-NUMERIC_FUNCTIONS["bitand"] = _bitwise(lambda one, other: one & other)
-NUMERIC_FUNCTIONS["bitor"] = _bitwise(lambda one, other: one | other)
-NUMERIC_FUNCTIONS["bitxor"] = _bitwise(lambda one, other: one ^ other)
+NUMERIC_FUNCTIONS["bitand"] = _bitwise(lambda item, other: item & other)
+NUMERIC_FUNCTIONS["bitor"] = _bitwise(lambda item, other: item | other)
+NUMERIC_FUNCTIONS["bitxor"] = _bitwise(lambda item, other: item ^ other)
 
 
 def _place(at: int, kind: _Class) -> int:
@@ -98,11 +97,7 @@ def _bitget(call: NumericArguments) -> Value:
 def _bitset(call: NumericArguments) -> Value:
     kind, call = _class_of(call)
     is_set = len(call) < 3 or bool(call.number(2))
-    return _apply_bits(call, lambda bits, at: _with_bit(bits, _place(at, kind), is_set), kind)
-
-
-def _with_bit(number: int, at: int, is_set: bool) -> int:
-    return number | 1 << at if is_set else number & ~(1 << at)
+    return _apply_bits(call, lambda bits, at: bits & ~(1 << _place(at, kind)) | is_set << _place(at, kind), kind)
 
 
 @function("bitcmp", 1, 2)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
+from kennfeld.matlab.functions.numeric_registry import NumericArguments, function
 from kennfeld.matlab.operators import apply_binary, apply_unary, cast_to_class, result_class
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
@@ -88,22 +88,6 @@ _LIMITED: dict[str, tuple[_Real, Callable[[Float], Bool], str]] = {
     "acosh": (np.arccosh, lambda values: values < 1, "acosh below 1"),
     "atanh": (np.arctanh, lambda values: np.abs(values) > 1, "atanh beyond 1"),
 }
-_TESTS: dict[str, Callable[[Float], Bool]] = {"isnan": np.isnan, "isinf": np.isinf, "isfinite": np.isfinite}
-
-
-def _register_all() -> None:
-    for name, operation in _KEEPING.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation), 1, 1)
-    for name, operation in _FLOATING.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation, floating=True), 1, 1)
-    for name, (operation, forbidden, value) in _LIMITED.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_elementwise(operation, True, forbidden, value), 1, 1)
-    for name, test in _TESTS.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_predicate(test), 1, 1)
-    for name, pairwise in _PAIRWISE.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_pairwise(pairwise), 2, 2)
-    for name, operator in _OPERATORS.items():
-        NUMERIC_FUNCTIONS[name] = NumericFunction(_operator_function(operator), 2, 2)
 
 
 def _elementwise(
@@ -123,44 +107,11 @@ def _elementwise(
     return run
 
 
-def _predicate(test: Callable[[Float], Bool]) -> Callable[[NumericArguments], Value]:
-    return lambda call: test(call.numbers(0))
-
-
 _OPERATORS = {
-    "plus": "+",
-    "minus": "-",
-    "times": ".*",
-    "mtimes": "*",
-    "rdivide": "./",
-    "mrdivide": "/",
-    "ldivide": ".\\",
-    "mldivide": "\\",
-    "power": ".^",
-    "mpower": "^",
-    "eq": "==",
-    "ne": "~=",
-    "lt": "<",
-    "le": "<=",
-    "gt": ">",
-    "ge": ">=",
-    "and": "&",
-    "or": "|",
-}
-
-
-def _operator_function(operator: str) -> Callable[[NumericArguments], Value]:
-    return lambda call: apply_binary(operator, call[0], call[1], call.budget)
-
-
-@function("not", 1)
-def _not(call: NumericArguments) -> Value:
-    return apply_unary("~", call[0])
-
-
-@function("uminus", 1)
-def _uminus(call: NumericArguments) -> Value:
-    return apply_unary("-", call[0])
+    "plus": "+", "minus": "-", "times": ".*", "mtimes": "*", "rdivide": "./", "mrdivide": "/", "ldivide": ".\\",
+    "mldivide": "\\", "power": ".^", "mpower": "^", "eq": "==", "ne": "~=", "lt": "<", "le": "<=", "gt": ">",
+    "ge": ">=", "and": "&", "or": "|",
+}  # fmt: skip
 
 
 @function("round", 1, 2)
@@ -251,8 +202,26 @@ _PAIRWISE: dict[str, Callable[[Float, Float], Array]] = {
 }
 
 
-def _pairwise(operation: Callable[[Float, Float], Array]) -> Callable[[NumericArguments], Value]:
+def _of_operator(operator: str) -> Callable[[NumericArguments], Value]:
+    return lambda call: apply_binary(operator, call[0], call[1], call.budget)
+
+
+def _of_pairs(operation: Callable[[Float, Float], Array]) -> Callable[[NumericArguments], Value]:
     return lambda call: apply_pairwise(call, operation)
 
 
-_register_all()
+for _name, _operation in _KEEPING.items():
+    function(_name, 1)(_elementwise(_operation))
+for _name, _operation in _FLOATING.items():
+    function(_name, 1)(_elementwise(_operation, floating=True))
+for _name, (_operation, _forbidden, _reason) in _LIMITED.items():
+    function(_name, 1)(_elementwise(_operation, True, _forbidden, _reason))
+for _name, _pair in _PAIRWISE.items():
+    function(_name, 2)(_of_pairs(_pair))
+for _name, _operator in _OPERATORS.items():
+    function(_name, 2)(_of_operator(_operator))
+function("isnan", 1)(lambda call: np.isnan(call.numbers(0)))
+function("isinf", 1)(lambda call: np.isinf(call.numbers(0)))
+function("isfinite", 1)(lambda call: np.isfinite(call.numbers(0)))
+function("not", 1)(lambda call: apply_unary("~", call[0]))
+function("uminus", 1)(lambda call: apply_unary("-", call[0]))

@@ -6,18 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import (
-    Array,
-    MatlabValueError,
-    Value,
-    array_value,
-    elements_of,
-    integer,
-    number,
-    numbers,
-    text,
-)
 
 MANY = 1000
 
@@ -29,48 +19,48 @@ class NumericArguments:
     `apply` calls a function handle; `exists` returns True for the name of a variable.
     """
 
-    values: Sequence[Value]
+    values: Sequence[v.Value]
     outputs: int
     budget: Budget
-    apply: Callable[[Value, Sequence[Value], int], list[Value]]
+    apply: Callable[[v.Value, Sequence[v.Value], int], list[v.Value]]
     exists: Callable[[str], bool]
 
     def __len__(self) -> int:
         return len(self.values)
 
-    def __getitem__(self, at: int) -> Value:
+    def __getitem__(self, at: int) -> v.Value:
         return self.values[at]
 
     def numbers(self, at: int) -> Float:
         """Return an argument as numbers in double precision."""
-        return numbers(self.values[at])
+        return v.numbers(self.values[at])
 
-    def array(self, at: int) -> Array:
+    def array(self, at: int) -> v.Array:
         """Return an argument as an array; a parameter object counts as its value."""
-        return array_value(self.values[at])
+        return v.array_value(self.values[at])
 
-    def matrix(self, at: int) -> Array:
+    def matrix(self, at: int) -> v.Array:
         """Return an argument as an array of two dimensions."""
         array = self.array(at)
         if array.ndim > 2:
-            raise MatlabValueError(f"must be a matrix, got an array of {array.ndim} dimensions")
+            raise v.MatlabValueError(f"must be a matrix, got an array of {array.ndim} dimensions")
         return array
 
-    def data(self, at: int) -> Array:
+    def data(self, at: int) -> v.Array:
         """Return the elements of an argument of any class."""
-        return elements_of(self.values[at])
+        return v.elements_of(self.values[at])
 
     def number(self, at: int, default: float | None = None) -> float:
         """Return an argument as one number."""
-        return default if default is not None and at >= len(self) else number(self.values[at])
+        return default if default is not None and at >= len(self) else v.number(self.values[at])
 
     def integer(self, at: int, default: int | None = None) -> int:
         """Return an argument as one integer."""
-        return default if default is not None and at >= len(self) else integer(self.values[at])
+        return default if default is not None and at >= len(self) else v.integer(self.values[at])
 
     def text(self, at: int) -> str:
         """Return an argument as text."""
-        return text(self.values[at])
+        return v.text(self.values[at])
 
     def is_text(self, at: int) -> bool:
         """Return True if the argument exists and is text."""
@@ -79,15 +69,15 @@ class NumericArguments:
 
     def words(self, begin: int) -> list[str]:
         """Return the texts from an argument on, in lower case."""
-        return [text(value).casefold() for value in self.values[begin:]]
+        return [v.text(value).casefold() for value in self.values[begin:]]
 
-    def dimension(self, at: int, array: Array) -> int:
+    def dimension(self, at: int, array: v.Array) -> int:
         """Return the dimension, from 0, that an argument names; by default the first longer than 1."""
         if at >= len(self):
             return next((k for k, size in enumerate(array.shape) if size != 1), 0)
-        dimension = integer(self.values[at])
+        dimension = v.integer(self.values[at])
         if not 1 <= dimension <= 32:
-            raise MatlabValueError(f"a dimension must be between 1 and 32, got {dimension}")
+            raise v.MatlabValueError(f"a dimension must be between 1 and 32, got {dimension}")
         return dimension - 1
 
 
@@ -95,13 +85,13 @@ class NumericArguments:
 class NumericFunction:
     """A function with its minimum and maximum number of arguments."""
 
-    run: Callable[[NumericArguments], "Value | tuple[Value, ...]"]
+    run: Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
     least: int
     most: int
 
 
 NUMERIC_FUNCTIONS: dict[str, NumericFunction] = {}
-_Run = Callable[[NumericArguments], "Value | tuple[Value, ...]"]
+_Run = Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
 
 
 def function(names: str, least: int, most: int | None = None) -> Callable[[_Run], _Run]:

@@ -40,11 +40,6 @@ def _polyder(call: NumericArguments) -> Value:
     return row(coefficients if coefficients.size else [0.0])
 
 
-@function("polyint", 1, 2)
-def _polyint(call: NumericArguments) -> Value:
-    return row(np.polyint(call.numbers(0).ravel(order="F"), k=call.number(1, 0.0)))
-
-
 @function("conv", 2)
 def _conv(call: NumericArguments) -> Value:
     left, right = call.numbers(0), call.numbers(1)
@@ -85,10 +80,7 @@ def _interp1(call: NumericArguments) -> Value:
     else:
         points, table, at = call.numbers(0).ravel(order="F"), call.numbers(1), call.numbers(2)
     method = call.text(count).casefold() if call.is_text(count) else "linear"
-    method, beyond = (
-        method.removeprefix("*"),
-        call.values[count + 1 :] if call.is_text(count) else call.values[3:],
-    )
+    method, beyond = (method.removeprefix("*"), call.values[count + 1 :] if call.is_text(count) else call.values[3:])
     if method not in _METHODS:
         raise MatlabValueError(f"unknown interpolation method {method}")
     is_matrix = 1 not in table.shape
@@ -203,3 +195,6 @@ def _filter(call: NumericArguments) -> Value:
         raise MatlabValueError("the first coefficient of the denominator must not be 0")
     call.budget.allocate(x.size * (numerator.size + denominator.size))
     return np.asarray(lfilter(numerator, denominator, x.ravel(order="F"))).reshape(x.shape, order="F")
+
+
+function("polyint", 1, 2)(lambda call: row(np.polyint(call.numbers(0).ravel(order="F"), k=call.number(1, 0.0))))

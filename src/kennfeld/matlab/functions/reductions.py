@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.matlab import values as v
+from kennfeld.matlab.functions.elementary import apply_pairwise
 from kennfeld.matlab.functions.numeric_registry import (
     MANY,
     NUMERIC_FUNCTIONS,
@@ -16,28 +18,9 @@ from kennfeld.matlab.functions.numeric_registry import (
     NumericFunction,
     function,
 )
-from kennfeld.matlab.operators import apply_binary, cast_to_class, result_class
-from kennfeld.matlab.values import (
-    EMPTY,
-    Array,
-    MatlabCell,
-    MatlabFunctionHandle,
-    MatlabStruct,
-    MatlabValueError,
-    OpaqueValue,
-    Value,
-    characters,
-    class_name,
-    elements_of,
-    logical,
-    numbers,
-    object_array,
-    scalar,
-    text,
-    trim_dimensions,
-)
+from kennfeld.matlab.operators import cast_to_class, result_class
 
-_Along = Callable[[Float, int], Array]
+_Along = Callable[[Float, int], v.Array]
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing", "omitnan"})
 
 _SIMPLE: dict[str, tuple[_Along, float | bool | None, bool]] = {
@@ -64,13 +47,13 @@ _WITHOUT_NAN: dict[str, _Along] = {
 
 
 @function("find", 1, 3)
-def _find(call: NumericArguments) -> "Value | tuple[Value, ...]":
+def _find(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
     values = call.numbers(0)
     positions = np.flatnonzero(values.ravel(order="F"))
     if len(call) > 1:
         count = call.integer(1)
         if count < 1:
-            raise MatlabValueError(f"the number of elements must be >= 1, got {count}")
+            raise v.MatlabValueError(f"the number of elements must be >= 1, got {count}")
         from_end = len(call) > 2 and call.text(2) == "last"
         positions = positions[max(positions.size - count, 0) :] if from_end else positions[:count]
     is_row = values.ndim == 2 and values.shape[0] == 1 and values.shape[1] != 1
@@ -85,17 +68,17 @@ def _find(call: NumericArguments) -> "Value | tuple[Value, ...]":
 
 
 @function("sort", 1, 3)
-def _sort(call: NumericArguments) -> "Value | tuple[Value, ...]":
+def _sort(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
     is_down = call.is_text(len(call) - 1) and len(call) > 1 and call.text(len(call) - 1).casefold() == "descend"
-    if isinstance(call[0], MatlabCell):
-        words = [text(cell) for cell in call[0].values.ravel(order="F")]
+    if isinstance(call[0], v.MatlabCell):
+        words = [v.text(cell) for cell in call[0].values.ravel(order="F")]
         ranks = sorted(range(len(words)), key=lambda at: words[at], reverse=is_down)
-        sorted_ = object_array([characters(words[at]) for at in ranks], call[0].values.shape)
-        return MatlabCell(sorted_), np.array(ranks, dtype=np.float64).reshape(call[0].values.shape, order="F") + 1
+        sorted_ = v.object_array([v.characters(words[at]) for at in ranks], call[0].values.shape)
+        return v.MatlabCell(sorted_), np.array(ranks, dtype=np.float64).reshape(call[0].values.shape, order="F") + 1
     array = call.array(0)
-    values = array if array.dtype.kind == "U" else numbers(array)
+    values = array if array.dtype.kind == "U" else v.numbers(array)
     axis = call.dimension(1, array) if len(call) > 1 and not call.is_text(1) else call.dimension(9, array)
-    order: Array = np.argsort(-values if is_down and values.dtype.kind != "U" else values, axis=axis, kind="stable")
+    order: v.Array = np.argsort(-values if is_down and values.dtype.kind != "U" else values, axis=axis, kind="stable")
     if is_down and values.dtype.kind == "f":
         order = _missing_first(values, order, axis)
     if is_down and values.dtype.kind == "U":
@@ -103,19 +86,19 @@ def _sort(call: NumericArguments) -> "Value | tuple[Value, ...]":
     return np.take_along_axis(array, order, axis), order.astype(np.float64) + 1
 
 
-def _missing_first(values: Array, order: Array, axis: int) -> Array:
+def _missing_first(values: v.Array, order: v.Array, axis: int) -> v.Array:
     """Move NaN to the front of a descending order, since MATLAB sorts it as the largest number."""
     missing = np.isnan(np.take_along_axis(values, order, axis))
     return np.take_along_axis(order, np.argsort(~missing, axis=axis, kind="stable"), axis)
 
 
 @function("unique", 1, 3)
-def _unique(call: NumericArguments) -> "Value | tuple[Value, ...]":
+def _unique(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
     is_stable = any(word == "stable" for word in call.words(1))
-    if isinstance(call[0], MatlabCell):
-        words = [text(cell) for cell in call[0].values.ravel(order="F")]
+    if isinstance(call[0], v.MatlabCell):
+        words = [v.text(cell) for cell in call[0].values.ravel(order="F")]
         unique = list(dict.fromkeys(words)) if is_stable else sorted(set(words))
-        return MatlabCell(object_array([characters(word) for word in unique], (len(unique), 1)))
+        return v.MatlabCell(v.object_array([v.characters(word) for word in unique], (len(unique), 1)))
     array = call.array(0)
     if any(word == "rows" for word in call.words(1)):
         return np.unique(array, axis=0)
@@ -129,23 +112,23 @@ def _unique(call: NumericArguments) -> "Value | tuple[Value, ...]":
     return elements.reshape(shape), (first + 1.0).reshape(-1, 1), (back + 1.0).reshape(-1, 1)
 
 
-def _words(value: Value) -> set[str]:
-    if isinstance(value, MatlabCell):
-        return {text(cell) for cell in value.values.ravel()}
-    return {text(value)}
+def _words(value: v.Value) -> set[str]:
+    if isinstance(value, v.MatlabCell):
+        return {v.text(cell) for cell in value.values.ravel()}
+    return {v.text(value)}
 
 
 @function("ismember", 2)
-def _ismember(call: NumericArguments) -> "Value | tuple[Value, ...]":
-    if isinstance(call[1], MatlabCell):
+def _ismember(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
+    if isinstance(call[1], v.MatlabCell):
         known = _words(call[1])
-        if isinstance(call[0], MatlabCell):
+        if isinstance(call[0], v.MatlabCell):
             parts = call[0].values
-            return np.array([text(cell) in known for cell in parts.ravel()], dtype=bool).reshape(parts.shape)
-        return logical(text(call[0]) in known)
+            return np.array([v.text(cell) in known for cell in parts.ravel()], dtype=bool).reshape(parts.shape)
+        return v.logical(v.text(call[0]) in known)
     array, among = call.array(0), call.array(1).ravel(order="F")
     if array.dtype.kind != "U" or among.dtype.kind != "U":
-        array, among = numbers(array), numbers(among.reshape(1, -1)).ravel()
+        array, among = v.numbers(array), v.numbers(among.reshape(1, -1)).ravel()
     values, first = np.unique(among, return_index=True)
     at = np.searchsorted(values, array)
     inside = np.isin(array, among)
@@ -153,13 +136,13 @@ def _ismember(call: NumericArguments) -> "Value | tuple[Value, ...]":
     return inside, np.where(inside, place, 0.0)
 
 
-def _set_operation(call: NumericArguments, name: str) -> Value:
-    if isinstance(call[0], MatlabCell) or isinstance(call[1], MatlabCell):
+def _set_operation(call: NumericArguments, name: str) -> v.Value:
+    if isinstance(call[0], v.MatlabCell) or isinstance(call[1], v.MatlabCell):
         left, right = _words(call[0]), _words(call[1])
         words = sorted(left | right if name == "union" else left & right if name == "intersect" else left - right)
-        return MatlabCell(object_array([characters(word) for word in words], (1, len(words))))
+        return v.MatlabCell(v.object_array([v.characters(word) for word in words], (1, len(words))))
     first, second = call.array(0), call.array(1)
-    operations: dict[str, Callable[..., Array]] = {
+    operations: dict[str, Callable[..., v.Array]] = {
         "union": np.union1d,
         "intersect": np.intersect1d,
         "setdiff": np.setdiff1d,
@@ -174,28 +157,23 @@ for _name in ("union", "intersect", "setdiff"):
 
 
 @function("issorted", 1)
-def _issorted(call: NumericArguments) -> Value:
+def _issorted(call: NumericArguments) -> v.Value:
     values = call.numbers(0).ravel(order="F")
-    return logical(bool((np.diff(values) >= 0).all()))
+    return v.logical(bool((np.diff(values) >= 0).all()))
 
 
-@function("isequal", 2, MANY)
-def _isequal(call: NumericArguments) -> Value:
-    return logical(all(is_equal(call[0], other) for other in call.values[1:]))
-
-
-def is_equal(left: Value, right: Value) -> bool:
+def is_equal(left: v.Value, right: v.Value) -> bool:
     """Return True if two values have equal size and elements; NaN equals nothing."""
     if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
         if left.dtype.kind == "O" or right.dtype.kind == "O":
             return _as_texts(left) == _as_texts(right) is not None
-        return left.shape == right.shape and bool((numbers(left) == numbers(right)).all())
-    if class_name(left) != class_name(right) or isinstance(left, MatlabFunctionHandle | OpaqueValue):
+        return left.shape == right.shape and bool((v.numbers(left) == v.numbers(right)).all())
+    if v.class_name(left) != v.class_name(right) or isinstance(left, v.MatlabFunctionHandle | v.OpaqueValue):
         return False
-    if isinstance(left, MatlabCell) and isinstance(right, MatlabCell):
+    if isinstance(left, v.MatlabCell) and isinstance(right, v.MatlabCell):
         pairs = zip(left.values.ravel(), right.values.ravel(), strict=False)
         return left.values.shape == right.values.shape and all(is_equal(a, b) for a, b in pairs)
-    if isinstance(left, MatlabStruct) and isinstance(right, MatlabStruct):
+    if isinstance(left, v.MatlabStruct) and isinstance(right, v.MatlabStruct):
         if left.elements.shape != right.elements.shape or set(left.names) != set(right.names):
             return False
         both = zip(left.elements.ravel(), right.elements.ravel(), strict=True)
@@ -203,18 +181,18 @@ def is_equal(left: Value, right: Value) -> bool:
     return False
 
 
-def _as_texts(array: Array) -> list[str] | None:
+def _as_texts(array: v.Array) -> list[str] | None:
     if array.dtype.kind == "U":
         return ["".join(array.ravel(order="F").tolist())]
     return [str(string) for string in array.ravel(order="F")] if array.dtype.kind == "O" else None
 
 
 @function("histc", 2)
-def _histc(call: NumericArguments) -> Value:
+def _histc(call: NumericArguments) -> v.Value:
     values, edges = call.numbers(0).ravel(), call.numbers(1)
     flat = edges.ravel(order="F")
     if flat.size > 1 and (np.diff(flat) < 0).any():
-        raise MatlabValueError("the edges must increase")
+        raise v.MatlabValueError("the edges must increase")
     counts = np.histogram(values, flat)[0].astype(np.float64) if flat.size > 1 else np.zeros(0)
     last = float((values == flat[-1]).sum()) if flat.size else 0.0
     if counts.size:
@@ -222,15 +200,15 @@ def _histc(call: NumericArguments) -> Value:
     return np.append(counts, last).reshape(edges.shape)
 
 
-def matches_case(subject: Value, case: Value) -> bool:
+def matches_case(subject: v.Value, case: v.Value) -> bool:
     """Return True if a `case` matches the subject of `switch`: equal number or text, or one of the cells."""
-    if isinstance(case, MatlabCell):
+    if isinstance(case, v.MatlabCell):
         return any(matches_case(subject, cell) for cell in case.values.ravel(order="F"))
     if not isinstance(subject, np.ndarray) or not isinstance(case, np.ndarray):
         return False
     if subject.dtype.kind in "UO" or case.dtype.kind in "UO":
         return _as_texts(subject) == _as_texts(case) is not None
-    return bool(case.size) and bool(subject.size) and bool((numbers(subject) == numbers(case)).all())
+    return bool(case.size) and bool(subject.size) and bool((v.numbers(subject) == v.numbers(case)).all())
 
 
 def _reduction(
@@ -241,20 +219,20 @@ def _reduction(
     `of_nothing` is its value for an empty array, `without_nan` computes it without NaN; `keeps` the integer class.
     """
 
-    def run(call: NumericArguments) -> Value:
+    def run(call: NumericArguments) -> v.Value:
         call, words = _options(call)
         values = call.numbers(0)
         reduce = without_nan if "omitnan" in words else operation
         if reduce is None:
-            raise MatlabValueError("omitnan is not supported")
+            raise v.MatlabValueError("omitnan is not supported")
         if values.shape == (0, 0) and of_nothing is not None and len(call) == 1:
-            return logical(of_nothing) if isinstance(of_nothing, bool) else scalar(of_nothing)
+            return v.logical(of_nothing) if isinstance(of_nothing, bool) else v.scalar(of_nothing)
         values = values.reshape(-1, 1, order="F") if "all" in words else values
         axis = call.dimension(1, values)
         values = _with_axis(values, axis)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the mean of nothing is not a number
-            result = trim_dimensions(reduce(values, axis))
+            result = v.trim_dimensions(reduce(values, axis))
         if result.dtype == np.bool_:
             return result
         return cast_to_class(result, result_class(call.array(0)) if keeps else "double")
@@ -267,10 +245,10 @@ def _options(call: NumericArguments) -> tuple[NumericArguments, set[str]]:
     words = {call.text(at).casefold() for at in range(1, len(call)) if call.is_text(at)}
     unknown = words - _WORDS
     if unknown:
-        raise MatlabValueError(f"{min(unknown)} is not supported")
+        raise v.MatlabValueError(f"{min(unknown)} is not supported")
     values = [value for at, value in enumerate(call.values) if not at or not call.is_text(at)]
-    if "all" in words and any(elements_of(value).size for value in values[1:]):
-        raise MatlabValueError("all cannot be combined with a dimension")
+    if "all" in words and any(v.elements_of(value).size for value in values[1:]):
+        raise v.MatlabValueError("all cannot be combined with a dimension")
     return replace(call, values=values), words
 
 
@@ -279,29 +257,25 @@ def _with_axis(values: Float, axis: int) -> Float:
     return values.reshape(values.shape + (1,) * (axis + 1 - values.ndim)) if axis >= values.ndim else values
 
 
-def _trapezium(values: Float, axis: int) -> Float:
-    return np.expand_dims(np.trapezoid(values, axis=axis), axis)
-
-
 for _name, (_operation, _of_nothing, _keeps) in _SIMPLE.items():
     NUMERIC_FUNCTIONS[_name] = _reduction(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
 
 
 def _deviation(root: bool) -> NumericFunction:
-    def run(call: NumericArguments) -> Value:
+    def run(call: NumericArguments) -> v.Value:
         values = call.numbers(0)
         weight = call.number(1, 0.0) if len(call) > 1 and call.data(1).size else 0.0
         if weight not in (0.0, 1.0):
-            raise MatlabValueError(f"the weight must be 0 or 1, got {weight:g}")
+            raise v.MatlabValueError(f"the weight must be 0 or 1, got {weight:g}")
         values = values.reshape(1, 0) if values.shape == (0, 0) and len(call) < 3 else values
         axis = call.dimension(2, values)
         values = _with_axis(values, axis)
         if not values.shape[axis]:
-            return trim_dimensions(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
-        found = trim_dimensions(
+            return v.trim_dimensions(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
+        result = v.trim_dimensions(
             np.var(values, axis=axis, ddof=int(weight == 0 and values.shape[axis] > 1), keepdims=True)
         )
-        return np.asarray(np.sqrt(found) if root else found)
+        return np.asarray(np.sqrt(result) if root else result)
 
     return NumericFunction(run, 1, 3)
 
@@ -309,14 +283,14 @@ def _deviation(root: bool) -> NumericFunction:
 NUMERIC_FUNCTIONS["std"], NUMERIC_FUNCTIONS["var"] = _deviation(True), _deviation(False)
 
 
-def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> NumericFunction:
-    def run(call: NumericArguments) -> "Value | tuple[Value, ...]":
+def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> NumericFunction:
+    def run(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
         if len(call) == 2 or (len(call) == 3 and call.data(1).size):
-            return _of_two(call, np.fmin if name == "min" else np.fmax)
+            return apply_pairwise(call, np.fmin if name == "min" else np.fmax)
         values = call.numbers(0)
         call, words = _options(call)
         if words & {"includenan", "includemissing"}:
-            raise MatlabValueError("includenan is not supported")
+            raise v.MatlabValueError("includenan is not supported")
         values = values.reshape(-1, 1, order="F") if "all" in words else values
         axis = call.dimension(2, values)
         if not values.size:
@@ -327,7 +301,7 @@ def _extreme(name: str, along: _Along, arg: Callable[[Float, int], Array]) -> Nu
         fill = np.inf if name == "min" else -np.inf
         at = arg(np.where(np.isnan(values), fill, values), axis)
         places = np.expand_dims(at, axis).astype(np.float64) + 1
-        return cast_to_class(trim_dimensions(extremes), result_class(call.array(0))), trim_dimensions(places)
+        return cast_to_class(v.trim_dimensions(extremes), result_class(call.array(0))), v.trim_dimensions(places)
 
     return NumericFunction(run, 1, 3)
 
@@ -339,88 +313,82 @@ def _extreme_of_nothing(values: Float, axis: int) -> Float:
     return np.take(values, [0], axis=axis)
 
 
-def _of_two(call: NumericArguments, operation: Callable[[Float, Float], Float]) -> Value:
-    left, right = call.array(0), call.array(1)
-    shape = apply_binary("+", np.zeros(left.shape), np.zeros(right.shape), call.budget).shape
-    parts = (numbers(array).reshape(array.shape + (1,) * (len(shape) - array.ndim)) for array in (left, right))
-    return cast_to_class(np.asarray(operation(*parts)), result_class(left, right))
-
-
 NUMERIC_FUNCTIONS["min"] = _extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin)
 NUMERIC_FUNCTIONS["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax)
 
 
 @function("diff", 1, 3)
-def _diff(call: NumericArguments) -> Value:
+def _diff(call: NumericArguments) -> v.Value:
     values = call.numbers(0)
     times = call.integer(1, 1) if len(call) > 1 and call.data(1).size else 1
     if not 1 <= times <= 1000:
-        raise MatlabValueError("the order of diff must be between 1 and 1000")
+        raise v.MatlabValueError("the order of diff must be between 1 and 1000")
     for _ in range(times):
         axis = call.dimension(2, values)
         if values.size == 1 and len(call) < 3:
-            return EMPTY
-        values = trim_dimensions(np.diff(_with_axis(values, axis), axis=axis))
+            return v.EMPTY
+        values = v.trim_dimensions(np.diff(_with_axis(values, axis), axis=axis))
     return cast_to_class(values, result_class(call.array(0)))
 
 
 @function("dot", 2)
-def _dot(call: NumericArguments) -> Value:
+def _dot(call: NumericArguments) -> v.Value:
     left, right = call.numbers(0), call.numbers(1)
     if left.size != right.size:
-        raise MatlabValueError("the arguments must have the same size")
+        raise v.MatlabValueError("the arguments must have the same size")
     if _is_vector(left) and _is_vector(right):
-        return scalar(float(left.ravel(order="F") @ right.ravel(order="F")))
+        return v.scalar(float(left.ravel(order="F") @ right.ravel(order="F")))
     if left.shape != right.shape:
-        raise MatlabValueError("the arguments must have the same size")
+        raise v.MatlabValueError("the arguments must have the same size")
     products = (left * right).reshape(1, 0) if left.shape == (0, 0) else left * right
     return np.asarray(products.sum(axis=call.dimension(9, products), keepdims=True))
 
 
-def _is_vector(values: Array) -> bool:
+def _is_vector(values: v.Array) -> bool:
     return values.ndim == 2 and 1 in values.shape
 
 
 @function("cross", 2)
-def _cross(call: NumericArguments) -> Value:
+def _cross(call: NumericArguments) -> v.Value:
     left, right = call.numbers(0), call.numbers(1)
     if left.size != 3 or right.size != 3:
-        raise MatlabValueError("cross requires vectors of three numbers")
+        raise v.MatlabValueError("cross requires vectors of three numbers")
     return np.cross(left.ravel(), right.ravel()).reshape(left.shape)
 
 
 @function("norm", 1, 2)
-def _norm(call: NumericArguments) -> Value:
+def _norm(call: NumericArguments) -> v.Value:
     values = call.numbers(0)
     if not values.size:
-        return scalar(0.0)
+        return v.scalar(0.0)
     is_vector = _is_vector(values)
     kinds = {"inf": np.inf, "fro": 2 if is_vector else "fro"}
     order = kinds[call.text(1).casefold()] if call.is_text(1) else call.number(1, 2.0)
-    return scalar(float(np.linalg.norm(values.ravel() if is_vector else values, order)))  # type: ignore[arg-type]
+    return v.scalar(float(np.linalg.norm(values.ravel() if is_vector else values, order)))  # type: ignore[arg-type]
 
 
 @function("trapz", 1, 2)
-def _trapz(call: NumericArguments) -> Value:
+def _trapz(call: NumericArguments) -> v.Value:
     if len(call) == 1:
         values = call.numbers(0)
         values = values.reshape(1, 0) if values.shape == (0, 0) else values
-        return trim_dimensions(_trapezium(values, call.dimension(9, values)))
-    return scalar(float(np.trapezoid(call.numbers(1).ravel(order="F"), call.numbers(0).ravel(order="F"))))
+        axis = call.dimension(9, values)
+        return v.trim_dimensions(np.expand_dims(np.trapezoid(values, axis=axis), axis))
+    return v.scalar(float(np.trapezoid(call.numbers(1).ravel(order="F"), call.numbers(0).ravel(order="F"))))
 
 
 @function("cumtrapz", 1, 2)
-def _cumtrapz(call: NumericArguments) -> Value:
+def _cumtrapz(call: NumericArguments) -> v.Value:
     y = call.numbers(len(call) - 1)
     flat = y.ravel(order="F")
     x = call.numbers(0).ravel(order="F") if len(call) == 2 else np.arange(float(flat.size))
     if 1 not in y.shape or x.size != flat.size:
-        raise MatlabValueError("cumtrapz requires vectors of equal length")
+        raise v.MatlabValueError("cumtrapz requires vectors of equal length")
     return np.concatenate(([0.0], np.cumsum(np.diff(x) * (flat[1:] + flat[:-1]) / 2)))[: flat.size].reshape(y.shape)
 
 
-def _to_scalar(reduce: Callable[..., Any]) -> Callable[[NumericArguments], Value]:
-    return lambda call: scalar(float(reduce(call.numbers(0))))
+def _to_scalar(reduce: Callable[..., Any]) -> Callable[[NumericArguments], v.Value]:
+    return lambda call: v.scalar(float(reduce(call.numbers(0))))
 
 
 _TO_SCALAR: dict[str, Callable[..., Any]] = {
@@ -433,14 +401,13 @@ for _name, _reduce in _TO_SCALAR.items():
     NUMERIC_FUNCTIONS[_name] = NumericFunction(_to_scalar(_reduce), 1, 1)
 
 
-@function("inv", 1)
-def _inv(call: NumericArguments) -> Value:
-    return np.linalg.inv(numbers(call.matrix(0)))
-
-
 @function("pinv", 1)
-def _pinv(call: NumericArguments) -> Value:
-    values = numbers(call.matrix(0))
+def _pinv(call: NumericArguments) -> v.Value:
+    values = v.numbers(call.matrix(0))
     if not np.isfinite(values).all():
-        raise MatlabValueError("pinv requires finite numbers")
+        raise v.MatlabValueError("pinv requires finite numbers")
     return np.linalg.pinv(values)
+
+
+function("isequal", 2, MANY)(lambda call: v.logical(all(is_equal(call[0], other) for other in call.values[1:])))
+function("inv", 1)(lambda call: np.linalg.inv(v.numbers(call.matrix(0))))

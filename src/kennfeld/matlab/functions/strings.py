@@ -7,25 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import (
     MANY,
     NUMERIC_FUNCTIONS,
     NumericArguments,
     NumericFunction,
     function,
-)
-from kennfeld.matlab.values import (
-    MatlabCell,
-    MatlabValueError,
-    Value,
-    characters,
-    class_name,
-    logical,
-    numbers,
-    object_array,
-    row,
-    strings,
-    text,
 )
 
 __all__: list[str] = []
@@ -35,31 +23,31 @@ _ESCAPES = {"\\n": "\n", "\\t": "\t", "\\r": "\r", "\\\\": "\\", "\\a": "\a", "\
 _MAX_WIDTH = 500
 
 
-def _is_text(value: Value) -> bool:
+def _is_text(value: v.Value) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
 
 
-def _over_texts(value: Value, change: Callable[[str], str]) -> Value:
+def _over_texts(value: v.Value, change: Callable[[str], str]) -> v.Value:
     """Apply a change to each text of a row of characters, a string array or a cell array."""
-    if isinstance(value, MatlabCell):
-        parts = [characters(change(text(element))) for element in value.values.ravel(order="F")]
-        return MatlabCell(object_array(parts, value.values.shape))
+    if isinstance(value, v.MatlabCell):
+        parts = [v.characters(change(v.text(element))) for element in value.values.ravel(order="F")]
+        return v.MatlabCell(v.object_array(parts, value.values.shape))
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-        return object_array([change(str(element)) for element in value.ravel(order="F")], value.shape)
-    return characters(change(text(value)))
+        return v.object_array([change(str(element)) for element in value.ravel(order="F")], value.shape)
+    return v.characters(change(v.text(value)))
 
 
-def _comparison(same: Callable[[str, str, int], bool]) -> Callable[[NumericArguments], Value]:
-    def run(call: NumericArguments) -> Value:
+def _comparison(same: Callable[[str, str, int], bool]) -> Callable[[NumericArguments], v.Value]:
+    def run(call: NumericArguments) -> v.Value:
         count = call.integer(2, 0)
         sides = [_each_text(call[at]) for at in (0, 1)]
         if all(len(side) == 1 for side in sides) and not any(
-            isinstance(value, MatlabCell) for value in call.values[:2]
+            isinstance(value, v.MatlabCell) for value in call.values[:2]
         ):
-            return logical(_equal_texts(sides[0][0], sides[1][0], count, same))
+            return v.logical(_equal_texts(sides[0][0], sides[1][0], count, same))
         longest = call.data(0 if len(sides[0]) >= len(sides[1]) else 1)
         if len(sides[0]) != len(sides[1]) and 1 not in (len(sides[0]), len(sides[1])):
-            raise MatlabValueError("cell arrays of different sizes cannot be compared")
+            raise v.MatlabValueError("cell arrays of different sizes cannot be compared")
         pairs = [(sides[0][k % len(sides[0])], sides[1][k % len(sides[1])]) for k in range(longest.size)]
         shape = longest.shape if len(pairs) == longest.size else (1, len(pairs))
         return np.array([_equal_texts(a, b, count, same) for a, b in pairs], dtype=bool).reshape(shape, order="F")
@@ -71,13 +59,13 @@ def _equal_texts(left: str | None, right: str | None, count: int, same: Callable
     return left is not None and right is not None and same(left, right, count)
 
 
-def _each_text(value: Value) -> list[str | None]:
+def _each_text(value: v.Value) -> list[str | None]:
     """Return the texts of a value; None for elements that are not text."""
-    if isinstance(value, MatlabCell):
-        return [text(element) if _is_text(element) else None for element in value.values.ravel(order="F")]
+    if isinstance(value, v.MatlabCell):
+        return [v.text(element) if _is_text(element) else None for element in value.values.ravel(order="F")]
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return [str(element) for element in value.ravel(order="F")]
-    return [text(value) if _is_text(value) and np.asarray(value).shape[0] < 2 else None]
+    return [v.text(value) if _is_text(value) and np.asarray(value).shape[0] < 2 else None]
 
 
 for _name, _same in {
@@ -90,19 +78,19 @@ for _name, _same in {
     NUMERIC_FUNCTIONS[_name] = NumericFunction(_comparison(_same), _count, _count)
 
 
-def _pattern_test(test: Callable[[str, str], bool]) -> Callable[[NumericArguments], Value]:
-    def run(call: NumericArguments) -> Value:
-        patterns = [one for one in _each_text(call[1]) if one is not None]
-        results = [any(test(one or "", word) for word in patterns) for one in _each_text(call[0])]
+def _pattern_test(test: Callable[[str, str], bool]) -> Callable[[NumericArguments], v.Value]:
+    def run(call: NumericArguments) -> v.Value:
+        patterns = [item for item in _each_text(call[1]) if item is not None]
+        results = [any(test(item or "", word) for word in patterns) for item in _each_text(call[0])]
         return np.array(results, dtype=bool).reshape(call.data(0).shape if len(results) > 1 else (1, 1))
 
     return run
 
 
 for _name, _test in {
-    "contains": lambda one, word: word in one,
-    "startsWith": lambda one, word: one.startswith(word),
-    "endsWith": lambda one, word: one.endswith(word),
+    "contains": lambda item, word: word in item,
+    "startsWith": lambda item, word: item.startswith(word),
+    "endsWith": lambda item, word: item.endswith(word),
 }.items():
     NUMERIC_FUNCTIONS[_name] = NumericFunction(_pattern_test(_test), 2, 2)
 
@@ -118,7 +106,7 @@ _register_change("deblank", str.rstrip)
 
 
 @function("strrep", 3)
-def _strrep(call: NumericArguments) -> Value:
+def _strrep(call: NumericArguments) -> v.Value:
     old, new = call.text(1), call.text(2)
 
     def change(word: str) -> str:
@@ -129,52 +117,52 @@ def _strrep(call: NumericArguments) -> Value:
 
 
 @function("strfind", 2)
-def _strfind(call: NumericArguments) -> Value:
+def _strfind(call: NumericArguments) -> v.Value:
     word, pattern = call.text(0), call.text(1)
     positions = [at + 1 for at in range(len(word)) if pattern and word.startswith(pattern, at)]
-    return row(positions) if positions else np.zeros((0, 0))
+    return v.row(positions) if positions else np.zeros((0, 0))
 
 
 @function("strcat", 1, MANY)
-def _strcat(call: NumericArguments) -> Value:
-    if any(isinstance(value, MatlabCell) for value in call.values):
+def _strcat(call: NumericArguments) -> v.Value:
+    if any(isinstance(value, v.MatlabCell) for value in call.values):
         each = [_each_text(value) for value in call.values]
         longest = max(map(len, each))
         words = ["".join(texts[k % len(texts)] or "" for texts in each) for k in range(longest)]
-        return MatlabCell(object_array([characters(texts) for texts in words], (1, longest)))
-    if any(class_name(value) == "string" for value in call.values):
-        return strings(["".join(text(value) for value in call.values)])
-    return characters("".join(text(value).rstrip(" \t\n\v\f\r") for value in call.values))
+        return v.MatlabCell(v.object_array([v.characters(texts) for texts in words], (1, longest)))
+    if any(v.class_name(value) == "string" for value in call.values):
+        return v.strings(["".join(v.text(value) for value in call.values)])
+    return v.characters("".join(v.text(value).rstrip(" \t\n\v\f\r") for value in call.values))
 
 
 @function("strsplit split", 1, 2)
-def _strsplit(call: NumericArguments) -> Value:
+def _strsplit(call: NumericArguments) -> v.Value:
     delimiter = call.text(1) if len(call) > 1 else " "
     if not delimiter:
-        raise MatlabValueError("the delimiter must not be empty")
+        raise v.MatlabValueError("the delimiter must not be empty")
     words = call.text(0).split(_unescape(delimiter))
-    return MatlabCell(object_array([characters(word) for word in words], (1, len(words))))
+    return v.MatlabCell(v.object_array([v.characters(word) for word in words], (1, len(words))))
 
 
 @function("strjoin join", 1, 2)
-def _strjoin(call: NumericArguments) -> Value:
+def _strjoin(call: NumericArguments) -> v.Value:
     delimiter = _unescape(call.text(1)) if len(call) > 1 else " "
-    return characters(delimiter.join(word or "" for word in _each_text(call[0])))
+    return v.characters(delimiter.join(word or "" for word in _each_text(call[0])))
 
 
 @function("blanks", 1)
-def _blanks(call: NumericArguments) -> Value:
+def _blanks(call: NumericArguments) -> v.Value:
     call.budget.allocate(call.integer(0))
-    return characters(" " * call.integer(0))
+    return v.characters(" " * call.integer(0))
 
 
 @function("num2str", 1, 2)
-def _num2str(call: NumericArguments) -> Value:
+def _num2str(call: NumericArguments) -> v.Value:
     if call.is_text(0):
         return call[0]
     values = call.numbers(0)
     if call.is_text(1):
-        return characters(_format_values(call.text(1), [call[0]], call).rstrip())
+        return v.characters(_format_values(call.text(1), [call[0]], call).rstrip())
     digits = call.integer(1) if len(call) > 1 else None
     rows = values.tolist() if values.ndim == 2 else []
     lines = ["  ".join(_format_number(number, digits) for number in line) for line in rows]
@@ -193,51 +181,51 @@ def _format_number(value: float, digits: int | None) -> str:
 
 
 @function("int2str", 1)
-def _int2str(call: NumericArguments) -> Value:
+def _int2str(call: NumericArguments) -> v.Value:
     rounded = np.trunc(call.numbers(0) + np.copysign(0.5, call.numbers(0)))
-    return characters("  ".join(f"{number:.0f}" for number in rounded.ravel(order="F")))
+    return v.characters("  ".join(f"{number:.0f}" for number in rounded.ravel(order="F")))
 
 
 @function("mat2str", 1, 2)
-def _mat2str(call: NumericArguments) -> Value:
+def _mat2str(call: NumericArguments) -> v.Value:
     digits = min(max(call.integer(1, 15), 1), 17)
     array = call.array(0)
     if array.dtype.kind == "U":
-        return characters("'" + call.text(0).replace("'", "''") + "'")
+        return v.characters("'" + call.text(0).replace("'", "''") + "'")
     if array.ndim > 2:
-        raise MatlabValueError("mat2str requires a two-dimensional array")
+        raise v.MatlabValueError("mat2str requires a two-dimensional array")
     is_logical = array.dtype == np.bool_
     if not array.size:
-        return characters("zeros({},{})".format(*array.shape))
+        return v.characters("zeros({},{})".format(*array.shape))
     words = [[str(bool(x)).lower() if is_logical else _format_number(float(x), digits) for x in line] for line in array]
     result = ";".join(" ".join(line) for line in words)
-    return characters(result if array.size == 1 else f"[{result}]")
+    return v.characters(result if array.size == 1 else f"[{result}]")
 
 
 @function("sprintf", 1, MANY)
-def _sprintf(call: NumericArguments) -> Value:
+def _sprintf(call: NumericArguments) -> v.Value:
     result = _format_values(call.text(0), call.values[1:], call)
-    return strings([result]) if class_name(call[0]) == "string" else characters(result)
+    return v.strings([result]) if v.class_name(call[0]) == "string" else v.characters(result)
 
 
 def _unescape(word: str) -> str:
     return re.sub(r"\\[ntrafv\\]", lambda match: _ESCAPES[match[0]], word)
 
 
-def _flatten(values: Sequence[Value]) -> list[Any]:
+def _flatten(values: Sequence[v.Value]) -> list[Any]:
     """Return texts and numbers as one list."""
     items: list[Any] = []
     for value in values:
-        if isinstance(value, MatlabCell):
-            raise MatlabValueError("a cell array cannot be printed")
+        if isinstance(value, v.MatlabCell):
+            raise v.MatlabValueError("a cell array cannot be printed")
         if _is_text(value):
-            items.append(text(value))
+            items.append(v.text(value))
         else:
-            items += numbers(value).ravel(order="F").tolist()
+            items += v.numbers(value).ravel(order="F").tolist()
     return items
 
 
-def _format_values(pattern: str, values: Sequence[Value], call: NumericArguments) -> str:
+def _format_values(pattern: str, values: Sequence[v.Value], call: NumericArguments) -> str:
     """Fill a format pattern, repeatedly while values remain."""
     waiting, pattern = _flatten(values), _unescape(pattern)
     slots = [match for match in _FORMAT.finditer(pattern) if match[4]]
@@ -259,7 +247,7 @@ def _format_once(pattern: str, waiting: list[Any], has_values: bool) -> str:
         if not match[4]:
             result += "%"
         elif match[2] == "*" or int(match[2] or 0) > _MAX_WIDTH or int(match[3] or 0) > _MAX_WIDTH:
-            raise MatlabValueError(f"the width of {match[0]} is not supported")
+            raise v.MatlabValueError(f"the width of {match[0]} is not supported")
         elif not waiting and has_values:
             return result
         else:
@@ -284,53 +272,47 @@ def _conversion(match: re.Match[str], value: Any) -> str:
 
 
 @function("char", 1)
-def _char(call: NumericArguments) -> Value:
+def _char(call: NumericArguments) -> v.Value:
     value = call[0]
-    if isinstance(value, MatlabCell):
-        words = [text(cell) for cell in value.values.ravel(order="F")]
+    if isinstance(value, v.MatlabCell):
+        words = [v.text(cell) for cell in value.values.ravel(order="F")]
         widest = max(map(len, words), default=0)
         call.budget.allocate(widest * len(words))
         return np.array([list(word.ljust(widest)) for word in words], dtype="U1").reshape(len(words), widest)
     if _is_text(value):
-        return value if class_name(value) == "char" else characters(text(value))
-    codes = numbers(value)
+        return value if v.class_name(value) == "char" else v.characters(v.text(value))
+    codes = v.numbers(value)
     if not ((codes >= 0) & (codes < 0x110000) & (codes == np.floor(codes))).all():
-        raise MatlabValueError("a number is not a character code")
+        raise v.MatlabValueError("a number is not a character code")
     letters = np.array([chr(int(code)) for code in codes.ravel(order="F")], dtype="U1")
     return letters.reshape(codes.shape, order="F")
 
 
 @function("cellstr", 1)
-def _cellstr(call: NumericArguments) -> Value:
-    if isinstance(call[0], MatlabCell):
+def _cellstr(call: NumericArguments) -> v.Value:
+    if isinstance(call[0], v.MatlabCell):
         return call[0]
     lines = ["".join(line).rstrip() for line in call.array(0).tolist()]
-    return MatlabCell(object_array([characters(line) for line in lines], (len(lines), 1)))
+    return v.MatlabCell(v.object_array([v.characters(line) for line in lines], (len(lines), 1)))
 
 
 @function("string", 1)
-def _string(call: NumericArguments) -> Value:
+def _string(call: NumericArguments) -> v.Value:
     value = call[0]
-    if isinstance(value, MatlabCell):
-        return object_array([text(element) for element in value.values.ravel(order="F")], value.values.shape)
+    if isinstance(value, v.MatlabCell):
+        return v.object_array([v.text(element) for element in value.values.ravel(order="F")], value.values.shape)
     if _is_text(value):
-        return strings([text(value)]) if class_name(value) == "char" else value
-    words = [_format_number(element, None) for element in numbers(value).ravel(order="F").tolist()]
-    return object_array(words, call.array(0).shape)
+        return v.strings([v.text(value)]) if v.class_name(value) == "char" else value
+    words = [_format_number(element, None) for element in v.numbers(value).ravel(order="F").tolist()]
+    return v.object_array(words, call.array(0).shape)
 
 
 @function("isspace", 1)
-def _isspace(call: NumericArguments) -> Value:
+def _isspace(call: NumericArguments) -> v.Value:
     array = call.array(0)
     blank = [str(letter).isspace() for letter in array.ravel(order="F")]
     return np.array(blank, dtype=bool).reshape(array.shape, order="F")
 
 
-@function("strlength", 1)
-def _strlength(call: NumericArguments) -> Value:
-    return np.array([[float(len(call.text(0)))]])
-
-
-@function("newline", 0)
-def _newline(call: NumericArguments) -> Value:
-    return characters("\n")
+function("strlength", 1)(lambda call: np.array([[float(len(call.text(0)))]]))
+function("newline", 0)(lambda call: v.characters("\n"))

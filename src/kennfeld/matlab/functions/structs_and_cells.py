@@ -6,153 +6,137 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.formatting import nearest
+from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, function
 from kennfeld.matlab.operators import concatenate_rows
-from kennfeld.matlab.values import (
-    EMPTY,
-    Array,
-    MatlabCell,
-    MatlabStruct,
-    MatlabValueError,
-    Value,
-    characters,
-    class_name,
-    elements_of,
-    logical,
-    object_array,
-    scalar,
-    text,
-    with_class_of,
-)
 
 __all__: list[str] = []
 
 
-def _struct_at(call: NumericArguments, at: int) -> MatlabStruct:
+def _struct_at(call: NumericArguments, at: int) -> v.MatlabStruct:
     value = call[at]
-    if not isinstance(value, MatlabStruct):
-        raise MatlabValueError(f"must be a struct, got a {class_name(value)}")
+    if not isinstance(value, v.MatlabStruct):
+        raise v.MatlabValueError(f"must be a struct, got a {v.class_name(value)}")
     return value
 
 
 @function("struct", 0, MANY)
-def _struct(call: NumericArguments) -> Value:
+def _struct(call: NumericArguments) -> v.Value:
     if len(call) % 2:
-        raise MatlabValueError("struct requires a value for each field name")
+        raise v.MatlabValueError("struct requires a value for each field name")
     names = [call.text(at) for at in range(0, len(call), 2)]
     values = call.values[1::2]
     wrong = next((name for name in names if not name.isidentifier()), None)
     if wrong is not None:
-        raise MatlabValueError(f"invalid field name {wrong!r}")
-    sizes = {value.values.shape for value in values if isinstance(value, MatlabCell) and value.values.size != 1}
+        raise v.MatlabValueError(f"invalid field name {wrong!r}")
+    sizes = {value.values.shape for value in values if isinstance(value, v.MatlabCell) and value.values.size != 1}
     if len(sizes) > 1:
-        raise MatlabValueError("cell arrays of different sizes cannot form an array of structs")
+        raise v.MatlabValueError("cell arrays of different sizes cannot form an array of structs")
     shape = next(iter(sizes), (1, 1))
     columns = [_column(value, math.prod(shape)) for value in values]
     rows = [dict(zip(names, each, strict=True)) for each in zip(*columns, strict=True)] if columns else [{}]
-    return MatlabStruct(object_array(rows, shape), tuple(dict.fromkeys(names)))
+    return v.MatlabStruct(v.object_array(rows, shape), tuple(dict.fromkeys(names)))
 
 
-def _column(value: Value, count: int) -> list[Value]:
-    if not isinstance(value, MatlabCell):
+def _column(value: v.Value, count: int) -> list[v.Value]:
+    if not isinstance(value, v.MatlabCell):
         return [value] * count
     return [value.values.flat[0]] * count if value.values.size == 1 else list(value.values.ravel(order="F"))
 
 
 @function("fieldnames", 1)
-def _fieldnames(call: NumericArguments) -> Value:
+def _fieldnames(call: NumericArguments) -> v.Value:
     names = _struct_at(call, 0).names
-    return MatlabCell(object_array([characters(name) for name in names], (len(names), 1)))
-
-
-@function("numfields", 1)
-def _numfields(call: NumericArguments) -> Value:
-    return scalar(len(_struct_at(call, 0).names))
+    return v.MatlabCell(v.object_array([v.characters(name) for name in names], (len(names), 1)))
 
 
 @function("isfield isprop", 2)
-def _isfield(call: NumericArguments) -> Value:
-    if not isinstance(call[0], MatlabStruct):
-        return logical(False)
+def _isfield(call: NumericArguments) -> v.Value:
+    if not isinstance(call[0], v.MatlabStruct):
+        return v.logical(False)
     names = call[0].names
-    if isinstance(call[1], MatlabCell):
+    if isinstance(call[1], v.MatlabCell):
         cells = call[1].values
-        return np.array([text(cell) in names for cell in cells.ravel()], dtype=bool).reshape(cells.shape)
-    return logical(call.is_text(1) and call.text(1) in names)
+        return np.array([v.text(cell) in names for cell in cells.ravel()], dtype=bool).reshape(cells.shape)
+    return v.logical(call.is_text(1) and call.text(1) in names)
 
 
 @function("getfield", 2)
-def _getfield(call: NumericArguments) -> Value:
+def _getfield(call: NumericArguments) -> v.Value:
     struct, name = _struct_at(call, 0), call.text(1)
     if name not in struct.names:
-        raise MatlabValueError(f"unknown field {name}. {nearest(name, struct.names)}".strip())
+        raise v.MatlabValueError(f"unknown field {name}. {nearest(name, struct.names)}".strip())
     return struct.fields[name]
 
 
 @function("setfield", 3)
-def _setfield(call: NumericArguments) -> Value:
+def _setfield(call: NumericArguments) -> v.Value:
     struct = _struct_at(call, 0)
-    return MatlabStruct.of({**struct.fields, call.text(1): call[2]}, struct.kind)
+    return v.MatlabStruct.of({**struct.fields, call.text(1): call[2]}, struct.kind)
 
 
 @function("rmfield", 2)
-def _rmfield(call: NumericArguments) -> Value:
+def _rmfield(call: NumericArguments) -> v.Value:
     struct = _struct_at(call, 0)
-    removed = set(map(text, call[1].values.ravel())) if isinstance(call[1], MatlabCell) else {call.text(1)}
+    removed = set(map(v.text, call[1].values.ravel())) if isinstance(call[1], v.MatlabCell) else {call.text(1)}
     missing = next((name for name in removed if name not in struct.names), None)
     if missing is not None:
-        raise MatlabValueError(f"unknown field {missing}")
+        raise v.MatlabValueError(f"unknown field {missing}")
     names = tuple(name for name in struct.names if name not in removed)
     elements = [{name: element[name] for name in names} for element in struct.elements.ravel(order="F")]
-    return MatlabStruct(object_array(elements, struct.elements.shape), names, struct.kind)
+    return v.MatlabStruct(v.object_array(elements, struct.elements.shape), names, struct.kind)
 
 
 @function("orderfields", 1)
-def _orderfields(call: NumericArguments) -> Value:
+def _orderfields(call: NumericArguments) -> v.Value:
     struct = _struct_at(call, 0)
-    return MatlabStruct(struct.elements, tuple(sorted(struct.names)), struct.kind)
+    return v.MatlabStruct(struct.elements, tuple(sorted(struct.names)), struct.kind)
 
 
 @function("struct2cell", 1)
-def _struct2cell(call: NumericArguments) -> Value:
+def _struct2cell(call: NumericArguments) -> v.Value:
     struct = _struct_at(call, 0)
-    return MatlabCell(object_array([struct.fields[name] for name in struct.names], (len(struct.names), 1)))
+    return v.MatlabCell(v.object_array([struct.fields[name] for name in struct.names], (len(struct.names), 1)))
 
 
 @function("cell2struct", 2, 3)
-def _cell2struct(call: NumericArguments) -> Value:
+def _cell2struct(call: NumericArguments) -> v.Value:
     cell, names = call[0], call[1]
-    if not isinstance(cell, MatlabCell) or not isinstance(names, MatlabCell) or cell.values.size != names.values.size:
-        raise MatlabValueError("cell2struct requires a cell array and one field name per cell")
-    keys = [text(name) for name in names.values.ravel(order="F")]
-    return MatlabStruct.of(dict(zip(keys, cell.values.ravel(order="F"), strict=True)))
+    if (
+        not isinstance(cell, v.MatlabCell)
+        or not isinstance(names, v.MatlabCell)
+        or cell.values.size != names.values.size
+    ):
+        raise v.MatlabValueError("cell2struct requires a cell array and one field name per cell")
+    keys = [v.text(name) for name in names.values.ravel(order="F")]
+    return v.MatlabStruct.of(dict(zip(keys, cell.values.ravel(order="F"), strict=True)))
 
 
 @function("num2cell", 1)
-def _num2cell(call: NumericArguments) -> Value:
+def _num2cell(call: NumericArguments) -> v.Value:
     data = call.data(0)
     call.budget.allocate(10 * data.size)
-    parts = [with_class_of(call[0], element.reshape(1, 1)) for element in data.ravel(order="F")]
-    return MatlabCell(object_array(parts, data.shape))
+    parts = [v.with_class_of(call[0], element.reshape(1, 1)) for element in data.ravel(order="F")]
+    return v.MatlabCell(v.object_array(parts, data.shape))
 
 
 @function("cell2mat", 1)
-def _cell2mat(call: NumericArguments) -> Value:
+def _cell2mat(call: NumericArguments) -> v.Value:
     cell = call[0]
-    if not isinstance(cell, MatlabCell) or cell.values.ndim > 2:
-        raise MatlabValueError("cell2mat requires a two-dimensional cell array")
-    return concatenate_rows([list(line) for line in cell.values], call.budget) if cell.values.size else EMPTY
+    if not isinstance(cell, v.MatlabCell) or cell.values.ndim > 2:
+        raise v.MatlabValueError("cell2mat requires a two-dimensional cell array")
+    return concatenate_rows([list(line) for line in cell.values], call.budget) if cell.values.size else v.EMPTY
 
 
 @function("deal", 1, MANY)
-def _deal(call: NumericArguments) -> tuple[Value, ...]:
+def _deal(call: NumericArguments) -> tuple[v.Value, ...]:
     count = max(call.outputs, 1)
     if len(call) not in (1, count):
-        raise MatlabValueError(f"{len(call)} values cannot be assigned to {count} outputs")
+        raise v.MatlabValueError(f"{len(call)} values cannot be assigned to {count} outputs")
     return tuple(call.values) if len(call) == count else (call[0],) * count
 
 
-def _options(call: NumericArguments) -> tuple[list[Value], bool]:
+def _options(call: NumericArguments) -> tuple[list[v.Value], bool]:
     """Return the arrays to apply to, and the value of UniformOutput."""
     values = list(call.values[1:])
     for at in range(len(values) - 1):
@@ -162,52 +146,59 @@ def _options(call: NumericArguments) -> tuple[list[Value], bool]:
 
 
 def _map_elements(
-    call: NumericArguments, columns: Sequence[Sequence[Value]], shape: tuple[int, ...], uniform: bool
-) -> "tuple[Value, ...]":
+    call: NumericArguments, columns: Sequence[Sequence[v.Value]], shape: tuple[int, ...], uniform: bool
+) -> "tuple[v.Value, ...]":
     count = max(call.outputs, 1)
     results = [call.apply(call[0], list(each), count) for each in zip(*columns, strict=True)]
     results = [[outputs[k] for outputs in results] for k in range(count)]
     if not uniform:
-        return tuple(MatlabCell(object_array(outputs, shape)) for outputs in results)
+        return tuple(v.MatlabCell(v.object_array(outputs, shape)) for outputs in results)
     return tuple(_to_uniform(outputs, shape) for outputs in results)
 
 
-def _to_uniform(values: Sequence[Value], shape: tuple[int, ...]) -> Array:
+def _to_uniform(values: Sequence[v.Value], shape: tuple[int, ...]) -> v.Array:
     arrays = [value for value in values if isinstance(value, np.ndarray) and value.size == 1]
     if len(arrays) != len(values):
-        raise MatlabValueError("the function must return one number per element; otherwise set UniformOutput to false")
+        raise v.MatlabValueError(
+            "the function must return one number per element; otherwise set UniformOutput to false"
+        )
     numbers = [array.flat[0] for array in arrays]
     return np.array(numbers, dtype=arrays[0].dtype if arrays else np.float64).reshape(shape, order="F")
 
 
 @function("cellfun", 2, MANY)
-def _cellfun(call: NumericArguments) -> tuple[Value, ...]:
+def _cellfun(call: NumericArguments) -> tuple[v.Value, ...]:
     values, uniform = _options(call)
-    cells = [value.values for value in values if isinstance(value, MatlabCell)]
+    cells = [value.values for value in values if isinstance(value, v.MatlabCell)]
     if len(cells) != len(values) or not cells or len({cell.shape for cell in cells}) > 1:
-        raise MatlabValueError("cellfun requires cell arrays of equal size")
+        raise v.MatlabValueError("cellfun requires cell arrays of equal size")
     return _map_elements(call, [list(cell.ravel(order="F")) for cell in cells], cells[0].shape, uniform)
 
 
 @function("arrayfun", 2, MANY)
-def _arrayfun(call: NumericArguments) -> tuple[Value, ...]:
+def _arrayfun(call: NumericArguments) -> tuple[v.Value, ...]:
     values, uniform = _options(call)
-    shapes = {elements_of(value).shape for value in values}
+    shapes = {v.elements_of(value).shape for value in values}
     if len(shapes) != 1:
-        raise MatlabValueError("arrayfun requires arrays of equal size")
-    columns = [[with_class_of(value, element.reshape(1, 1)) for element in _split_elements(value)] for value in values]
+        raise v.MatlabValueError("arrayfun requires arrays of equal size")
+    columns = [
+        [v.with_class_of(value, element.reshape(1, 1)) for element in _split_elements(value)] for value in values
+    ]
     return _map_elements(call, columns, shapes.pop(), uniform)
 
 
-def _split_elements(value: Value) -> list[Array]:
-    data = elements_of(value).ravel(order="F")
+def _split_elements(value: v.Value) -> list[v.Array]:
+    data = v.elements_of(value).ravel(order="F")
     return [data[at : at + 1] for at in range(data.size)]
 
 
 @function("structfun", 2, MANY)
-def _structfun(call: NumericArguments) -> Value:
+def _structfun(call: NumericArguments) -> v.Value:
     values, uniform = _options(call)
-    if len(values) != 1 or not isinstance(values[0], MatlabStruct):
-        raise MatlabValueError("structfun requires a struct")
+    if len(values) != 1 or not isinstance(values[0], v.MatlabStruct):
+        raise v.MatlabValueError("structfun requires a struct")
     results = {name: call.apply(call[0], [inner], 1)[0] for name, inner in values[0].fields.items()}
-    return _to_uniform(list(results.values()), (len(results), 1)) if uniform else MatlabStruct.of(results)
+    return _to_uniform(list(results.values()), (len(results), 1)) if uniform else v.MatlabStruct.of(results)
+
+
+function("numfields", 1)(lambda call: v.scalar(len(_struct_at(call, 0).names)))

@@ -4,12 +4,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction
+from kennfeld.models.formula.functions import FUNCTIONS, functions_of
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
 from kennfeld.models.formula.name_resolution import NameScope, NameTable, walk
@@ -25,16 +24,16 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 from kennfeld.models.model import Model
+from kennfeld.surrogate.surrogate_file import Surrogate, read_surrogate, recognises_surrogate
 
-if TYPE_CHECKING:
-    from kennfeld.surrogate.surrogate_file import Surrogate
+_AXES = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
 
 
 def formula(
     text: str,
     name: str = "formula",
     parameters: Collection[str] | None = None,
-    surrogates: "Collection[Surrogate]" = (),
+    surrogates: Collection[Surrogate] = (),
 ) -> Model:
     """Compile formula text to a model.
 
@@ -56,17 +55,22 @@ def formula(
 
 
 def read(
-    path: str | Path, parameters: Collection[str] | None = None, surrogates: "Collection[Surrogate]" = ()
+    path: str | Path,
+    parameters: Collection[str] | None = None,
+    surrogates: Collection[Surrogate] = (),
+    text: str | None = None,
 ) -> Model:
-    """Compile a `.kf` file (UTF-8) to a model; see `formula`.
+    """Compile a `.kf` file (UTF-8) to a model; see `formula`. `text` replaces the contents of the file.
 
     Raises:
         InputError: the file is not UTF-8 text, or the text is wrong.
     """
     path = Path(path)
     if path.suffix.casefold() != ".kf":
-        raise InputError.of(str(path), "not a formula text file", "Formula text files have the extension .kf.")
-    return _model(Source.of_text(path.name, text_of(path)), path.stem, str(path), parameters, surrogates)
+        remedy = "Formula text files have the extension .kf."
+        raise InputError.of(Location(str(path)), "not a formula text file", remedy)
+    source = Source.of_text(path.name, text_of(path) if text is None else text)
+    return _model(source, path.stem, str(path), parameters, surrogates)
 
 
 def text_of(path: Path) -> str:
@@ -74,22 +78,22 @@ def text_of(path: Path) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
+        raise InputError.of(Location(str(path)), f"the file cannot be read: {error.strerror or error}") from None
     if b"\0" in content:
-        raise InputError.of(str(path), "the file is binary, not text", "Formula text must be UTF-8.")
+        raise InputError.of(Location(str(path)), "the file is binary, not text", "Formula text must be UTF-8.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         message = f"byte {content[error.start]:#04x} is not valid UTF-8"
-        raise InputError.of(f"{path.name} line {line}", message, "Save the file as UTF-8.") from None
+        raise InputError.of(Location(path.name, line), message, "Save the file as UTF-8.") from None
 
 
 def _model(
-    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: "Collection[Surrogate]"
+    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: Collection[Surrogate]
 ) -> Model:
     statements = parse(source)
-    names = NameTable(statements, NameScope(parameters=parameters, functions=_called(surrogates)), source)
+    names = NameTable(statements, NameScope(parameters=parameters, functions=functions_of(surrogates)), source)
     step = _step(statements, source)
     builder = GraphBuilder()
     nodes = build(names, builder, {})
@@ -102,50 +106,33 @@ def _model(
         graph=replace(graph, units=_units(names, graph)),
         name=name,
         step=step,
-        declared=MappingProxyType(_declared(names)),
+        declared=MappingProxyType({name: names.axes.get(name, _AXES[d.kind]) for name, d in names.declared.items()}),
         source=origin,
-        places=MappingProxyType(_places(names, source)),
+        locations=MappingProxyType(_locations(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
     )
-
-
-def _called(surrogates: "Collection[Surrogate]") -> Mapping[str, BuiltinFunction]:
-    if not surrogates:
-        return {}
-    from kennfeld.models.formula.functions import functions_of  # most texts call none
-
-    return functions_of(surrogates)
 
 
 def _step(statements: Collection[Statement], source: Source) -> float | None:
     steps = [statement for statement in statements if isinstance(statement, StepDeclaration)]
     for second in steps[1:]:
-        source.report(second.at, f"duplicate step, first in {source.place(steps[0].at.line)}", "Remove one.")
+        source.report(second.at, f"duplicate step, first in {source.location(steps[0].at.line)}", "Remove one.")
     return steps[0].seconds if steps else None
 
 
 def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
     present = {**graph.names, **dict.fromkeys(graph.inputs), **graph.parameters}
-    statements: list[tuple[str, Definition | Declaration]] = [
-        *names.definitions.items(),
-        *names.inputs.items(),
-        *names.declared.items(),
-    ]
-    return MappingProxyType({name: s.unit for name, s in statements if s.unit and name in present})
+    statements: dict[str, Definition | Declaration] = {**names.definitions, **names.inputs, **names.declared}
+    return MappingProxyType({name: s.unit for name, s in statements.items() if s.unit and name in present})
 
 
-def _declared(names: NameTable) -> dict[str, int]:
-    axes = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
-    return {name: names.axes.get(name, axes[result.kind]) for name, result in names.declared.items()}
+def _locations(names: NameTable, source: Source) -> dict[str, Location]:
+    declared = {name: statement.at for name, statement in {**names.inputs, **names.declared}.items()}
+    defined = {name: definition.at for name, definition in names.definitions.items()}
+    return {name: source.location(at.line) for name, at in {**declared, **names.uses, **defined}.items()}
 
 
-def _places(names: NameTable, source: Source) -> dict[str, str]:
-    declared = {name: result.at for name, result in (*names.inputs.items(), *names.declared.items())}
-    defined = {name: result.at for name, result in names.definitions.items()}
-    return {name: source.place(at.line) for name, at in {**declared, **names.uses, **defined}.items()}
-
-
-def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
+def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:
     """Return the model with additional nodes, each an expression over its nodes, parameters, inputs and the other new
     nodes.
 
@@ -154,12 +141,12 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
     Args:
         model: the model to extend.
         nodes: expressions by the name of the new node.
-        place: location of the expressions for error messages.
+        location: of the expressions, for messages.
 
     Raises:
         InputError: an expression is wrong.
 
-    >>> model = extend(formula("n = Speed(u)"), {"deviation": "abs(n_set - n)"}, "kennfeld.toml limit 1")
+    >>> model = extend(formula("n = Speed(u)"), {"deviation": "abs(n_set - n)"}, Location("limit 1"))
     >>> model.graph.inputs, model.graph.outputs
     (('u', 'n_set'), ('n', 'deviation'))
     """
@@ -167,65 +154,58 @@ def extend(model: Model, nodes: Mapping[str, str], place: str) -> Model:
     axes = {**model.declared, **graph.parameters}
     around = NameScope(graph.names, axes.keys(), axes, inputs=graph.inputs, owner=f"model {model.name}")
     builder = GraphBuilder.of(graph)
-    assert isinstance(builder, GraphBuilder)
-    result = _expressions(nodes, place, around, builder, graph.names)
+    result = _expressions(nodes, location, around, builder, graph.names)
     grown = builder.finish({**graph.names, **result}, graph.units, (*graph.outputs, *nodes))
-    places = {**model.places, **dict.fromkeys(nodes, place)}
-    return replace(model, graph=merge_equal_states(grown), places=MappingProxyType(places))
+    locations = {**model.locations, **dict.fromkeys(nodes, location)}
+    return replace(model, graph=merge_equal_states(grown), locations=MappingProxyType(locations))
 
 
-def expression(text: str, place: str, channels: Collection[str] | None = None) -> Graph:
+def expression(text: str, location: Location, channels: Collection[str] | None = None) -> Graph:
     """Compile one expression over channel names to a graph with the node "value" and no parameters.
 
     Args:
         text: the expression.
-        place: location of the expression for error messages.
+        location: of the expression, for messages.
         channels: known channel names; any other name is then an error.
 
     Raises:
         InputError: the expression is wrong.
 
-    >>> expression("air_kg_h / n_rpm * 1000", "kennfeld.toml [calculated] rel_air").inputs
+    >>> expression("air_kg_h / n_rpm * 1000", Location("kennfeld.toml", path="[calculated] rel_air")).inputs
     ('air_kg_h', 'n_rpm')
     """
     builder = GraphBuilder()
     # no channel has the empty name, so the expression may read one called "value"
-    result = _expressions({"": text}, place, NameScope(parameters=(), channels=channels), builder, {})
+    result = _expressions({"": text}, location, NameScope(parameters=(), channels=channels), builder, {})
     return merge_equal_states(builder.finish({"value": result[""]}))
 
 
 def _expressions(
-    texts: Mapping[str, str], place: str, around: NameScope, builder: GraphBuilder, known: Mapping[str, int]
+    texts: Mapping[str, str], whole: Location, around: NameScope, builder: GraphBuilder, known: Mapping[str, int]
 ) -> dict[str, int]:
     """Return the nodes of expressions by name; raises `InputError` with the findings of all."""
     lines: list[str] = []
-    places: list[str] = []
+    locations: list[Location] = []
     spans: dict[str, range] = {}
     for name, text in texts.items():
-        own, label = split(text), place if len(texts) == 1 else f"{place} {name}"
+        own, location = split(text), whole if len(texts) == 1 else whole.within(name)
         spans[name] = range(len(lines) + 1, len(lines) + len(own) + 1)
         lines += own
-        places += [label] if len(own) == 1 else [f"{label} line {number + 1}" for number in range(len(own))]
-    source = Source(place, lines, places)
+        numbered = [Location(str(location), number) for number in range(1, len(own) + 1)]
+        locations += [location] if len(own) == 1 else numbered
+    source = Source(whole, lines, locations)
     keys: Keys = {}
-    names = NameTable(
-        [
-            Definition(Token("quoted", _quoted(name), span[0], 0), "", parse_expression(source, span, keys))
-            for name, span in spans.items()
-        ],
-        around,
-        source,
-    )
+    statements = []
+    for name, span in spans.items():
+        quoted = Token("quoted", f"%{name.replace('%', '%%')}%", span[0], 0)
+        statements.append(Definition(quoted, "", parse_expression(source, span, keys)))
+    names = NameTable(statements, around, source)
     nodes = build(names, builder, known)
     source.raise_findings()
     return nodes
 
 
-def _quoted(name: str) -> str:
-    return f"%{name.replace('%', '%%')}%"
-
-
-def surrogates_beside(path: str | Path) -> "tuple[Surrogate, ...]":
+def surrogates_beside(path: str | Path) -> tuple[Surrogate, ...]:
     """Read the surrogates NAME.json in the folder of a text, for each NAME that the text calls and does not define.
 
     Used for a text without a project, which would name its surrogates itself. Each surrogate gets the name of its file.
@@ -236,12 +216,6 @@ def surrogates_beside(path: str | Path) -> "tuple[Surrogate, ...]":
     """
     path = Path(path)
     surrogate_files = [file for name in _names_called(path) if (file := _file(path, name)) is not None]
-    if not surrogate_files:
-        return ()
-    from dataclasses import replace
-
-    from kennfeld.surrogate.surrogate_file import read_surrogate
-
     return tuple(replace(read_surrogate(file), name=file.stem) for file in surrogate_files)
 
 
@@ -252,17 +226,10 @@ def _names_called(path: Path) -> Collection[str]:
     except OSError:
         return ()
     statements = parse(source)
-    own = {
-        statement.at.name
-        for statement in statements
-        if isinstance(statement, Declaration | FunctionDefinition | Definition)
-    }
-    written = [
-        statement.value
-        for statement in statements
-        if isinstance(statement, Definition | FunctionDefinition) and statement.value is not None
-    ]
-    called = dict.fromkeys(part.name for value in written for part in walk(value) if isinstance(part, Call))
+    own = {statement.at.name for statement in statements if not isinstance(statement, StepDeclaration)}
+    defining = (statement for statement in statements if isinstance(statement, Definition | FunctionDefinition))
+    parts = (part for statement in defining if statement.value is not None for part in walk(statement.value))
+    called = dict.fromkeys(part.name for part in parts if isinstance(part, Call))
     return [name for name in called if name not in own and name not in FUNCTIONS]
 
 
@@ -271,8 +238,6 @@ def _file(path: Path, name: str) -> Path | None:
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
     if file == path or not file.is_file():
         return None
-    from kennfeld.surrogate.surrogate_file import recognises_surrogate
-
     try:
         with file.open("rb") as stream:
             head = stream.read(200).decode("utf-8", errors="replace")

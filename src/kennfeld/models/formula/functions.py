@@ -20,20 +20,9 @@ CONSTANTS: Final = {"pi": math.pi, "inf": math.inf, "nan": math.nan}
 
 # infix operators and what they are in a graph
 OPERATORS: Final = {
-    "or": "or",
-    "and": "and",
-    "==": "eq",
-    "!=": "ne",
-    "<": "lt",
-    "<=": "le",
-    ">": "gt",
-    ">=": "ge",
-    "+": "add",
-    "-": "sub",
-    "*": "mul",
-    "/": "div",
-    "^": "pow",
-}
+    "or": "or", "and": "and", "==": "eq", "!=": "ne", "<": "lt", "<=": "le", ">": "gt", ">=": "ge",
+    "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
+}  # fmt: skip
 
 Deferred = Callable[[], int]
 
@@ -135,8 +124,8 @@ def _integrator(builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, 
 
 
 def _derivative(builder: GraphBuilder, x: int) -> int:
-    before = builder.remember(x, lambda read: x)
-    return builder.call("div", builder.call("sub", x, before), builder.input("dt"))
+    change = builder.call("sub", x, builder.remember(x, lambda read: x))
+    return builder.call("div", change, builder.input("dt"))
 
 
 def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
@@ -211,12 +200,12 @@ def functions_of(surrogates: Iterable[Surrogate]) -> Mapping[str, BuiltinFunctio
 
 
 def _static(surrogate: Surrogate) -> BuiltinFunction:
-    def rule(builder: GraphBuilder, *inputs: int) -> int:
-        return builder.lookup(surrogate.name, *inputs)
+    arguments = [Argument(name, "", False) for name in surrogate.inputs]
+    return _surrogate_function(surrogate.name, arguments, partial(_look_up, surrogate.name), memory=False)
 
-    return _surrogate_function(
-        surrogate.name, [Argument(name, "", False) for name in surrogate.inputs], rule, memory=False
-    )
+
+def _look_up(name: str, builder: GraphBuilder, *inputs: int) -> int:
+    return builder.lookup(name, *inputs)
 
 
 def _dynamic(surrogate: DynamicSurrogate) -> BuiltinFunction:
@@ -240,12 +229,8 @@ def _recursion(surrogate: DynamicSurrogate, builder: GraphBuilder, *arguments: A
         point += [_at_lag(builder, x, lag, start) for lag in lags]
     y = builder.lookup(surrogate.name, *point)
     lower, upper = (builder.const(limit) for limit in surrogate.limits)
-    result.append(builder.call("min", builder.call("max", y, lower), upper) if _limited(surrogate) else y)
+    result.append(y if surrogate.limits == (-math.inf, math.inf) else _clip(builder, y, lower, upper))
     return result[0]
-
-
-def _limited(surrogate: DynamicSurrogate) -> bool:
-    return surrogate.limits != (-float("inf"), float("inf"))
 
 
 def _at_lag(builder: GraphBuilder, x: int | Deferred, lag: int, start: float) -> int:

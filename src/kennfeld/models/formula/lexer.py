@@ -5,8 +5,9 @@ A statement is one line; an open bracket continues it on the next line.
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.models.formula.syntax import Token
 
 DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "def"})
@@ -104,16 +105,12 @@ def statements(lines: Iterable[str]) -> Iterator[list[Token]]:
             yield [*current, _end(current)]
             current, depth = [], 0
         current += result
-        depth = max(0, depth + _depth(result))
+        depth = max(0, depth + sum((token.text == "(") - (token.text == ")") for token in result))
         if current and not depth:
             yield [*current, _end(current)]
             current = []
     if current:
         yield [*current, _end(current)]
-
-
-def _depth(line_tokens: Iterable[Token]) -> int:
-    return sum((token.text == "(") - (token.text == ")") for token in line_tokens)
 
 
 def _end(line_tokens: Sequence[Token]) -> Token:
@@ -148,41 +145,41 @@ class Source:
            ^
     """
 
-    def __init__(self, label: str, lines: Sequence[str], places: Sequence[str]) -> None:
+    def __init__(self, label: Location, lines: Sequence[str], locations: Sequence[Location]) -> None:
         self.label = label
         self.lines = lines
-        self.places = places
-        self._found: list[tuple[int, int, Finding]] = []
+        self.locations = locations
+        self._positions: dict[Finding, tuple[int, int]] = {}
 
     @classmethod
     def of_text(cls, label: str, text: str) -> "Source":
         """Return the source of a text whose locations are line numbers: "torque.kf line 4"."""
         lines = split(text)
-        return cls(label, lines, [f"{label} line {number}" for number in range(1, len(lines) + 1)])
+        return cls(Location(label), lines, [Location(label, number) for number in range(1, len(lines) + 1)])
 
-    def place(self, line: int) -> str:
-        """Return the location of a line."""
-        return self.places[line - 1]
+    def location(self, line: int, column: int = 0) -> Location:
+        """Return the location of a line, or of a column in it."""
+        location = self.locations[line - 1]
+        return replace(location, column=column)
 
     def report(self, at: Token, message: str, remedy: str = "") -> None:
         """Add a finding about a token; a token in column 0 stands for the whole line."""
-        place = self.place(at.line) + (f", column {at.column}" if at.column else "")
         excerpt = self._excerpt(at) if at.column else ""
-        self._found.append((at.line, at.column, Finding(place, message, remedy, excerpt)))
+        finding = Finding(self.location(at.line, at.column), message, remedy, excerpt)
+        self._positions.setdefault(finding, (at.line, at.column))
 
     def report_all(self, message: str, remedy: str = "") -> None:
         """Add a finding about the text as a whole."""
-        self._found.append((0, 0, Finding(self.label, message, remedy)))
+        self._positions.setdefault(Finding(self.label, message, remedy), (0, 0))
 
     @property
     def findings(self) -> list[Finding]:
         """The findings without duplicates, from the top of the text to its end."""
-        ordered = sorted(self._found, key=lambda result: result[:2])
-        return list(dict.fromkeys(finding for _, _, finding in ordered))
+        return sorted(self._positions, key=self._positions.__getitem__)
 
     def raise_findings(self) -> None:
         """Raise `InputError` if there are findings."""
-        if self._found:
+        if self._positions:
             raise InputError(self.findings)
 
     def text(self, first: Token, last: Token) -> str:

@@ -200,7 +200,7 @@ class GraphLowering:
             case Number():
                 return _ready(self.builder.const(expr.value))
             case Name() if expr.name in scope.bound:
-                return self._once(expr, *scope.bound[expr.name], self._argument)
+                return self._once(*scope.bound[expr.name], self._argument)
             case Name():
                 return _ready(self._name(expr))
             case Chain():
@@ -208,9 +208,9 @@ class GraphLowering:
             case Prefix():
                 return self._prefix(expr, scope)
             case Call():
-                return self._once(expr, expr, scope, self._call)
+                return self._once(expr, scope, self._call)
 
-    def _once(self, at: Expr, expr: Expr, scope: _Scope, steps: Callable[[Any, _Scope], _Steps]) -> _Steps:
+    def _once(self, expr: Expr, scope: _Scope, steps: Callable[[Any, _Scope], _Steps]) -> _Steps:
         """Lower equal syntax in one scope to one node, so that equal memory calls share one state."""
         key = (expr.key, scope.key)
         if key not in self._built:
@@ -247,14 +247,14 @@ class GraphLowering:
         if (function := self.names.built_in(expr)) is not None:
             return (yield from self._built_in(function, expr, scope))
         if not expr.at.quoted and expr.name in self.names.functions:
-            return (yield from self._defined(expr, scope))
+            return (yield from self._expand(expr, scope))
         coordinates: list[int] = []
         for arg in expr.args:
             coordinate = yield arg, scope
             coordinates.append(coordinate)
         return self.builder.lookup(expr.name, *coordinates)
 
-    def _defined(self, expr: Call, scope: _Scope) -> _Steps:
+    def _expand(self, expr: Call, scope: _Scope) -> _Steps:
         function = self.names.functions[expr.name]
         if expr.name in self.names.broken or function.value is None:
             return self.builder.input(expr.name)
@@ -283,17 +283,17 @@ class GraphLowering:
         if not function.memory:
             return function.rule(self.builder, *args)
         if tuple(key) not in self._memories:
-            self._memories[tuple(key)] = self._remembered(function, expr, args)
+            self._memories[tuple(key)] = self._remember(function, expr, args)
         return self._memories[tuple(key)]
 
-    def _default(self, argument: Argument, given: list[Any], function: BuiltIn) -> Any:
+    def _default(self, argument: Argument, args: list[Any], function: BuiltIn) -> Any:
         earlier = [other.name for other in function.arguments]
         if argument.default in earlier:
-            return given[earlier.index(argument.default)]
+            return args[earlier.index(argument.default)]
         node = self.builder.const(float(argument.default))
         return (lambda: node) if argument.later else node
 
-    def _remembered(self, function: BuiltIn, expr: Call, args: list[Any]) -> int:
+    def _remember(self, function: BuiltIn, expr: Call, args: list[Any]) -> int:
         try:
             return function.rule(self.builder, *args)
         except InvalidArgumentError as unusable:

@@ -1,9 +1,11 @@
 """Name resolution of formula text: nodes, parameters, inputs, functions and constants, and all errors about names."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeVar
 
+from kennfeld.errors import Location
 from kennfeld.formatting import nearest
 from kennfeld.graph import CLOCK
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
@@ -130,7 +132,7 @@ class NameTable:
     def _once(self, known: dict[str, _S], statement: _S, kind: str) -> None:
         first = known.setdefault(statement.at.name, statement)
         if first is not statement:
-            where = self.source.place(first.at.line)
+            where = self.source.location(first.at.line)
             self.source.report(statement.at, f"duplicate {kind} {statement.at.name}, first in {where}", "Remove one.")
 
     def _check_names(self) -> None:
@@ -152,10 +154,8 @@ class NameTable:
                 if known is not self.declared and name in (self.around.parameters or ()):
                     others.append(f"a parameter of {self.around.owner}")
                 if others:
-                    self._two_things(name, statement.at, kind, others[0])
-
-    def _two_things(self, name: str, at: Token, one: str, other: str) -> None:
-        self._report(name, at, f"{name} is both {one} and {other}", "Rename one of them.")
+                    message = f"{name} is both {kind} and {others[0]}"
+                    self._report(name, statement.at, message, "Rename one of them.")
 
     def _check_functions(self) -> None:
         for name, function in self.functions.items():
@@ -172,10 +172,8 @@ class NameTable:
         self.source.report(at, message, remedy)
 
     def _check_expressions(self) -> None:
-        everything: list[tuple[str, Definition | FunctionDefinition]] = [
-            *self.definitions.items(),
-            *self.functions.items(),
-        ]
+        everything: Iterable[tuple[str, Definition | FunctionDefinition]]
+        everything = chain(self.definitions.items(), self.functions.items())
         for name, statement in everything:
             arguments: set[str] = set()
             if isinstance(statement, FunctionDefinition):
@@ -189,11 +187,11 @@ class NameTable:
                 elif isinstance(part, Call):
                     self._check_call(name, part, arguments)
         for name in self._called.keys() & self._bare.keys() - self.broken:
-            message = f"{name} is used as a table in {self._where(self._called[name])}, but without coordinates here"
+            message = f"{name} is used as a table in {self._location(self._called[name])}, but without coordinates here"
             self._report(name, self._bare[name], message, f"Write {name}(...) with its coordinates.")
 
-    def _where(self, token: Token) -> str:
-        return f"{self.source.place(token.line)}, column {token.column}"
+    def _location(self, token: Token) -> Location:
+        return self.source.location(token.line, token.column)
 
     def _check_bare(self, owner: str, use: Name) -> None:
         name = use.name
@@ -259,9 +257,8 @@ class NameTable:
     def _is_table(self, owner: str, call: Call) -> bool:
         name, known = call.name, self.around.parameters
         if not call.args:
-            self._report(
-                owner, call.at, f"{name} is called without coordinates", f"Write {call.at.text}(x), or {call.at.text}."
-            )
+            remedy = f"Write {call.at.text}(x), or {call.at.text}."
+            self._report(owner, call.at, f"{name} is called without coordinates", remedy)
             return False
         if known is None or name in known or name in self.declared:
             return True
@@ -281,7 +278,7 @@ class NameTable:
             self._report(owner, at, message, f"Write {_example(name, _AXES[kind][0])}.")
         elif self.axes.setdefault(name, count) != count:
             first = self.axes[name]
-            where = f" in {self._where(before)}" if before is not at else f" of {self.around.owner}"
+            where = f" in {self._location(before)}" if before is not at else f" of {self.around.owner}"
             table = _TABLES.get(first, "an expansion")
             message = f"{name} is {table} with {_coordinates(first)}{where} but has {count or 'none'} here"
             self._report(owner, at, message, f"Write {_example(name, first)}.")

@@ -5,8 +5,8 @@ Precedence, from lowest to highest:
     or  <  and  <  not  <  == != < <= > >=  <  + -  <  * /  <  unary -  <  ^ (right-associative)
 """
 
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeVar
 
 from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, Source, statements, tokens
 from kennfeld.models.formula.syntax import (
@@ -35,11 +35,13 @@ LEVELS: Final = {
 }
 _NOT, _COMPARISON, _POWER = LEVELS["not"], LEVELS["<"], LEVELS["^"]
 _LOOSEST = 1
+_FUNCTION_FORM = "Write def f(a, b) = expression."
 
 # keeps the parser far from Python's own limit of 1000 calls
 MAX_DEPTH = 100
 
 Keys = dict[tuple[Any, ...], int]
+Result = TypeVar("Result")
 
 
 class SyntaxFault(Exception):  # noqa: N818
@@ -65,15 +67,17 @@ def parse_expression(source: Source, lines: range, keys: Keys) -> Expr | None:
 class _StatementParser:
     """Parser of the tokens of one statement."""
 
-    def __init__(self, found: Sequence[Token], keys: Keys, source: Source) -> None:
-        self.tokens = found
+    def __init__(self, line_tokens: Sequence[Token], keys: Keys, source: Source) -> None:
+        self.tokens = line_tokens
         self.keys = keys
         self.source = source
         self.position = 0
         self.depth = 0
 
     def statement(self) -> Statement | None:
-        self._skip_line_number()
+        number, *others = self.tokens[:2]
+        if number.kind == "number" and number.text.isdigit() and others[0].kind in ("name", "quoted"):
+            self.position = 1  # a line number
         first, second = self.tokens[self.position], self.tokens[min(self.position + 1, len(self.tokens) - 1)]
         declares = first.kind == "name" and first.text in DECLARATIONS
         if not declares or second.text == "=" or second.kind == "unit":
@@ -85,45 +89,41 @@ class _StatementParser:
 
     def whole(self) -> Expr | None:
         """Parse the expression up to the end; return None if it is wrong."""
-        try:
+
+        def parse_all() -> Expr:
             result = self._expression(_LOOSEST)
             self._finish()
+            return result
+
+        return self._attempt(parse_all)
+
+    def _attempt(self, parse: Callable[[], Result]) -> Result | None:
+        """Return a parsed part, None with a finding reported if it is wrong."""
+        try:
+            return parse()
         except SyntaxFault as wrong:
             self.source.report(*wrong.finding)
             return None
-        return result
-
-    def _skip_line_number(self) -> None:
-        first, *others = self.tokens[:2]
-        if first.kind == "number" and first.text.isdigit() and others[0].kind in ("name", "quoted"):
-            self.position = 1
 
     def _definition(self) -> Definition | None:
-        try:
-            name = self._name("a statement must start with a name")
-            unit = self._unit()
-        except SyntaxFault as wrong:
-            self.source.report(*wrong.finding)
+        head = self._attempt(lambda: (self._name("a statement must start with a name"), self._unit()))
+        if head is None:
             return None
-        try:
-            self._equals(name)
-        except SyntaxFault as wrong:
-            self.source.report(*wrong.finding)
-            return Definition(name, unit, None)
-        return Definition(name, unit, self.whole())
+        equals = self._attempt(lambda: self._equals(head[0]))
+        return Definition(*head, self.whole() if equals else None)
 
     def _declaration(self, kind: Token) -> Declaration | None:
-        name = None
-        unit = ""
-        try:
-            name = self._name(f"{kind.text} requires a name")
-            unit = self._unit()
-            if self._peek.text == ",":
-                raise SyntaxFault(self._peek, "only one name per declaration", f"Write one {kind.text} line per name.")
-            self._finish()
-        except SyntaxFault as wrong:
-            self.source.report(*wrong.finding)
-        return Declaration(kind.text, name, unit) if name else None
+        name = self._attempt(lambda: self._name(f"{kind.text} requires a name"))
+        if name is None:
+            return None
+        unit = self._unit()
+        self._attempt(lambda: self._finish_declaration(kind))
+        return Declaration(kind.text, name, unit)
+
+    def _finish_declaration(self, kind: Token) -> None:
+        if self._peek.text == ",":
+            raise SyntaxFault(self._peek, "only one name per declaration", f"Write one {kind.text} line per name.")
+        self._finish()
 
     def _step(self, word: Token) -> StepDeclaration | None:
         number = self._next()
@@ -133,21 +133,22 @@ class _StatementParser:
         return StepDeclaration(word, float(number.text))
 
     def _function(self) -> FunctionDefinition | None:
-        name = None
+        name = self._attempt(lambda: self._name("def requires the name of the function"))
+        if name is None:
+            return None
         arguments: list[Token] = []
-        try:
-            name = self._name("def requires the name of the function")
-            self._expect("(", "Write def f(a, b) = expression.")
-            if self._peek.text != ")":
+        equals = self._attempt(lambda: self._arguments(arguments))
+        return FunctionDefinition(name, tuple(arguments), self.whole() if equals else None)
+
+    def _arguments(self, arguments: list[Token]) -> Token:
+        """Append the arguments of a function; return the equals sign after them."""
+        self._expect("(", _FUNCTION_FORM)
+        if self._peek.text != ")":
+            arguments.append(self._name("the name of an argument is missing"))
+            while self._take(","):
                 arguments.append(self._name("the name of an argument is missing"))
-                while self._take(","):
-                    arguments.append(self._name("the name of an argument is missing"))
-            self._expect(")", "Write def f(a, b) = expression.")
-            self._expect("=", "Write def f(a, b) = expression.")
-        except SyntaxFault as wrong:
-            self.source.report(*wrong.finding)
-            return FunctionDefinition(name, tuple(arguments), None) if name else None
-        return FunctionDefinition(name, tuple(arguments), self.whole())
+        self._expect(")", _FUNCTION_FORM)
+        return self._expect("=", _FUNCTION_FORM)
 
     def _name(self, message: str) -> Token:
         token = self._next()
@@ -162,10 +163,10 @@ class _StatementParser:
     def _unit(self) -> str:
         return self._next().text[1:-1].strip() if self._peek.kind == "unit" else ""
 
-    def _equals(self, name: Token) -> None:
+    def _equals(self, name: Token) -> Token:
         token = self._next()
         if token.text == "=":
-            return
+            return token
         if token.kind == "bad" and token.text != ".":
             raise self._bad(token)
         remedy = "Write name[unit] = expression; names with other characters as %any[3].name%."
@@ -206,15 +207,15 @@ class _StatementParser:
             operator = self._next()
             if rest and level == _COMPARISON:
                 raise self._chained(left, start)
-            rest.append((operator.text, self._power() if level == _POWER else self._expression(level + 1)))
+            rest.append((operator.text, self._nested(_POWER) if level == _POWER else self._expression(level + 1)))
         key = self._key("chain", left.key, *(part for op, operand in rest for part in (op, operand.key)))
         return Chain(left, tuple(rest), at, key)
 
-    def _power(self) -> Expr:
+    def _nested(self, level: int) -> Expr:
         self._deeper()
-        exponent = self._expression(_POWER)
+        operand = self._expression(level)
         self.depth -= 1
-        return exponent
+        return operand
 
     def _chained(self, left: Expr, start: int) -> SyntaxFault:
         """Return the error of a chained comparison; `start` is the index of the first, the second was read last."""
@@ -270,12 +271,9 @@ class _StatementParser:
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
-            raise SyntaxFault(
-                token, "`not` has lower precedence than the operator before it", "Put it in parentheses: (not a)."
-            )
-        self._deeper()
-        operand = self._expression(_NOT if token.text == "not" else _POWER)
-        self.depth -= 1
+            message = "`not` has lower precedence than the operator before it"
+            raise SyntaxFault(token, message, "Put it in parentheses: (not a).")
+        operand = self._nested(_NOT if token.text == "not" else _POWER)
         if token.text == "+":
             return operand
         return Prefix(token.text, operand, token, self._key(token.text, operand.key))
@@ -292,12 +290,8 @@ class _StatementParser:
     def _deeper(self) -> None:
         self.depth += 1
         if self.depth > MAX_DEPTH:
-            at = self.tokens[self.position - 1]
-            raise SyntaxFault(
-                at,
-                f"the expression is nested more than {MAX_DEPTH} levels deep",
-                "Assign its inner parts to named nodes.",
-            )
+            message = f"the expression is nested more than {MAX_DEPTH} levels deep"
+            raise SyntaxFault(self.tokens[self.position - 1], message, "Assign its inner parts to named nodes.")
 
     @property
     def _peek(self) -> Token:
@@ -314,9 +308,10 @@ class _StatementParser:
         self.position += taken
         return taken
 
-    def _expect(self, text: str, remedy: str) -> None:
+    def _expect(self, text: str, remedy: str) -> Token:
         if not self._take(text):
             raise SyntaxFault(self._peek, f"missing {text}", remedy)
+        return self.tokens[self.position - 1]
 
     def _key(self, *parts: Any) -> int:
         return self.keys.setdefault(parts, len(self.keys))

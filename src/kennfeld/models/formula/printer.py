@@ -90,22 +90,17 @@ def _check(graph: Graph) -> None:
     for name, times in Counter(name for names in kinds.values() for name in names).items():
         if times > 1:
             both = " and ".join(f"a {kind}" for kind, names in kinds.items() if name in names)
-            raise ArgumentError(
-                f"{name!r} is {both}; formula text requires different names".replace("a input", "an input")
-            )
+            message = f"{name!r} is {both}; formula text requires different names"
+            raise ArgumentError(message.replace("a input", "an input"))
         if not name or "\n" in name or "\r" in name:
             raise ArgumentError(f"the name {name!r} is empty or contains a line break")
-    _check_tables(graph)
-    for name, unit in graph.units.items():
-        if any(sign in unit for sign in "]\n\r"):
-            raise ArgumentError(f"the unit {unit!r} of {name} contains a bracket or a line break")
-
-
-def _check_tables(graph: Graph) -> None:
     axes = graph.parameters
     for op, args, name in graph.nodes:
         if op == "lookup" and len(args) != axes[name]:
             raise ArgumentError(f"{name!r} is looked up with {len(args)} and with {axes[name]} coordinates")
+    for name, unit in graph.units.items():
+        if any(sign in unit for sign in "]\n\r"):
+            raise ArgumentError(f"the unit {unit!r} of {name} contains a bracket or a line break")
 
 
 def _declarations(graph: Graph) -> Iterator[str]:
@@ -231,7 +226,8 @@ class _Printer:
         if op in ("neg", "not"):
             return _prefix(op, *parts)
         if op == "state":
-            return _memory(self.graph.states[payload].latency, *parts)
+            latency, (content, init) = self.graph.states[payload].latency, parts
+            return _call("prev", parts) if latency == 1 else _call("delay", [content, _Text(str(latency)), init])
         return _call(_name(payload) if op == "lookup" else _CALLS.get(op, op), parts)
 
 
@@ -251,12 +247,6 @@ def _prefix(op: str, operand: _Text) -> _Text:
         return _Text(f"-{inner.text}", _NEGATION, inner.depth + 1)
     inner = operand.within(_COMPARISON)
     return _Text(f"not {inner.text}", LEVELS["not"], inner.depth + 1)
-
-
-def _memory(latency: int, content: _Text, init: _Text) -> _Text:
-    if latency == 1:
-        return _call("prev", [content, init])
-    return _call("delay", [content, _Text(str(latency)), init])
 
 
 def _call(name: str, args: Sequence[_Text]) -> _Text:

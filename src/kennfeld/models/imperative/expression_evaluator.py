@@ -1,57 +1,36 @@
 """Evaluation of expressions in code: operators, arrays, structs, calls, and masked assignments.
 
 A name is resolved as a variable, else a function of the code or of a file, else a library function, else a parameter of
-the model, else by the host of the code.
+the model, else by the host of the code. The context may let parameters precede functions.
 
 In `x(x > 1) = 2*x(x > 1)` the mask depends on signals. If each element of the right side depends only on the same
 element of its arrays, all elements are computed, and each takes its new value or keeps its old one.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.traversal import children, field_path
+from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.element_access import MASK_REMEDY, fixed_element, index_value
-from kennfeld.models.imperative.evaluation_context import evaluate_constant_call
-from kennfeld.models.imperative.evaluation_errors import ProgramError
-from kennfeld.models.imperative.graph_operators import BINARY, range_between
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.models.imperative.graph_operators import BINARY
 from kennfeld.models.imperative.library.elementwise_functions import ELEMENTWISE_NAMES
 from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS, TAKES_TABLES
+from kennfeld.models.imperative.library.numeric_rules import evaluate_constant_call
 from kennfeld.models.imperative.library.reduction_functions import (
     checked_matrix_product,
+    format_sizes,
     matrix_divide,
     matrix_power,
     transpose,
 )
-from kennfeld.models.imperative.node_arrays import Nodes, elementwise
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
-from kennfeld.models.imperative.symbolic_values import (
-    EMPTY,
-    ConditionalValue,
-    DeferredValue,
-    EnumerationStruct,
-    FunctionHandleValue,
-    LogicalNodes,
-    String,
-    SymbolicCell,
-    SymbolicStruct,
-    SymbolicValue,
-    as_array,
-    as_logical,
-    constants,
-    describe,
-    field_of,
-    force,
-    integers,
-    word_of,
-)
-
-if TYPE_CHECKING:
-    from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
-
+from kennfeld.models.imperative.path_state import SymbolicInterpreter
+from kennfeld.models.imperative.ranges import constant_distance, range_length
 
 _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "*", "/", "^"})
 
@@ -60,24 +39,27 @@ _ELEMENTWISE = {"*": ".*", "/": "./", "^": ".^"}
 
 
 class ExpressionEvaluator:
-    """Evaluator of expressions over the variables of a statement interpreter."""
+    """SymbolicEvaluator of expressions over the variables of a statement interpreter."""
 
-    def __init__(self, body: "StatementInterpreter") -> None:
+    def __init__(self, body: SymbolicInterpreter) -> None:
         self.body, self.context, self.builder = body, body.context, body.builder
+        self.apply = Elementwise(self.builder)
+        library = self.context.library
+        self.library = SYMBOLIC_FUNCTIONS if library is None else library
         self.mask: Nodes | None = None  # the elements it selects may be computed as all elements
         self.ends: list[tuple[Nodes, int, int]] = []  # the arrays that `end` may belong to, with place and count
 
-    def value(self, tree: m.Expression) -> SymbolicValue:
+    def value(self, tree: m.Expression) -> s.SymbolicValue:
         """Evaluate an expression."""
         match tree:
             case m.Number(number, suffix):
                 if suffix in ("i", "j"):
                     raise ProgramError("complex numbers are not supported")
-                return constants(self.builder, number)
+                return s.constants(self.builder, number)
             case m.Text(text):
-                return String(text) if tree.is_string else text
+                return s.String(text) if tree.is_string else text
             case m.Name(name):
-                return self._name(name)
+                return self.body.read(name) if name in self.body.names else self._first_result(name, ())
             case m.Field() | m.DynamicField():
                 return self._field(tree)
             case m.Unary(operator, operand):
@@ -89,7 +71,7 @@ class ExpressionEvaluator:
             case m.Matrix(rows):
                 return self._matrix(rows)
             case m.Range():
-                return range_between(self, tree)
+                return self._range(tree)
             case m.Call():
                 return self._call(tree)
             case m.CellArray(rows):
@@ -97,16 +79,16 @@ class ExpressionEvaluator:
             case m.CellIndex(of, arguments):
                 return self._cell(self.value(of), arguments)
             case m.AnonymousFunction():
-                return FunctionHandleValue(tree, dict(self.body.names))
+                return s.FunctionHandleValue(tree, dict(self.body.names))
             case m.FunctionHandle():
-                return FunctionHandleValue(tree, {})
+                return s.FunctionHandleValue(tree, {})
             case m.End():
                 return self._end()
         raise ProgramError(f"{type(tree).__name__} is not supported here")
 
     def nodes(self, tree: m.Expression) -> Nodes:
         """Evaluate an expression to an array of nodes."""
-        return as_array(force(self.value(tree)), _short(tree))
+        return s.as_array(s.force(self.value(tree)), _short(tree))
 
     def number(self, tree: m.Expression, message: str = "a size or index") -> float:
         """Evaluate an expression to a number that depends on no signal."""
@@ -117,51 +99,57 @@ class ExpressionEvaluator:
 
     # names
 
-    def _name(self, name: str) -> SymbolicValue:
-        if name in self.body.names:
-            return self.body.read(name)
-        results = self.several(name, (), 1)
+    def _first_result(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
+        results = self.call(name, arguments, 1)
         if not results:
             raise ProgramError(f"{name} returns no value")
         return results[0]
 
-    def _field(self, tree: m.Field | m.DynamicField) -> SymbolicValue:
+    def _field(self, tree: m.Field | m.DynamicField) -> s.SymbolicValue:
         if isinstance(tree, m.Field):
-            return field_of(self.value(tree.of), tree.name, _short(tree.of))
+            path = field_path(tree) if self.context.parameters_first else None
+            if path is not None and path[0] not in self.body.names:
+                parameter = self.context.workspace(".".join(path))
+                if parameter is not None:
+                    return parameter
+            return s.field_of(self.value(tree.of), tree.name, _short(tree.of))
         name = self.value(tree.name)
         if not isinstance(name, str):
             raise ProgramError("the name of a field is not a text")
-        return field_of(self.value(tree.of), name, _short(tree.of))
+        return s.field_of(self.value(tree.of), name, _short(tree.of))
 
     def _end(self) -> Nodes:
         if not self.ends:
             raise ProgramError("end outside of an index")
+        if self.context.single_elements:
+            raise ProgramError("it uses `end`, which is evaluated numerically")
         array, at, count = self.ends[-1]
         if count == 1:
-            return constants(self.builder, array.size)
+            return s.constants(self.builder, array.size)
         size = array.shape[at] if at < count - 1 else int(np.prod(array.shape[at:]))
-        return constants(self.builder, size)
+        return s.constants(self.builder, size)
 
     # operators
 
     def _unary(self, operator: str, operand: Nodes) -> Nodes:
         if operator == "+":
             return operand
-        result = elementwise(self.builder, "neg" if operator == "-" else "not", operand)
-        return integers(result, word_of(operand)) if operator == "-" else as_logical(result)
+        if operator == "-":
+            return s.integers(self.apply("neg", operand), s.word_of(operand))
+        return s.as_logical(self.apply("not", operand))
 
-    def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> SymbolicValue:
+    def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> s.SymbolicValue:
         if operator in ("&&", "||"):
             return self._short_circuit(operator, left, right)
         return self.operation(operator, self._operand(left), self._operand(right))
 
     def _operand(self, tree: m.Expression) -> Nodes:
-        held = force(self.value(tree))
-        if isinstance(held, String):
+        current = s.force(self.value(tree))
+        if isinstance(current, s.String):
             raise ProgramError("a double-quoted string is used in arithmetic", "Compare it with strcmp.")
-        if isinstance(held, str):
-            return constants(self.builder, [[float(ord(value)) for value in held]]) if held else EMPTY
-        return as_array(held, _short(tree))
+        if isinstance(current, str):
+            return s.constants(self.builder, [[float(ord(value)) for value in current]]) if current else s.EMPTY
+        return s.as_array(current, _short(tree))
 
     def operation(self, operator: str, left: Nodes, right: Nodes) -> Nodes:
         """Apply an operator to two arrays."""
@@ -174,14 +162,20 @@ class ExpressionEvaluator:
         if operator == "^" and max(left.size, right.size) > 1:
             return matrix_power(self, left, right)
         if operator in ("\\", ".\\"):
-            return elementwise_operation(self.builder, "div", right, left)
+            return self._broadcast("div", right, left)
         operator = _ELEMENTWISE.get(operator, operator)
         if operator not in BINARY:
             raise ProgramError(f"the operator {operator} is not supported")
         if left.size > 1 and right.size > 1 and left.shape != right.shape:
             self.context.room(float(left.size) * right.size)
-        result = elementwise_operation(self.builder, BINARY[operator], left, right)
-        return as_logical(result) if operator in _TRUE_OR_FALSE else integers(result, word_of(left, right))
+        result = self._broadcast(BINARY[operator], left, right)
+        return s.as_logical(result) if operator in _TRUE_OR_FALSE else s.integers(result, s.word_of(left, right))
+
+    def _broadcast(self, op: str, left: Nodes, right: Nodes) -> Nodes:
+        try:
+            return self.apply(op, left, right)
+        except ValueError:
+            raise EvaluationError(f"arrays of sizes {format_sizes(left, right)} are not compatible") from None
 
     def _short_circuit(self, operator: str, left: m.Expression, right: m.Expression) -> Nodes:
         """Evaluate `&&` or `||`; the right side only if the left one does not decide."""
@@ -197,53 +191,74 @@ class ExpressionEvaluator:
         else:
             body.decide(first, lambda: None, more)
             result = logical_or(self.builder, first, second[0]) if second else self.builder.const(1.0)
-        return as_logical(np.array([[truth_of(self.builder, result)]], dtype=np.int64))
+        return s.as_logical(np.array([[truth_of(self.builder, result)]], dtype=np.int64))
 
     # arrays
 
-    def _matrix(self, rows: tuple[tuple[m.Expression, ...], ...]) -> SymbolicValue:
-        result = [[force(self.value(element)) for element in row] for row in rows]
-        flat = [element for row in result for element in row]
-        if len(flat) > 1 and any(isinstance(element, String) for element in flat):
+    def _range(self, tree: m.Range) -> Nodes:
+        """Evaluate `first:step:last`, with tolerance for rounding at the end.
+
+        The start may depend on signals if the distance to the end does not, as in `k:k+2`.
+        """
+        first, last = self.nodes(tree.first), self.nodes(tree.last)
+        step = 1.0 if tree.step is None else self.number(tree.step, "the step of a range")
+        if first.size != 1 or last.size != 1:
+            raise ProgramError("the ends of a range must be scalars")
+        self.context.numbers(np.concatenate([first, last]), "the ends of a range")
+        span = constant_distance(self.context, int(first.item()), int(last.item()))
+        if span is None:
+            raise ProgramError("the length of a range depends on signals", "Loop over constants, with if inside.")
+        begin = self.context.constant(int(first.item()))
+        steps = step * np.arange(range_length(self.context, span, step)).reshape(1, -1)
+        if begin is not None:
+            return s.constants(self.builder, begin + steps)
+        return self.apply("add", first, s.constants(self.builder, steps))
+
+    def _matrix(self, rows: tuple[m.Expressions, ...]) -> s.SymbolicValue:
+        elements = [[s.force(self.value(element)) for element in row] for row in rows]
+        flat = [element for row in elements for element in row]
+        if len(flat) > 1 and any(isinstance(element, s.String) for element in flat):
             raise ProgramError("arrays of strings are not supported", "Use single quotes.")
-        if flat and all(isinstance(element, str) for element in flat) and len(result) == 1:
+        if flat and all(isinstance(element, str) for element in flat) and len(elements) == 1:
             return flat[0] if len(flat) == 1 else "".join(str(element) for element in flat)
-        if len(flat) == 1 and isinstance(flat[0], (SymbolicStruct, SymbolicCell)):
+        if len(flat) == 1 and isinstance(flat[0], (s.SymbolicStruct, s.SymbolicCell)):
             return flat[0]
-        arrays = [[part for element in row if (part := as_array(element, "an element")).size] for row in result]
+        arrays = [[part for element in row if (part := s.as_array(element, "an element")).size] for row in elements]
         try:
             lines = [np.concatenate([np.asarray(element) for element in row], axis=1) for row in arrays if row]
-            whole = np.concatenate(lines, axis=0) if lines else EMPTY
+            whole = np.concatenate(lines, axis=0) if lines else s.EMPTY
         except ValueError:
-            raise ProgramError("the rows of a matrix have different lengths") from None
-        logical = bool(flat) and all(isinstance(element, LogicalNodes) for row in arrays for element in row)
+            raise EvaluationError("the rows of a matrix have different lengths") from None
+        logical = bool(flat) and all(isinstance(element, s.LogicalNodes) for row in arrays for element in row)
         if logical and whole.size:
-            return as_logical(whole)
-        return integers(whole, word_of(*(element for row in arrays for element in row)))
+            return s.as_logical(whole)
+        return s.integers(whole, s.word_of(*(element for row in arrays for element in row)))
 
-    def _cells(self, rows: tuple[tuple[m.Expression, ...], ...]) -> SymbolicCell:
+    def _cells(self, rows: tuple[m.Expressions, ...]) -> s.SymbolicCell:
         result = [[self.value(element) for element in row] for row in rows if row]
         width = len(result[0]) if result else 0
         if any(len(row) != width for row in result):
             raise ProgramError("the rows of a cell array have different lengths")
         columns = (result[row][column] for column in range(width) for row in range(len(result)))
-        return SymbolicCell(tuple(columns), (len(result), width))
+        return s.SymbolicCell(tuple(columns), (len(result), width))
 
-    def _cell(self, held: SymbolicValue, arguments: Sequence[m.Expression]) -> SymbolicValue:
-        if not isinstance(held, SymbolicCell):
-            raise ProgramError(f"braces index {describe(held)}, not a cell array")
-        shape = np.arange(len(held.cells), dtype=np.int64).reshape(held.shape, order="F")
-        places = self.arguments(shape, arguments)
-        at = [self.context.numbers(as_array(item), "the index of a cell") for item in places]
-        if any(item is None or item.size != 1 for item in at):
+    def _cell(self, value: s.SymbolicValue, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
+        if not isinstance(value, s.SymbolicCell):
+            raise ProgramError(f"braces index {s.describe(value)}, not a cell array")
+        shape = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
+        places = self.index_values(shape, arguments)
+        indices = [self.context.numbers(s.as_array(place), "the index of a cell") for place in places]
+        if any(index is None or index.size != 1 for index in indices):
             raise ProgramError("the index of a cell is not a constant scalar")
-        return force(held.cells[fixed_element(shape, [int(item.item()) - 1 for item in at if item is not None])])
+        return s.force(value.cells[fixed_element(shape, [int(n.item()) - 1 for n in indices if n is not None])])
 
-    def arguments(self, array: Nodes, trees: Sequence[m.Expression]) -> list[SymbolicValue]:
+    def index_values(self, array: Nodes, trees: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""
-        result: list[SymbolicValue] = []
+        result: list[s.SymbolicValue] = []
         for at, tree in enumerate(trees):
             if isinstance(tree, m.Colon):
+                if self.context.single_elements:
+                    raise ProgramError("it selects several elements of an array")
                 result.append(":")
                 continue
             self.ends.append((array, at, len(trees)))
@@ -253,147 +268,149 @@ class ExpressionEvaluator:
 
     # calls
 
-    def _call(self, tree: m.Call) -> SymbolicValue:
+    def _call(self, tree: m.Call) -> s.SymbolicValue:
         if isinstance(tree.of, m.Name) and tree.of.name not in self.body.names:
-            results = self.several(tree.of.name, tree.arguments, 1)
-            if not results:
-                raise ProgramError(f"{tree.of.name} returns no value")
-            return results[0]
+            return self._first_result(tree.of.name, tree.arguments)
         dotted = _dotted(tree.of)
         if dotted.startswith("coder.") and "coder" not in self.body.names:
             return self._coder(dotted, tree.arguments)
         of = self.value(tree.of)
-        if isinstance(of, FunctionHandleValue):
-            return self.applied(of, [self.value(argument) for argument in tree.arguments], 1)[0]
+        if isinstance(of, s.FunctionHandleValue):
+            return self.call_handle(of, [self.value(argument) for argument in tree.arguments], 1)[0]
         return index_value(self, of, tree.arguments, _short(tree.of))
 
-    def _coder(self, name: str, arguments: Sequence[m.Expression]) -> SymbolicValue:
+    def _coder(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
         """Evaluate coder functions as in simulation, not in generated code."""
         if name in ("coder.const", "coder.nullcopy", "coder.ignoreConst") and len(arguments) == 1:
             return self.value(arguments[0])
         if name == "coder.target" and len(arguments) == 1:
-            return as_logical(constants(self.builder, float(self.value(arguments[0]) in ("Sfun", "MATLAB", ""))))
+            return s.as_logical(s.constants(self.builder, float(self.value(arguments[0]) in ("Sfun", "MATLAB", ""))))
         raise ProgramError(f"{name} is not supported")
 
-    def several(self, name: str, arguments: Sequence[m.Expression], wanted: int) -> tuple[SymbolicValue, ...]:
+    def call(self, name: str, arguments: Sequence[m.Expression], wanted: int) -> tuple[s.SymbolicValue, ...]:
         """Call a function by name; it may return fewer results than wanted."""
-        held = self.body.names.get(name)
-        if isinstance(held, FunctionHandleValue):
-            return self.applied(held, self.given(arguments), wanted)
-        own = self._own(name, arguments)
-        if own is not None:
-            return own
-        if self._function(name) is not None or name in SYMBOLIC_FUNCTIONS:
-            given = self._unmade(arguments) if self._takes_tables(name) else self.given(arguments)
-            return self.named(name, given, wanted)
+        variable = self.body.names.get(name)
+        if isinstance(variable, s.FunctionHandleValue):
+            return self.call_handle(variable, self.argument_values(arguments), wanted)
+        result = self._query(name, arguments)
+        if result is None and self.context.parameters_first:
+            result = self._parameter(name, arguments)
+        if result is not None:
+            return (result,)
+        is_defined = self._function(name) is not None
+        if is_defined or name in self.library:
+            takes_tables = is_defined or name in TAKES_TABLES
+            values = self._unmade(arguments) if takes_tables else self.argument_values(arguments)
+            return self.call_named(name, values, wanted)
+        result = None if self.context.parameters_first else self._parameter(name, arguments)
+        if result is None:
+            result = self.context.unknown(self.value, name, tuple(arguments))
+        return (result,) if result is not None else self.call_named(name, self.argument_values(arguments), wanted)
+
+    def _parameter(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue | None:
+        """Return a parameter of the model or a part of it; an enumeration converts its argument."""
         parameter = self.context.workspace(name)
-        if isinstance(parameter, EnumerationStruct) and len(arguments) == 1:
-            return (self.value(arguments[0]),)
-        if parameter is not None:
-            return (index_value(self, force(parameter), arguments, name) if arguments else parameter,)
-        result = self.context.unknown(self.body, name, tuple(arguments), wanted)
-        return result if result is not None else self.named(name, self.given(arguments), wanted)
+        if parameter is None or not arguments:
+            return parameter
+        if isinstance(parameter, s.EnumerationStruct) and len(arguments) == 1:
+            return self.value(arguments[0])
+        return index_value(self, s.force(parameter), arguments, name)
 
-    def _takes_tables(self, name: str) -> bool:
-        return name in TAKES_TABLES or self._function(name) is not None
-
-    def _unmade(self, arguments: Sequence[m.Expression]) -> list[SymbolicValue]:
+    def _unmade(self, arguments: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Return the arguments of a function, with array parameters deferred: they may become tables."""
         if any(isinstance(tree, m.CellIndex | m.Colon) for tree in arguments):
-            return self.given(arguments)
-        return [self.parameter(tree) or self.value(tree) for tree in arguments]
+            return self.argument_values(arguments)
+        return [self._deferred_parameter(tree) or self.value(tree) for tree in arguments]
 
-    def parameter(self, tree: m.Expression) -> DeferredValue | None:
+    def _deferred_parameter(self, tree: m.Expression) -> s.DeferredValue | None:
         """Return an array parameter that is not used yet; None for anything else."""
-        held: SymbolicValue | None = None
+        value: s.SymbolicValue | None = None
         if isinstance(tree, m.Name):
-            held = self.body.names.get(tree.name)
+            value = self.body.names.get(tree.name)
         elif isinstance(tree, m.Field) and _dotted(tree.of) and _dotted(tree).split(".")[0] in self.body.names:
             of = self.value(tree.of)
-            held = of.fields.get(tree.name) if isinstance(of, SymbolicStruct) else None
-        return held if isinstance(held, DeferredValue) and held.name else None
+            value = of.fields.get(tree.name) if isinstance(of, s.SymbolicStruct) else None
+        return value if isinstance(value, s.DeferredValue) and value.name else None
 
     def _function(self, name: str) -> m.FunctionDefinition | None:
         return self.context.function(name, self.body.frame.functions)
 
-    def named(self, name: str, arguments: Sequence[SymbolicValue], wanted: int) -> tuple[SymbolicValue, ...]:
+    def call_named(self, name: str, values: Sequence[s.SymbolicValue], wanted: int) -> tuple[s.SymbolicValue, ...]:
         """Call a function of the code, of a file or of the library; if all is constant, any other numerically."""
         function = self._function(name)
         if function is not None:
-            return self.body.call(function, arguments, wanted)
-        if name in SYMBOLIC_FUNCTIONS:
-            return SYMBOLIC_FUNCTIONS[name].results(self, arguments, wanted)
-        result = evaluate_constant_call(self.context, name, arguments) if wanted == 1 else None
-        if result is None:
-            raise ProgramError(_unknown(name))
-        return (result,)
+            return self.body.call(function, values, wanted)
+        if name in self.library:
+            return self.library[name].results(self, values, wanted)
+        if wanted == 1 and (results := evaluate_constant_call(self, name, values)):
+            return results
+        if name in ("i", "j"):
+            raise ProgramError(f"{name} is not a variable here, and complex numbers are not supported")
+        raise ProgramError(f"unknown function or variable {name}")
 
-    def given(self, trees: Sequence[m.Expression]) -> list[SymbolicValue]:
+    def argument_values(self, trees: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Evaluate the arguments of a function; `c{:}` stands for all cells."""
-        result: list[SymbolicValue] = []
+        result: list[s.SymbolicValue] = []
         for tree in trees:
             if isinstance(tree, m.CellIndex) and tree.arguments == (m.Colon(),):
-                held = self.value(tree.of)
-                result += held.cells if isinstance(held, SymbolicCell) else ()
-            elif isinstance(tree, m.Colon):
-                result.append(":")
+                cells = self.value(tree.of)
+                result += cells.cells if isinstance(cells, s.SymbolicCell) else ()
             else:
-                result.append(self.value(tree))
+                result.append(":" if isinstance(tree, m.Colon) else self.value(tree))
         return result
 
-    def _own(self, name: str, arguments: Sequence[m.Expression]) -> tuple[SymbolicValue, ...] | None:
+    def _query(self, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue | None:
         """Evaluate functions that depend on the call, such as nargin, or on whether a variable is defined."""
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
-            return (constants(self.builder, frame.given if name == "nargin" else frame.wanted),)
+            return s.constants(self.builder, frame.arguments if name == "nargin" else frame.wanted)
         if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
             return self._is_empty(arguments[0].name)
         if name == "exist" and arguments and isinstance(arguments[0], m.Text):
-            return (self._exists(arguments[0].value),)
+            return self._exists(arguments[0].value)
         return None
 
-    def _exists(self, name: str) -> SymbolicValue:
+    def _exists(self, name: str) -> s.SymbolicValue:
         """Return the condition that a variable exists, which may depend on a decision."""
-        held = self.body.names.get(name)
-        if isinstance(held, ConditionalValue) and name not in self.body.frame.persistent:
-            return np.array([[held.defined]], dtype=np.int64)
-        return constants(self.builder, float(held is not None))
+        value = self.body.names.get(name)
+        if isinstance(value, s.ConditionalValue) and name not in self.body.frame.persistent:
+            return np.array([[value.defined]], dtype=np.int64)
+        return s.constants(self.builder, float(value is not None))
 
-    def _is_empty(self, name: str) -> tuple[SymbolicValue, ...] | None:
-        held = self.body.names.get(name)
-        if name not in self.body.frame.persistent:
+    def _is_empty(self, name: str) -> s.SymbolicValue | None:
+        """Return the condition that a persistent variable has no value yet; None for other variables."""
+        value = self.body.names.get(name)
+        if name not in self.body.frame.persistent or not isinstance(value, s.ConditionalValue):
             return None
-        if not isinstance(held, ConditionalValue):
-            return None
-        if self.builder.value(held.defined) == 0.0:
+        if self.builder.value(value.defined) == 0.0:
             self.body.questions += 1
-        return (as_logical(np.array([[self.builder.call("not", held.defined)]], dtype=np.int64)),)
+        return s.as_logical(np.array([[self.builder.call("not", value.defined)]], dtype=np.int64))
 
-    def applied(
-        self, handle: FunctionHandleValue, arguments: Sequence[SymbolicValue], wanted: int
-    ) -> tuple[SymbolicValue, ...]:
+    def call_handle(
+        self, handle: s.FunctionHandleValue, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
         """Call the function that a variable holds."""
         function = handle.function
         if isinstance(function, m.FunctionHandle):
-            return self.named(function.name, arguments, wanted)
-        names = {**handle.names, **dict(zip(function.parameters, arguments, strict=False))}
+            return self.call_named(function.name, values, wanted)
+        names = {**handle.names, **dict(zip(function.parameters, values, strict=False))}
         return (self.body.within(names, lambda: self.value(function.body)),)
 
 
-def is_masked_assignment(calls: "ExpressionEvaluator", target: m.Expression, tree: m.Expression) -> bool:
+def is_masked_assignment(evaluator: ExpressionEvaluator, target: m.Expression, tree: m.Expression) -> bool:
     """Return True if the target is indexed by a signal-dependent mask and the value may be so too."""
     if not isinstance(target, m.Call) or len(target.arguments) != 1 or not isinstance(target.of, m.Name):
         return False
-    if target.of.name not in calls.body.names or not _selects(tree):
+    if target.of.name not in evaluator.body.names or not _selects(tree):
         return False
-    result = calls.value(target.arguments[0]) if _is_mask_expression(calls, target.arguments[0]) else None
-    return isinstance(result, LogicalNodes) and calls.context.numbers(result, "a mask") is None
+    result = evaluator.value(target.arguments[0]) if _is_mask_expression(evaluator, target.arguments[0]) else None
+    return isinstance(result, s.LogicalNodes) and evaluator.context.numbers(result, "a mask") is None
 
 
-def _is_mask_expression(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
+def _is_mask_expression(evaluator: ExpressionEvaluator, tree: m.Expression) -> bool:
     """Return True if an index is syntactically a mask: a comparison, or a logical variable."""
     if isinstance(tree, m.Name):
-        return isinstance(calls.body.names.get(tree.name), LogicalNodes)
+        return isinstance(evaluator.body.names.get(tree.name), s.LogicalNodes)
     return isinstance(tree, m.Binary | m.Unary) and not _ranged(tree)
 
 
@@ -405,50 +422,41 @@ def _selects(tree: m.Expression) -> bool:
     return isinstance(tree, m.Call) or any(map(_selects, children(tree)))
 
 
-def assign_masked(calls: "ExpressionEvaluator", target: m.Call, tree: m.Expression) -> SymbolicValue:
+def assign_masked(evaluator: ExpressionEvaluator, target: m.Call, tree: m.Expression) -> s.SymbolicValue:
     """Return the variable after the assignment."""
     assert isinstance(target.of, m.Name)
-    old = as_array(calls.body.read(target.of.name))
-    mask = as_array(calls.value(target.arguments[0]))
+    old = s.as_array(evaluator.body.read(target.of.name))
+    mask = s.as_array(evaluator.value(target.arguments[0]))
     if mask.shape != old.shape:
         raise ProgramError("a mask that depends on signals differs in size from the indexed array")
-    if not _is_elementwise(calls, tree):
+    if not _is_elementwise(evaluator, tree):
         raise ProgramError("elements selected by a signal-dependent mask are not used element by element", MASK_REMEDY)
-    calls.mask = mask
+    evaluator.mask = mask
     try:
-        new = as_array(calls.value(tree))
+        new = s.as_array(evaluator.value(tree))
     finally:
-        calls.mask = None
+        evaluator.mask = None
     if new.size != 1 and new.shape != old.shape:
         raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
-    result = elementwise(calls.builder, "select", np.asarray(mask), np.broadcast_to(np.asarray(new), old.shape), old)
-    return as_logical(result) if isinstance(old, LogicalNodes) and isinstance(new, LogicalNodes) else result
+    result = evaluator.apply("select", np.asarray(mask), np.broadcast_to(np.asarray(new), old.shape), old)
+    return s.as_logical(result) if isinstance(old, s.LogicalNodes) and isinstance(new, s.LogicalNodes) else result
 
 
-def _is_elementwise(calls: "ExpressionEvaluator", tree: m.Expression) -> bool:
+def _is_elementwise(evaluator: ExpressionEvaluator, tree: m.Expression) -> bool:
     """Return True if each element of an expression depends only on the same element of its arrays."""
     match tree:
         case m.Number() | m.Name():
             return True
         case m.Unary(_, operand):
-            return _is_elementwise(calls, operand)
+            return _is_elementwise(evaluator, operand)
         case m.Binary(operator, left, right):
-            return operator in _OPERATORS and _is_elementwise(calls, left) and _is_elementwise(calls, right)
-        case m.Call(m.Name(name), arguments) if name in calls.body.names:
-            return not isinstance(calls.body.names[name], FunctionHandleValue)
+            return operator in _OPERATORS and _is_elementwise(evaluator, left) and _is_elementwise(evaluator, right)
+        case m.Call(m.Name(name), arguments) if name in evaluator.body.names:
+            return not isinstance(evaluator.body.names[name], s.FunctionHandleValue)
         case m.Call(m.Name(name), arguments):
             alone = name in ELEMENTWISE_NAMES or (name in ("min", "max") and len(arguments) == 2)
-            return alone and all(_is_elementwise(calls, argument) for argument in arguments)
+            return alone and all(_is_elementwise(evaluator, argument) for argument in arguments)
     return False
-
-
-def elementwise_operation(builder: object, op: str, left: Nodes, right: Nodes) -> Nodes:
-    """Apply an operation element by element; raises `ProgramError` if the sizes do not match."""
-    try:
-        return elementwise(builder, op, left, right)  # type: ignore[arg-type]
-    except ValueError:
-        sizes = " and ".join("x".join(map(str, item.shape)) for item in (left, right))
-        raise ProgramError(f"arrays of sizes {sizes} are not compatible") from None
 
 
 def _dotted(tree: m.Expression) -> str:
@@ -457,9 +465,3 @@ def _dotted(tree: m.Expression) -> str:
 
 def _short(tree: m.Expression) -> str:
     return _dotted(tree) or "it"
-
-
-def _unknown(name: str) -> str:
-    if name in ("i", "j"):
-        return f"{name} is not a variable here, and complex numbers are not supported"
-    return f"unknown function or variable {name}"

@@ -1,47 +1,22 @@
-"""Operators and functions of MATLAB expressions on node arrays, by name, and ranges of fixed length."""
+"""Operators and functions of expressions on node arrays, by name."""
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, TypeAlias
-
-import numpy as np
+from typing import Final, TypeAlias
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.evaluation_errors import ProgramError
-from kennfeld.models.imperative.node_arrays import Nodes, elementwise, reduce_nodes, truncate
-from kennfeld.models.imperative.symbolic_values import constants
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
-if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
-
-
-Rule: TypeAlias = Callable[..., Nodes]
+Rule: TypeAlias = Callable[..., Nodes]  # of the builder and the arguments
 
 BINARY: Final = {
     "+": "add", "-": "sub", ".*": "mul", "./": "div", ".^": "pow", "==": "eq", "~=": "ne", "!=": "ne", "<": "lt",
-    "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or", "&&": "and", "||": "or",
+    "<=": "le", ">": "gt", ">=": "ge", "&": "and", "|": "or",
 }  # fmt: skip
 PLAIN: Final = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "floor",
     "ceil", "round", "sign",
 )  # fmt: skip
-_CASTS: Final = (
-    "double", "single", "boolean", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
-)  # fmt: skip
-
-
-def apply_function(builder: GraphBuilder, name: str, args: list[Nodes]) -> Nodes | None:
-    """Apply a function to node arrays; None for an unknown function."""
-    if len(args) == 1 and (name in PLAIN or name == "not"):
-        return elementwise(builder, name, *args)
-    rule = _RULES.get(len(args), {}).get(name)
-    if rule is not None:
-        return rule(builder, *args)
-    if name in ("min", "max", "sum", "prod") and len(args) == 1 and args[0].ndim == 2 and 1 in args[0].shape:
-        op = {"sum": "add", "prod": "mul"}.get(name, name)
-        return np.array([[reduce_nodes(builder, op, [int(n) for n in args[0].ravel(order="F")])]], dtype=np.int64)
-    return args[0] if name in _CASTS and len(args) == 1 else None  # physical values are kept
 
 
 def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Nodes:
@@ -51,14 +26,12 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
     """
     if all(_is_whole(builder.value(int(node))) for node in b.ravel()):
         return rest
-    ratio = elementwise(builder, "abs", elementwise(builder, "div", a, b))
-    nearest = elementwise(builder, "floor", elementwise(builder, "add", ratio, _constant(builder, 0.5)))
-    off = elementwise(builder, "abs", elementwise(builder, "sub", ratio, nearest))
-    is_near = elementwise(builder, "le", off, elementwise(builder, "mul", _constant(builder, math.ulp(1.0)), ratio))
-    is_broken = elementwise(builder, "ne", b, elementwise(builder, "floor", b))
-    return elementwise(
-        builder, "select", elementwise(builder, "and", is_near, is_broken), _constant(builder, 0.0), rest
-    )
+    apply = Elementwise(builder)
+    ratio = apply("abs", apply("div", a, b))
+    distance = apply("abs", apply("sub", ratio, apply("floor", apply("add", ratio, 0.5))))
+    is_near = apply("le", distance, apply("mul", math.ulp(1.0), ratio))
+    is_broken = apply("ne", b, apply("floor", b))
+    return apply("select", apply("and", is_near, is_broken), 0.0, rest)
 
 
 def _is_whole(value: float | None) -> bool:
@@ -76,29 +49,26 @@ def _remainder_in_c(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
 
 
 def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    whole = truncate(builder, elementwise(builder, "div", a, b))
-    return elementwise(builder, "sub", a, elementwise(builder, "mul", whole, b))
+    apply = Elementwise(builder)
+    return apply("sub", a, apply("mul", truncate(builder, apply("div", a, b)), b))
 
 
-def _with_infinite(builder: GraphBuilder, made: Nodes, a: Nodes, b: Nodes) -> Nodes:
+def _with_infinite(builder: GraphBuilder, remainder: Nodes, a: Nodes, b: Nodes) -> Nodes:
     """Return a remainder, replaced by a if b is infinite."""
-    return made if _is_finite(builder, b) else elementwise(builder, "select", _within_infinity(builder, a, b), a, made)
+    if _is_finite(builder, b):
+        return remainder
+    apply = Elementwise(builder)
+    return apply("select", _within_infinity(apply, a, b), a, remainder)
 
 
 def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - b floor(a / b); a if b is 0, or if b is infinite with the sign of a."""
-    result = without_rest(builder, elementwise(builder, "mod", a, b), a, b)
+    apply = Elementwise(builder)
+    result = without_rest(builder, apply("mod", a, b), a, b)
     if _is_finite(builder, b):
         return result
-    zero = _constant(builder, 0.0)
-    other_side = elementwise(
-        builder,
-        "lt",
-        elementwise(builder, "mul", elementwise(builder, "sign", a), elementwise(builder, "sign", b)),
-        zero,
-    )
-    beyond = elementwise(builder, "select", other_side, b, a)
-    return elementwise(builder, "select", _within_infinity(builder, a, b), beyond, result)
+    other_side = apply("lt", apply("mul", apply("sign", a), apply("sign", b)), 0.0)
+    return apply("select", _within_infinity(apply, a, b), apply("select", other_side, b, a), result)
 
 
 def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
@@ -107,135 +77,62 @@ def _is_finite(builder: GraphBuilder, array: Nodes) -> bool:
     return all(value is not None and math.isfinite(value) for value in values)
 
 
-def _within_infinity(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+def _within_infinity(apply: Elementwise, a: Nodes, b: Nodes) -> Nodes:
     """Return the condition that a is finite and b is not."""
-    infinity = _constant(builder, math.inf)
-    is_beyond = elementwise(builder, "eq", elementwise(builder, "abs", b), infinity)
-    return elementwise(builder, "and", is_beyond, elementwise(builder, "lt", elementwise(builder, "abs", a), infinity))
+    return apply("and", apply("eq", apply("abs", b), math.inf), apply("lt", apply("abs", a), math.inf))
 
 
 def _hypotenuse(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
-    return elementwise(
-        builder,
-        "sqrt",
-        elementwise(builder, "add", elementwise(builder, "mul", a, a), elementwise(builder, "mul", b, b)),
-    )
-
-
-def _constant(builder: GraphBuilder, value: float) -> Nodes:
-    """Return a constant that broadcasts to arrays of any number of dimensions."""
-    return np.array(builder.const(value), dtype=np.int64)
+    apply = Elementwise(builder)
+    return apply("sqrt", apply("add", apply("mul", a, a), apply("mul", b, b)))
 
 
 def _asinh(builder: GraphBuilder, x: Nodes) -> Nodes:
     """Compute asinh as an odd function, so that large negative numbers do not cancel; its slope at 0 is 1."""
-    negative = elementwise(builder, "lt", x, _constant(builder, 0.0))
-    size = elementwise(builder, "select", negative, elementwise(builder, "neg", x), x)
-    root = elementwise(
-        builder, "sqrt", elementwise(builder, "add", elementwise(builder, "mul", x, x), _constant(builder, 1.0))
-    )
-    result = elementwise(builder, "log", elementwise(builder, "add", size, root))
-    return elementwise(builder, "select", negative, elementwise(builder, "neg", result), result)
+    apply = Elementwise(builder)
+    negative = apply("lt", x, 0.0)
+    size = apply("select", negative, apply("neg", x), x)
+    result = apply("log", apply("add", size, apply("sqrt", apply("add", apply("mul", x, x), 1.0))))
+    return apply("select", negative, apply("neg", result), result)
 
 
 def _acosh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    root = elementwise(
-        builder, "sqrt", elementwise(builder, "sub", elementwise(builder, "mul", x, x), _constant(builder, 1.0))
-    )
-    return elementwise(builder, "log", elementwise(builder, "add", x, root))
+    apply = Elementwise(builder)
+    return apply("log", apply("add", x, apply("sqrt", apply("sub", apply("mul", x, x), 1.0))))
 
 
 def _atanh(builder: GraphBuilder, x: Nodes) -> Nodes:
-    ratio = elementwise(
-        builder,
-        "div",
-        elementwise(builder, "add", _constant(builder, 1.0), x),
-        elementwise(builder, "sub", _constant(builder, 1.0), x),
-    )
-    return elementwise(builder, "mul", _constant(builder, 0.5), elementwise(builder, "log", ratio))
+    apply = Elementwise(builder)
+    return apply("mul", 0.5, apply("log", apply("div", apply("add", 1.0, x), apply("sub", 1.0, x))))
 
 
-def _operation(op: str) -> Rule:
-    return lambda builder, *args: elementwise(builder, op, *args)
+def operation(op: str) -> Rule:
+    """Return the rule that applies an operation of the graph."""
+    return lambda builder, *args: Elementwise(builder)(op, *args)
 
 
-ONE: Final[Mapping[str, Rule]] = {"fix": truncate, "uminus": _operation("neg")}
+ONE: Final[Mapping[str, Rule]] = {
+    **{name: operation(name) for name in PLAIN},
+    "fix": truncate,
+    "uminus": operation("neg"),
+}
 TWO: Final[Mapping[str, Rule]] = {
-    "atan2": _operation("atan2"),
+    "atan2": operation("atan2"),
     "mod": _modulus,
-    "power": _operation("pow"),
-    "plus": _operation("add"),
-    "minus": _operation("sub"),
-    "times": _operation("mul"),
-    "rdivide": _operation("div"),
+    "power": operation("pow"),
+    "plus": operation("add"),
+    "minus": operation("sub"),
+    "times": operation("mul"),
+    "rdivide": operation("div"),
     "hypot": _hypotenuse,
     "rem": _remainder,
 }
 INVERSE_HYPERBOLIC: Final[Mapping[str, Rule]] = {"asinh": _asinh, "acosh": _acosh, "atanh": _atanh}
-_ONE_ELSEWHERE: Final[Mapping[str, Rule]] = {
-    "ln": _operation("log"),
-    "sgn": _operation("sign"),
-    "fabs": _operation("abs"),
-    "square": lambda builder, x: elementwise(builder, "mul", x, x),
-    "reciprocal": lambda builder, x: elementwise(builder, "div", _constant(builder, 1.0), x),
+ONE_IN_C: Final[Mapping[str, Rule]] = {
+    "ln": operation("log"),
+    "sgn": operation("sign"),
+    "fabs": operation("abs"),
+    "square": lambda builder, x: Elementwise(builder)("mul", x, x),
+    "reciprocal": lambda builder, x: Elementwise(builder)("div", 1.0, x),
 }
-_TWO_ELSEWHERE: Final[Mapping[str, Rule]] = {
-    "pow": _operation("pow"),
-    "fmod": _remainder_in_c,
-    "min": _operation("min"),
-    "max": _operation("max"),
-}
-_RULES: Final[Mapping[int, Mapping[str, Rule]]] = {1: {**ONE, **_ONE_ELSEWHERE}, 2: {**TWO, **_TWO_ELSEWHERE}}
-
-KNOWN: Final = frozenset({*PLAIN, "not", *_RULES[1], *_RULES[2], *_CASTS, "sum", "prod"})
-
-
-def range_between(calls: "ExpressionEvaluator", tree: m.Range) -> Nodes:
-    """Evaluate `first:step:last`, with tolerance for rounding at the end.
-
-    The start may depend on signals if the distance to the end does not, as in `k:k+2`.
-    """
-    first, last = calls.nodes(tree.first), calls.nodes(tree.last)
-    step = 1.0 if tree.step is None else calls.number(tree.step, "the step of a range")
-    if first.size != 1 or last.size != 1:
-        raise ProgramError("the ends of a range must be scalars")
-    calls.context.numbers(np.concatenate([first, last]), "the ends of a range")
-    span = constant_distance(calls, int(first.item()), int(last.item()))
-    if span is None:
-        raise ProgramError("the length of a range depends on signals", "Loop over constants, with if inside.")
-    begin, count = calls.context.constant(int(first.item())), range_length(calls, span, step)
-    if begin is not None:
-        return constants(calls.builder, begin + step * np.arange(count).reshape(1, -1))
-    return elementwise(calls.builder, "add", first, constants(calls.builder, step * np.arange(count).reshape(1, -1)))
-
-
-def range_length(calls: "ExpressionEvaluator", span: float, step: float) -> int:
-    """Return the number of elements of a range over this distance; raises `ProgramError` if too large."""
-    steps = span / step if step else -1.0
-    if math.isnan(steps):
-        raise ProgramError("the ends of a range are not numbers")
-    calls.context.room(steps)
-    return math.floor(steps * (1 + 1e-12) + 1e-10) + 1 if steps > -1 else 0
-
-
-def constant_distance(calls: "ExpressionEvaluator", first: int, last: int) -> float | None:
-    """Return b - a if it is constant: of two constants, or of the same signal plus constants; else None."""
-    begin, end = calls.context.constant(first), calls.context.constant(last)
-    if begin is not None and end is not None:
-        return end - begin
-    (base, offset), (other, more) = _offset(calls, first), _offset(calls, last)
-    return more - offset if base == other else None
-
-
-def _offset(calls: "ExpressionEvaluator", node: int) -> tuple[int, float]:
-    total = 0.0
-    for _ in range(100):
-        op, args, _ = calls.builder.nodes[node]
-        fixed = [calls.context.constant(arg) for arg in args] if op in ("add", "sub") else []
-        if fixed and fixed[1] is not None:
-            node, total = args[0], total + (fixed[1] if op == "add" else -fixed[1])
-        elif fixed and fixed[0] is not None and op == "add":
-            node, total = args[1], total + fixed[0]
-        else:
-            break
-    return node, total
+TWO_IN_C: Final[Mapping[str, Rule]] = {"pow": operation("pow"), "fmod": _remainder_in_c}

@@ -4,10 +4,8 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.node_arrays import Nodes, elementwise, truncate
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, truncate
 
 EXACT: Final = 52  # bits of words whose numbers doubles know exactly
 _INTEGER = re.compile(r"(u?)int(8|16|32|64)\Z")
@@ -63,47 +61,36 @@ def integer_type_named(written: str) -> IntegerType | None:
 
 def fit_to_type(builder: GraphBuilder, x: Nodes, word: IntegerType) -> Nodes:
     """Convert numbers to an integer type; with more than 52 bits they are only rounded."""
-    whole = _round(builder, x, word.rounding)
+    whole = _round(Elementwise(builder), x, word.rounding)
     if word.bits > EXACT:
         return whole
     if word.saturates:
-        bounded = elementwise(builder, "max", whole, _constant(builder, float(word.least)))
-        return elementwise(builder, "min", bounded, _constant(builder, float(word.most)))
+        return elementwise(builder, "min", elementwise(builder, "max", whole, float(word.least)), float(word.most))
     return wrap_to_type(builder, whole, word)
 
 
 def wrap_to_type(builder: GraphBuilder, whole: Nodes, word: IntegerType) -> Nodes:
     """Return the numbers represented by the lowest bits of integers."""
-    span = _constant(builder, 2.0**word.bits)
+    apply, span, half = Elementwise(builder), 2.0**word.bits, 2.0 ** (word.bits - 1)
     if not word.signed:
-        return elementwise(builder, "mod", whole, span)
-    half = _constant(builder, 2.0 ** (word.bits - 1))
-    return elementwise(
-        builder, "sub", elementwise(builder, "mod", elementwise(builder, "add", whole, half), span), half
-    )
+        return apply("mod", whole, span)
+    return apply("sub", apply("mod", apply("add", whole, half), span), half)
 
 
-def _round(builder: GraphBuilder, x: Nodes, way: str) -> Nodes:
+def _round(apply: Elementwise, x: Nodes, rounding: str) -> Nodes:
     """Round numbers by the method of a block."""
-    match way:
+    match rounding:
         case "Ceiling":
-            return elementwise(builder, "ceil", x)
+            return apply("ceil", x)
         case "Zero" | "Simplest":
-            return truncate(builder, x)
+            return truncate(apply.builder, x)
         case "Nearest":
-            return elementwise(builder, "floor", elementwise(builder, "add", x, _constant(builder, 0.5)))
+            return apply("floor", apply("add", x, 0.5))
         case "Round":
-            return elementwise(builder, "round", x)
+            return apply("round", x)
         case "Convergent":
-            half = _constant(builder, 0.5)
-            near = elementwise(builder, "floor", elementwise(builder, "add", x, half))
-            is_odd = elementwise(
-                builder, "ne", elementwise(builder, "mod", near, _constant(builder, 2.0)), _constant(builder, 0.0)
-            )
-            is_tie = elementwise(builder, "eq", elementwise(builder, "sub", near, x), half)
-            return elementwise(builder, "sub", near, elementwise(builder, "and", is_tie, is_odd))
-    return elementwise(builder, "floor", x)
-
-
-def _constant(builder: GraphBuilder, value: float) -> Nodes:
-    return np.array(builder.const(value), dtype=np.int64)
+            near = apply("floor", apply("add", x, 0.5))
+            is_odd = apply("ne", apply("mod", near, 2.0), 0.0)
+            is_tie = apply("eq", apply("sub", near, x), 0.5)
+            return apply("sub", near, apply("and", is_tie, is_odd))
+    return apply("floor", x)

@@ -1,5 +1,6 @@
 """Operations on arrays of graph nodes: elementwise with broadcasting, reductions, matrix products."""
 
+from dataclasses import dataclass
 from functools import reduce
 from typing import Final, TypeAlias
 
@@ -33,12 +34,23 @@ def align_dimensions(*arrays: Nodes) -> list[Nodes]:
     return [item.reshape(item.shape + (1,) * (most - item.ndim)) if item.ndim > 1 else item for item in arrays]
 
 
-def elementwise(builder: GraphBuilder, op: str, *args: Nodes) -> Nodes:
-    """Apply an operation element by element, with broadcasting."""
-    spread = np.broadcast_arrays(*align_dimensions(*args))
+def elementwise(builder: GraphBuilder, op: str, *args: Nodes | float) -> Nodes:
+    """Apply an operation element by element, with broadcasting; numbers are constants."""
+    arrays = [np.asarray(builder.const(arg) if isinstance(arg, float | int) else arg, dtype=np.int64) for arg in args]
+    spread = np.broadcast_arrays(*align_dimensions(*arrays))
     check_size(spread[0].size)
     result = [builder.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
     return np.array(result, dtype=np.int64).reshape(spread[0].shape)
+
+
+@dataclass(frozen=True)
+class Elementwise:
+    """The operations of a graph, element by element: `apply("mul", x, 2.0)`."""
+
+    builder: GraphBuilder
+
+    def __call__(self, op: str, *args: Nodes | float) -> Nodes:
+        return elementwise(self.builder, op, *args)
 
 
 def reduce_nodes(builder: GraphBuilder, op: str, nodes: list[int]) -> int:
@@ -61,6 +73,5 @@ def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
 
 def truncate(builder: GraphBuilder, x: Nodes) -> Nodes:
     """Round towards 0."""
-    return elementwise(
-        builder, "mul", elementwise(builder, "sign", x), elementwise(builder, "floor", elementwise(builder, "abs", x))
-    )
+    apply = Elementwise(builder)
+    return apply("mul", apply("sign", x), apply("floor", apply("abs", x)))

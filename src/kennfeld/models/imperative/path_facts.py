@@ -26,24 +26,24 @@ def logical_not(builder: GraphBuilder, node: int) -> int:
     return builder.nodes[node].args[0] if builder.nodes[node].op == "not" else builder.call("not", node)
 
 
-def logical_and(builder: GraphBuilder, one: int, other: int) -> int:
+def logical_and(builder: GraphBuilder, item: int, other: int) -> int:
     """Return the conjunction of two conditions, simplified."""
-    for first, second in ((one, other), (other, one)):
+    for first, second in ((item, other), (other, item)):
         value = builder.value(first)
         if value is not None:
             return second if value else builder.const(0.0)
-    return one if one == other else builder.call("and", one, other)
+    return item if item == other else builder.call("and", item, other)
 
 
-def logical_or(builder: GraphBuilder, one: int, other: int) -> int:
+def logical_or(builder: GraphBuilder, item: int, other: int) -> int:
     """Return the disjunction of two conditions, simplified."""
-    for first, second in ((one, other), (other, one)):
+    for first, second in ((item, other), (other, item)):
         value = builder.value(first)
         if value is not None:
             return builder.const(1.0) if value else second
-    if one == other or logical_not(builder, one) == other:
-        return one if one == other else builder.const(1.0)
-    return builder.call("or", one, other)
+    if item == other or logical_not(builder, item) == other:
+        return item if item == other else builder.const(1.0)
+    return builder.call("or", item, other)
 
 
 def assume(builder: GraphBuilder, facts: Mapping[int, bool], node: int, holds: bool) -> dict[int, bool]:
@@ -99,11 +99,7 @@ def round_half_away(x: float) -> float:
     return math.copysign(math.floor(abs(x) + 0.5), x)
 
 
-_RISING: dict[str, Callable[[float], float]] = {
-    "floor": math.floor,
-    "ceil": math.ceil,
-    "round": round_half_away,
-}
+_RISING: dict[str, Callable[[float], float]] = {"floor": math.floor, "ceil": math.ceil, "round": round_half_away}
 
 
 def bound_of(builder: GraphBuilder, node: int, up: bool) -> float:
@@ -151,13 +147,13 @@ class _IntervalAnalysis:
             a, b = self._bounded(a, yes, x, limit, depth), self._bounded(b, no, limit, x, depth)
         return Interval(min(a.low, b.low), max(a.high, b.high))
 
-    def _bounded(self, found: Interval, node: int, greater: int, less: int, depth: int) -> Interval:
+    def _bounded(self, result: Interval, node: int, greater: int, less: int, depth: int) -> Interval:
         """Return the bounds of a side if one node is known to be greater than another."""
         if node == greater:
-            return Interval(max(found.low, self.limits(less, depth).low), found.high)
+            return Interval(max(result.low, self.limits(less, depth).low), result.high)
         if node == less:
-            return Interval(found.low, min(found.high, self.limits(greater, depth).high))
-        return found
+            return Interval(result.low, min(result.high, self.limits(greater, depth).high))
+        return result
 
 
 def _whole(op: str, x: Interval) -> Interval:

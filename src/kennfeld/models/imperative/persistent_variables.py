@@ -13,18 +13,12 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.control_flow import PathState
+from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.path_state import PathState
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
-from kennfeld.models.imperative.symbolic_values import (
-    ConditionalValue,
-    InvalidValue,
-    SymbolicValue,
-    leaf_arrays,
-    with_leaf_arrays,
-)
 
 Key: TypeAlias = tuple[str, str]
 Remember: TypeAlias = Callable[[Nodes, Callable[[], Nodes]], Nodes]
@@ -37,8 +31,8 @@ class PersistentVariable:
     `always` is True if the first call certainly assigns it.
     """
 
-    last: SymbolicValue
-    start: SymbolicValue | None
+    last: s.SymbolicValue
+    start: s.SymbolicValue | None
     always: bool = True
 
 
@@ -48,7 +42,7 @@ class FirstCallObserver:
 
     context: EvaluationContext
     body: StatementInterpreter
-    starts: dict[Key, SymbolicValue] = field(default_factory=dict)
+    starts: dict[Key, s.SymbolicValue] = field(default_factory=dict)
     asked: int = 0  # decisions on isempty that a start takes away
 
     def watch(self, whole: m.If, before: PathState, asked: int) -> None:
@@ -60,7 +54,7 @@ class FirstCallObserver:
             or not _holds_if_empty(whole.branches[0].condition, frame.persistent)
         ):
             return
-        changed = [name for name, held in names.items() if held is not before.names.get(name)]
+        changed = [name for name, value in names.items() if value is not before.names.get(name)]
         kept = self.body.state.kept
         if self.body.state.jumps or any(kept[key] is not before.kept.get(key) for key in kept):
             return
@@ -72,9 +66,9 @@ class FirstCallObserver:
 
     def _is_start(self, name: str, before: PathState) -> bool:
         old, new = before.names.get(name), self.body.names[name]
-        if not is_unset(self.context, old) or isinstance(new, ConditionalValue | InvalidValue):
+        if not is_unset(self.context, old) or isinstance(new, s.ConditionalValue | s.InvalidValue):
             return False
-        nodes = [int(node) for part in leaf_arrays(new) for node in part.ravel()]
+        nodes = [int(node) for part in s.leaf_arrays(new) for node in part.ravel()]
         return all(self.context.constant(node) is not None for node in nodes)
 
 
@@ -89,42 +83,42 @@ def _holds_if_empty(condition: m.Expression, names: list[str]) -> bool:
 
 
 def initial_persistents(
-    scout: FirstCallObserver, kept: dict[Key, SymbolicValue], questions: int
+    scout: FirstCallObserver, kept: dict[Key, s.SymbolicValue], questions: int
 ) -> dict[Key, PersistentVariable]:
     """Return the persistent variables after the first call; `questions` counts the queries by isempty."""
     plain = questions == scout.asked
     return {
-        key: _memory(key, held, scout.starts.get(key) if plain else None)
-        for key, held in kept.items()
-        if key[0] != GLOBAL and not is_unset(scout.context, held)
+        key: _memory(key, value, scout.starts.get(key) if plain else None)
+        for key, value in kept.items()
+        if key[0] != GLOBAL and not is_unset(scout.context, value)
     }
 
 
 def late_persistents(
-    context: EvaluationContext, kept: Mapping[Key, SymbolicValue], known: Mapping[Key, PersistentVariable]
+    context: EvaluationContext, kept: Mapping[Key, s.SymbolicValue], known: Mapping[Key, PersistentVariable]
 ) -> dict[Key, PersistentVariable]:
     """Return the persistent variables that only later calls assign."""
-    late = {key: held for key, held in kept.items() if key not in known and key[0] != GLOBAL}
-    result = {key: _memory(key, held, None) for key, held in late.items() if not is_unset(context, held)}
+    late = {key: value for key, value in kept.items() if key not in known and key[0] != GLOBAL}
+    result = {key: _memory(key, value, None) for key, value in late.items() if not is_unset(context, value)}
     return {key: replace(item, always=False) for key, item in result.items()}
 
 
-def is_unset(context: EvaluationContext, held: SymbolicValue | None) -> bool:
+def is_unset(context: EvaluationContext, value: s.SymbolicValue | None) -> bool:
     """Return True if a variable certainly has no value."""
-    return isinstance(held, ConditionalValue) and context.builder.value(held.defined) == 0.0
+    return isinstance(value, s.ConditionalValue) and context.builder.value(value.defined) == 0.0
 
 
-def _memory(key: Key, held: SymbolicValue, start: SymbolicValue | None) -> PersistentVariable:
-    value = held.value if isinstance(held, ConditionalValue) else held
-    if isinstance(value, InvalidValue):
+def _memory(key: Key, current: s.SymbolicValue, start: s.SymbolicValue | None) -> PersistentVariable:
+    value = current.value if isinstance(current, s.ConditionalValue) else current
+    if isinstance(value, s.InvalidValue):
         raise ProgramError(value.why, value.remedy)
     if start is not None and _sizes(start) != _sizes(value):
         raise ProgramError(f"the size of the persistent variable {key[1]} changes", "Initialize it with its full size.")
-    return PersistentVariable(value, start, not isinstance(held, ConditionalValue))
+    return PersistentVariable(value, start, not isinstance(current, s.ConditionalValue))
 
 
-def _sizes(held: SymbolicValue) -> list[tuple[int, ...]]:
-    return [part.shape for part in leaf_arrays(held)]
+def _sizes(value: s.SymbolicValue) -> list[tuple[int, ...]]:
+    return [part.shape for part in s.leaf_arrays(value)]
 
 
 class PersistentVariables:
@@ -134,7 +128,7 @@ class PersistentVariables:
         self.context, self.remember = context, remember
         self._called: int | None = None
 
-    def begun(self, memory: PersistentVariable, end: Callable[[], SymbolicValue | None]) -> SymbolicValue:
+    def begun(self, memory: PersistentVariable, end: Callable[[], s.SymbolicValue | None]) -> s.SymbolicValue:
         """Return a variable at the start of a call; `end` is its value at the end."""
         first = memory.last if memory.start is None else memory.start
         zero = self.context.builder.const(0.0)
@@ -143,18 +137,20 @@ class PersistentVariables:
                 np.full(part.shape, zero, dtype=np.int64) if memory.start is None else np.asarray(part),
                 partial(_value_at_end, memory, end, at),
             )
-            for at, part in enumerate(leaf_arrays(first))
+            for at, part in enumerate(s.leaf_arrays(first))
         ]
-        read = with_leaf_arrays(memory.last, iter(arrays))
-        return read if memory.start is not None else ConditionalValue(read, self._has_value(memory, end))
+        read = s.with_leaf_arrays(memory.last, iter(arrays))
+        return read if memory.start is not None else s.ConditionalValue(read, self._has_value(memory, end))
 
-    def _has_value(self, memory: PersistentVariable, end: Callable[[], SymbolicValue | None]) -> int:
+    def _has_value(self, memory: PersistentVariable, end: Callable[[], s.SymbolicValue | None]) -> int:
         """Return the condition that a variable has a value, shared by all assigned in the first call."""
         builder = self.context.builder
 
         def has_value() -> Nodes:
-            held = end()
-            defined = held.defined if isinstance(held, ConditionalValue) and not memory.always else builder.const(1.0)
+            value = end()
+            defined = (
+                value.defined if isinstance(value, s.ConditionalValue) and not memory.always else builder.const(1.0)
+            )
             return np.array([[defined]], dtype=np.int64)
 
         if memory.always and self._called is not None:
@@ -165,10 +161,10 @@ class PersistentVariables:
         return result
 
 
-def _value_at_end(memory: PersistentVariable, end: Callable[[], SymbolicValue | None], at: int) -> Nodes:
+def _value_at_end(memory: PersistentVariable, end: Callable[[], s.SymbolicValue | None], at: int) -> Nodes:
     """Return the value of an array at the end of a call."""
-    held = end()
-    value = held.value if isinstance(held, ConditionalValue) else held
+    current = end()
+    value = current.value if isinstance(current, s.ConditionalValue) else current
     if value is None or _sizes(value) != _sizes(memory.last):
         raise ProgramError("the size of a persistent variable changes", "Initialize it with its full size.")
-    return list(leaf_arrays(value))[at]
+    return list(s.leaf_arrays(value))[at]

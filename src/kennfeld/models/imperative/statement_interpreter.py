@@ -5,30 +5,22 @@ the statements after them are built as the other side of a decision.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.traversal import field_path
-from kennfeld.models.imperative.control_flow import LoopUnroller, PathState, merge_states
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator, assign_masked, is_masked_assignment
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.imperative.path_facts import known_truth, logical_not, logical_or
-from kennfeld.models.imperative.symbolic_values import (
-    EMPTY,
-    ConditionalValue,
-    DeferredValue,
-    InvalidValue,
-    SymbolicCell,
-    SymbolicValue,
-    as_array,
-    force,
-)
+from kennfeld.models.imperative.path_state import CallFrame, PathState, merge_states
 
 GLOBAL = "global"  # the function that shared variables are kept under
 _SILENT = frozenset(
@@ -37,20 +29,8 @@ _SILENT = frozenset(
 )
 
 
-@dataclass(eq=False)
-class CallFrame:
-    """A function being followed: how it was called, and which of its variables are persistent."""
-
-    name: str = ""
-    given: int = 0
-    wanted: int = 1
-    persistent: list[str] = field(default_factory=list)
-    functions: Mapping[str, m.FunctionDefinition] = field(default_factory=dict)
-    shared: list[str] = field(default_factory=list)
-
-
 class StatementInterpreter:
-    """Interpreter of code along one path, with its variables.
+    """SymbolicInterpreter of code along one path, with its variables.
 
     `run` follows statements, `value` evaluates an expression, `decide` builds both sides of a decision, `call` runs a
     function. All raise `ProgramError` for code that cannot be lowered.
@@ -59,20 +39,20 @@ class StatementInterpreter:
     def __init__(
         self,
         context: EvaluationContext,
-        names: Mapping[str, SymbolicValue] | None = None,
+        names: Mapping[str, s.SymbolicValue] | None = None,
         frame: CallFrame | None = None,
     ) -> None:
         self.context, self.builder = context, context.builder
         self.state = PathState(dict(names or {}))
         self.frame = frame or CallFrame(functions=context.functions)
-        self.calls = ExpressionEvaluator(self)
+        self.expressions = ExpressionEvaluator(self)
         self.loops = LoopUnroller(self)
         # called with each `if`, the state before it, and the number of isempty queries in its condition
         self.watch: Callable[[m.If, PathState, int], None] | None = None
         self.questions = 0  # isempty queries of persistent variables that have no value yet
 
     @property
-    def names(self) -> dict[str, SymbolicValue]:
+    def names(self) -> dict[str, s.SymbolicValue]:
         """The variables."""
         return self.state.names
 
@@ -115,7 +95,7 @@ class StatementInterpreter:
             case m.While(condition, body):
                 self.loops.as_long_as(condition, body)
             case m.Switch(subject, cases, otherwise):
-                self._switch(force(self.value(subject)), cases, otherwise)
+                self._switch(s.force(self.value(subject)), cases, otherwise)
             case m.Jump(kind):
                 self.state.jumps[kind] = self.builder.const(1.0)
             case m.Declaration(kind, names):
@@ -137,9 +117,9 @@ class StatementInterpreter:
         if name in _SILENT or (name or "").startswith("coder."):
             return
         if isinstance(expression, m.Call) and isinstance(expression.of, m.Name):
-            self.calls.several(expression.of.name, expression.arguments, 0)
+            self.expressions.call(expression.of.name, expression.arguments, 0)
         elif isinstance(expression, m.Name) and expression.name not in self.names:
-            self.calls.several(expression.name, (), 0)
+            self.expressions.call(expression.name, (), 0)
         else:
             self.value(expression)
 
@@ -149,7 +129,7 @@ class StatementInterpreter:
             return
         for name in names:
             self.frame.persistent.append(name)
-            unset = ConditionalValue(EMPTY, self.builder.const(0.0))
+            unset = s.ConditionalValue(s.EMPTY, self.builder.const(0.0))
             self.names[name] = self.state.kept.get((self.frame.name, name), unset)
 
     def _share(self, names: Sequence[str]) -> None:
@@ -162,28 +142,28 @@ class StatementInterpreter:
 
     # values
 
-    def value(self, tree: m.Expression) -> SymbolicValue:
+    def value(self, tree: m.Expression) -> s.SymbolicValue:
         """Evaluate an expression."""
-        return self.calls.value(tree)
+        return self.expressions.value(tree)
 
     def nodes(self, tree: m.Expression, message: str = "it") -> Nodes:
         """Evaluate an expression to an array of nodes."""
-        return as_array(self.value(tree), message)
+        return s.as_array(self.value(tree), message)
 
-    def read(self, name: str) -> SymbolicValue:
+    def read(self, name: str) -> s.SymbolicValue:
         """Return the value of a variable; raises `ProgramError` if it may have none."""
-        held = self.names[name]
-        if isinstance(held, DeferredValue):
-            held = self.names[name] = force(held)
-        if isinstance(held, ConditionalValue):
-            if not known_truth(self.builder, self.state.facts, held.defined):
+        value = self.names[name]
+        if isinstance(value, s.DeferredValue):
+            value = self.names[name] = s.force(value)
+        if isinstance(value, s.ConditionalValue):
+            if not known_truth(self.builder, self.state.facts, value.defined):
                 raise ProgramError(f"{name} is not assigned in every case", f"Assign {name} before the decision.")
-            return held.value
-        if isinstance(held, InvalidValue):
-            raise ProgramError(held.why, held.remedy)
-        return self._simpler(held) if isinstance(held, np.ndarray) else held
+            return value.value
+        if isinstance(value, s.InvalidValue):
+            raise ProgramError(value.why, value.remedy)
+        return self._simpler(value) if isinstance(value, np.ndarray) else value
 
-    def _simpler(self, nodes: Nodes) -> SymbolicValue:
+    def _simpler(self, nodes: Nodes) -> s.SymbolicValue:
         """Return nodes without the decisions that are known on this path."""
         if not self.state.facts or nodes.size > 100:
             return nodes
@@ -199,16 +179,16 @@ class StatementInterpreter:
             result[place] = node
         return result
 
-    def truth(self, held: SymbolicValue) -> int:
+    def truth(self, value: s.SymbolicValue) -> int:
         """Return the condition of a value: all elements are non-zero, and there are any."""
-        nodes = as_array(force(held), "a condition")
+        nodes = s.as_array(s.force(value), "a condition")
         if nodes.size == 0:
             return self.builder.const(0.0)
         return (
             int(nodes.item()) if nodes.size == 1 else reduce_nodes(self.builder, "and", [int(n) for n in nodes.ravel()])
         )
 
-    def within(self, names: Mapping[str, SymbolicValue], make: Callable[[], SymbolicValue]) -> SymbolicValue:
+    def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue:
         """Call `make` with other variables."""
         self._keep_shared()
         outer, around = self.state, self.frame
@@ -219,7 +199,7 @@ class StatementInterpreter:
 
     # assignments
 
-    def assign(self, target: m.Expression | None, value: SymbolicValue) -> None:
+    def assign(self, target: m.Expression | None, value: s.SymbolicValue) -> None:
         """Assign a value to a variable or to a part of one."""
         if isinstance(target, m.Name):
             self.names[target.name] = value
@@ -227,24 +207,24 @@ class StatementInterpreter:
             name = _target_name(target)
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
-            self.names[name] = assign_part(self.calls, whole, target, force(value))
+            self.names[name] = assign_part(self.expressions, whole, target, s.force(value))
 
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
-        if target is not None and is_masked_assignment(self.calls, target, tree):
+        if target is not None and is_masked_assignment(self.expressions, target, tree):
             assert isinstance(target, m.Call)
-            self.names[_target_name(target)] = assign_masked(self.calls, target, tree)
+            self.names[_target_name(target)] = assign_masked(self.expressions, target, tree)
         else:
             self.assign(target, self.value(tree))
 
-    def _undefined(self, held: SymbolicValue) -> bool:
-        return isinstance(held, ConditionalValue) and not known_truth(self.builder, self.state.facts, held.defined)
+    def _undefined(self, value: s.SymbolicValue) -> bool:
+        return isinstance(value, s.ConditionalValue) and not known_truth(self.builder, self.state.facts, value.defined)
 
     def _assign_several(self, targets: Sequence[m.Expression | None], value: m.Expression) -> None:
         name = _called_name(value)
         arguments = value.arguments if isinstance(value, m.Call) else ()
         if name is None or name in self.names:
             raise ProgramError("several results are assigned from a value that is not a function call")
-        results = self.calls.several(name, arguments, len(targets))
+        results = self.expressions.call(name, arguments, len(targets))
         if len(results) < len(targets):
             raise ProgramError(f"{name} returns {len(results)} results, but {len(targets)} are assigned")
         for target, result in zip(targets, results, strict=False):
@@ -259,24 +239,24 @@ class StatementInterpreter:
             (yes if fixed else no)()
             return
         before = self.state
-        one, other = (self._side(condition, holds, side) for holds, side in ((True, yes), (False, no)))
-        if one is None and other is None:
+        item, other = (self._side(condition, holds, side) for holds, side in ((True, yes), (False, no)))
+        if item is None and other is None:
             raise AbortedPathError
-        if one is None or other is None:
-            self.state = one or other or before
+        if item is None or other is None:
+            self.state = item or other or before
         else:
-            self.state = merge_states(self.builder, condition, one, other, before)
+            self.state = merge_states(self.builder, condition, item, other, before)
 
     def _side(self, condition: int, holds: bool, make: Callable[[], None]) -> PathState | None:
         """Return the state after one side of a decision; None if it ends in an error."""
-        before, frame, depth, ends = self.state, self.frame, len(self.context.calling), len(self.calls.ends)
+        before, frame, depth, ends = self.state, self.frame, len(self.context.running), len(self.expressions.ends)
         self.state = before.under(self.builder, condition, holds)
         try:
             make()
             result = self.state
         except AbortedPathError:
             result = None
-            del self.context.calling[depth:], self.calls.ends[ends:]
+            del self.context.running[depth:], self.expressions.ends[ends:]
             self.frame = frame
         self.state = before
         return result
@@ -293,7 +273,7 @@ class StatementInterpreter:
         if self.watch is not None:
             self.watch(whole, before, asked)
 
-    def _switch(self, subject: SymbolicValue, cases: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
+    def _switch(self, subject: s.SymbolicValue, cases: Sequence[m.Branch], otherwise: Sequence[m.Statement]) -> None:
         if not cases:
             self.run(otherwise)
             return
@@ -301,16 +281,16 @@ class StatementInterpreter:
         rest = cases[1:]
         self.decide(condition, lambda: self.run(cases[0].body), lambda: self._switch(subject, rest, otherwise))
 
-    def _matches(self, subject: SymbolicValue, case: SymbolicValue) -> int:
+    def _matches(self, subject: s.SymbolicValue, case: s.SymbolicValue) -> int:
         """Return the condition that a case matches the subject of a switch."""
-        if isinstance(case, SymbolicCell):
+        if isinstance(case, s.SymbolicCell):
             result = self.builder.const(0.0)
             for cell in case.cells:
                 result = logical_or(self.builder, result, self._matches(subject, cell))
             return result
         if isinstance(subject, str) or isinstance(case, str):
             return self.builder.const(float(subject == case if isinstance(subject, type(case)) else 0.0))
-        left, right = as_array(subject, "the subject of switch"), as_array(case, "a case")
+        left, right = s.as_array(subject, "the subject of switch"), s.as_array(case, "a case")
         if left.size != 1 or right.size > 1:
             raise ProgramError("the subject of switch must be a scalar")
         return self.builder.call("eq", int(left.item()), int(right.item())) if right.size else self.builder.const(0.0)
@@ -318,17 +298,17 @@ class StatementInterpreter:
     # functions
 
     def call(
-        self, function: m.FunctionDefinition, arguments: Sequence[SymbolicValue], wanted: int = 1, frame: str = ""
-    ) -> tuple[SymbolicValue, ...]:
+        self, function: m.FunctionDefinition, arguments: Sequence[s.SymbolicValue], wanted: int = 1, frame: str = ""
+    ) -> tuple[s.SymbolicValue, ...]:
         """Run a function with its own variables and return its results, without those that have no value."""
         name = frame or f"{function.name} {id(function)}"
-        if any(function is item for item in self.context.calling):
+        if any(function is item for item in self.context.running):
             raise ProgramError(f"{function.name} calls itself, which is not supported", "Write it as a loop.")
         if len(arguments) > len(function.parameters) and "varargin" not in function.parameters[-1:]:
             raise ProgramError(f"{function.name} takes {len(function.parameters)} arguments, got {len(arguments)}")
         self._keep_shared()
         outer, around = self.state, self.frame
-        self.frame = CallFrame(name, len(arguments), wanted, [], self.context.beside(function))
+        self.frame = CallFrame(name, len(arguments), wanted, [], self.context.functions_near(function))
         self.state = PathState(_bind_arguments(function, arguments), outer.kept, {}, outer.facts)
         results = self._followed(function, wanted)
         self.state, self.frame = replace(outer, kept=self.state.kept), around
@@ -336,11 +316,11 @@ class StatementInterpreter:
             self.names[name] = self.state.kept[GLOBAL, name]
         return results
 
-    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[SymbolicValue, ...]:
+    def _followed(self, function: m.FunctionDefinition, wanted: int) -> tuple[s.SymbolicValue, ...]:
         """Run a function whose frame and variables are already set up, and return its results."""
-        self.context.calling.append(function)
+        self.context.running.append(function)
         self.run(function.body)
-        self.context.calling.pop()
+        self.context.running.pop()
         self._keep()
         return tuple(self._results(function, wanted))
 
@@ -354,23 +334,23 @@ class StatementInterpreter:
         for name in self.frame.shared:
             self.state.kept[GLOBAL, name] = self.names[name]
 
-    def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[SymbolicValue]:
+    def _results(self, function: m.FunctionDefinition, wanted: int) -> Iterator[s.SymbolicValue]:
         for name in function.results[: max(wanted, 1)]:
             if name not in self.names:
-                yield InvalidValue(f"{function.name} does not assign {name}", f"Assign {name} in every case.")
+                yield s.InvalidValue(f"{function.name} does not assign {name}", f"Assign {name} in every case.")
             elif self._undefined(self.names[name]):
-                yield InvalidValue(f"{function.name} does not assign {name} in every case", f"Assign {name} first.")
+                yield s.InvalidValue(f"{function.name} does not assign {name} in every case", f"Assign {name} first.")
             else:
-                held = self.names[name]
-                yield held if isinstance(held, InvalidValue) else self.read(name)
+                value = self.names[name]
+                yield value if isinstance(value, s.InvalidValue) else self.read(name)
 
 
-def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[SymbolicValue]) -> dict[str, SymbolicValue]:
+def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[s.SymbolicValue]) -> dict[str, s.SymbolicValue]:
     names = list(function.parameters)
     if names[-1:] == ["varargin"]:
         fixed = len(names) - 1
         rest = tuple(arguments[fixed:])
-        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": SymbolicCell(rest, (1, len(rest)))}
+        return {**dict(zip(names, arguments[:fixed], strict=False)), "varargin": s.SymbolicCell(rest, (1, len(rest)))}
     return dict(zip(names, arguments, strict=False))
 
 

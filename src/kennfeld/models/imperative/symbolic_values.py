@@ -11,6 +11,7 @@ import numpy as np
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.matlab import syntax as m
+from kennfeld.matlab.values import trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.imperative.node_arrays import Nodes
@@ -131,28 +132,26 @@ def constants(builder: GraphBuilder, numbers: object) -> Nodes:
     return as_logical(result) if array.dtype == np.bool_ else result
 
 
-def as_array(held: SymbolicValue, message: str = "it") -> Nodes:
+def as_array(value: SymbolicValue, message: str = "it") -> Nodes:
     """Return a value as an array of nodes; raises `ProgramError` if it is not an array."""
-    if isinstance(held, np.ndarray):
-        while held.ndim > 2 and held.shape[-1] == 1:
-            held = held[..., 0]
-        return held
-    if isinstance(held, InvalidValue):
-        raise ProgramError(held.why, held.remedy)
-    raise ProgramError(f"{message} is {describe(held)}, not a number")
+    if isinstance(value, np.ndarray):
+        return trim_dimensions(value)
+    if isinstance(value, InvalidValue):
+        raise ProgramError(value.why, value.remedy)
+    raise ProgramError(f"{message} is {describe(value)}, not a number")
 
 
-def force(held: SymbolicValue) -> SymbolicValue:
+def force(value: SymbolicValue) -> SymbolicValue:
     """Return a value, computing it if deferred."""
-    while isinstance(held, DeferredValue):
-        held = held.make()
-    return held
+    while isinstance(value, DeferredValue):
+        value = value.make()
+    return value
 
 
-def describe(held: SymbolicValue) -> str:
+def describe(value: SymbolicValue) -> str:
     """Return the kind of a value in words."""
-    if isinstance(held, np.ndarray):
-        return f"an array of {'x'.join(map(str, held.shape))}"
+    if isinstance(value, np.ndarray):
+        return f"an array of {'x'.join(map(str, value.shape))}"
     kinds = {
         str: "a text",
         String: "a string",
@@ -160,37 +159,37 @@ def describe(held: SymbolicValue) -> str:
         SymbolicCell: "a cell array",
         FunctionHandleValue: "a function",
     }
-    return kinds.get(type(held), "a variable that is not assigned in every case")
+    return kinds.get(type(value), "a variable that is not assigned in every case")
 
 
-def field_of(held: SymbolicValue, name: str, message: str = "it") -> SymbolicValue:
+def field_of(value: SymbolicValue, name: str, message: str = "it") -> SymbolicValue:
     """Return a field of a struct; raises `ProgramError` if there is none of that name."""
-    if isinstance(held, InvalidValue):
-        raise ProgramError(held.why, held.remedy)
-    if not isinstance(held, SymbolicStruct):
-        raise ProgramError(f"{message} is {describe(held)}, which has no field {name}")
-    if name not in held.fields:
-        raise ProgramError(f"{message} has no field {name}; it has {', '.join(list(held.fields)[:8]) or 'none'}")
-    return force(held.fields[name])
+    if isinstance(value, InvalidValue):
+        raise ProgramError(value.why, value.remedy)
+    if not isinstance(value, SymbolicStruct):
+        raise ProgramError(f"{message} is {describe(value)}, which has no field {name}")
+    if name not in value.fields:
+        raise ProgramError(f"{message} has no field {name}; it has {', '.join(list(value.fields)[:8]) or 'none'}")
+    return force(value.fields[name])
 
 
-def leaf_arrays(held: SymbolicValue) -> Iterator[Nodes]:
+def leaf_arrays(value: SymbolicValue) -> Iterator[Nodes]:
     """Yield the arrays within a value, in order; raises `ProgramError` if it contains anything else."""
-    if isinstance(held, SymbolicStruct):
-        for name in held.fields:
-            yield from leaf_arrays(field_of(held, name))
-    elif isinstance(held, SymbolicCell):
-        for cell in held.cells:
+    if isinstance(value, SymbolicStruct):
+        for name in value.fields:
+            yield from leaf_arrays(field_of(value, name))
+    elif isinstance(value, SymbolicCell):
+        for cell in value.cells:
             yield from leaf_arrays(force(cell))
     else:
-        yield as_array(held)
+        yield as_array(value)
 
 
-def with_leaf_arrays(held: SymbolicValue, arrays: Iterator[Nodes]) -> SymbolicValue:
+def with_leaf_arrays(value: SymbolicValue, arrays: Iterator[Nodes]) -> SymbolicValue:
     """Return a value of the same form with other arrays, in the order of `leaf_arrays`."""
-    if isinstance(held, SymbolicStruct):
-        return SymbolicStruct({name: with_leaf_arrays(field_of(held, name), arrays) for name in held.fields})
-    if isinstance(held, SymbolicCell):
-        return SymbolicCell(tuple(with_leaf_arrays(force(cell), arrays) for cell in held.cells), held.shape)
+    if isinstance(value, SymbolicStruct):
+        return SymbolicStruct({name: with_leaf_arrays(field_of(value, name), arrays) for name in value.fields})
+    if isinstance(value, SymbolicCell):
+        return SymbolicCell(tuple(with_leaf_arrays(force(cell), arrays) for cell in value.cells), value.shape)
     result = next(arrays)
-    return of_class(held, result) if isinstance(held, np.ndarray) else result
+    return of_class(value, result) if isinstance(value, np.ndarray) else result

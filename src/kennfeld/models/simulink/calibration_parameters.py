@@ -41,10 +41,8 @@ class DeclaredParameters:
         if known is not None and known.axes:  # a table also used as numbers stays unchanged
             return _constants(builder, np.atleast_2d(numbers))
         if numbers.size == 1:
-            scalar = self._declare(
-                Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ())), variable
-            )
-            return np.full(shape, builder.lookup(scalar.name), dtype=np.int64)
+            scalar = Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ()))
+            return np.full(shape, builder.lookup(self._declare(scalar, variable).name), dtype=np.int64)
         if not np.all(np.isfinite(numbers)):
             return _constants(builder, np.atleast_2d(numbers))
         return self._block(builder, name, numbers, variable).reshape(shape)
@@ -62,10 +60,8 @@ class DeclaredParameters:
     ) -> Parameter:
         """Return the curve, map or cube of a table, or the equal one that is already declared."""
         axes = [self._group_axis(axis) for axis in axes]
-        said = _source_attributes(variable, values.shape)
-        return self._declare(
-            parameter(name, values, axes, locked=np.array(locked), extrapolation=beyond, **said), variable
-        )
+        attributes = _source_attributes(variable, values.shape) | {"locked": np.array(locked), "extrapolation": beyond}
+        return self._declare(parameter(name, values, axes, **attributes), variable)
 
     def _group_axis(self, axis: Axis) -> Axis:
         """Return the axis, without its name if another axis of that name has other breakpoints."""

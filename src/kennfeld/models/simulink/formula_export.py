@@ -6,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.atomic_files import write_whole
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.models.formula import to_text
 from kennfeld.models.model import Model
@@ -45,7 +45,8 @@ def write_formula(
 
     source, target = Path(source), Path(target)
     if target.suffix.lower() != ".kf":
-        raise InputError.of(str(target), "unsupported file extension for formula text", "Use the extension .kf.")
+        message = "unsupported file extension for formula text"
+        raise InputError.of(Location(str(target)), message, "Use the extension .kf.")
     result = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
     if result.model is None:
         raise InputError(result.report.findings)
@@ -62,17 +63,17 @@ def write_formula(
             paths.append(target.with_suffix(".json"))
             write_parameters(result.model.values, paths[-1])
     except OSError as error:
-        raise InputError.of(
-            str(target), f"cannot be written: {error.strerror or error}", "Choose another output file."
-        ) from None
+        message = f"cannot be written: {error.strerror or error}"
+        raise InputError.of(Location(str(target)), message, "Choose another output file.") from None
     return tuple(paths)
 
 
 def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str]]:
     """Return the graph in the order of subsystems with short names, and the heading above each node."""
     graph = model.graph
-    ways = {name: split_path(model.places.get(name, "")) for name in graph.names}
-    short = {name: _short_name(name, model.places.get(name, ""), ways[name]) for name in graph.names}
+    paths = {name: model.locations[name].path if name in model.locations else "" for name in graph.names}
+    ways = {name: split_path(path) for name, path in paths.items()}
+    short = {name: _short_name(name, path, ways[name]) for name, path in paths.items()}
     uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
     new = {name: short[name] if uses[short[name]] == 1 else name for name in graph.names}
     above = {name: "" if name in graph.outputs else join_path(*ways[name][:-1]) for name in graph.names}

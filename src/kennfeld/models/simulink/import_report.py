@@ -1,8 +1,9 @@
 """Import report: supported and unsupported blocks with reasons, substitutions, and parameters."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
@@ -54,7 +55,7 @@ class UnsupportedBlock:
     def finding(self) -> Finding:
         """The block as a finding of the file."""
         remedy = self.remedy or f'Bind it: bind = {{ "{self.path}" = "channel or formula" }}.'
-        return Finding(self.path, self.why, remedy)
+        return Finding(Location(path=self.path), self.why, remedy)
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class ImportReport:
         unsupported: the other blocks, with reasons.
         loops: algebraic loops, each as block paths.
         substitutions: sentences on differences from Simulink.
-        remarks: sentences on anything else of note.
+        remarks: findings on anything else of note; of severity "remark" for skipped parts of a script, such as plots.
         sources: origin of the value of each parameter.
         frozen: expressions whose variables are constant, with the reason.
         solver: name of the solver.
@@ -94,7 +95,7 @@ class ImportReport:
     unsupported: tuple[UnsupportedBlock, ...]
     loops: tuple[tuple[str, ...], ...]
     substitutions: tuple[str, ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[Finding, ...]
     sources: dict[str, str]
     frozen: dict[str, str]
     solver: str
@@ -118,18 +119,23 @@ class ImportReport:
         return tuple(f"{text} is constant, and so are its variables: {why}" for text, why in frozen.items())
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """Remarks for a user who calibrates the model."""
         substitutions = (text for text in self.substitutions if text != TYPES_IGNORED)
-        remarks = (text for text in self.remarks if not text.endswith(" skipped"))  # such as plots in a script
-        return (*substitutions, *self.fixed, *remarks)
+        sentences = (Finding(Location(), text, severity="remark") for text in (*substitutions, *self.fixed))
+        return (*sentences, *(replace(f, severity="remark") for f in self.remarks if f.severity != "remark"))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as JSON-compatible containers."""
+        stopped = [asdict(finding) | {"location": str(finding.location)} for finding in self.stopped]
+        return asdict(self) | {"remarks": [*map(str, self.remarks)], "stopped": stopped, "whole": self.whole}
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Reasons why outputs are not supported; undefined variables first, each once."""
         undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
-        loops = (Finding(loop[0], _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
+        loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
         return (*self.stopped, *undefined, *others, *loops)
 
     def _reason(self, name: str) -> str:
@@ -155,13 +161,13 @@ def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
     first = blocks[0].finding
     if len(blocks) == 1:
         return first
-    return Finding(f"{first.location} and {len(blocks) - 1} more", first.message, first.remedy)
+    return replace(first, location=Location(path=f"{first.location} and {len(blocks) - 1} more"))
 
 
 def _undefined_finding(name: str, paths: tuple[str, ...], why: str) -> Finding:
     who = f"used by {paths[0]}" if len(paths) == 1 else f"used by {paths[0]} and {len(paths) - 1} more"
     remedy = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
-    return Finding(f"variable {name}", f"undefined{f' ({why})' if why else ''}; {who}", remedy)
+    return Finding(Location(f"variable {name}"), f"undefined{f' ({why})' if why else ''}; {who}", remedy)
 
 
 def _describe_loop(loop: tuple[str, ...]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.errors import InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import active_content
 from kennfeld.models.simulink.import_report import ImportableSubsystem, ImportReport
@@ -53,21 +53,21 @@ def inspect_simulink(
         return report
     search = _SubsystemSearch(loaded, report, len(split_path(prefix)) if prefix else 0)
     search.search(system, scope)
-    subsystems = sorted(search.found, key=lambda subsystem: (-subsystem.blocks, subsystem.path))
-    remarks = (*report.remarks, _LIMIT_REACHED) if search.ended else report.remarks
-    return replace(report, subsystems=tuple(subsystems[:_MAX_SUBSYSTEMS]), remarks=remarks)
+    subsystems = sorted(search.subsystems, key=lambda subsystem: (-subsystem.blocks, subsystem.path))
+    limit = [Finding(Location(), _LIMIT_REACHED, severity="warning")] if search.ended else []
+    return replace(report, subsystems=tuple(subsystems[:_MAX_SUBSYSTEMS]), remarks=(*report.remarks, *limit))
 
 
 class _SubsystemSearch:
-    """Search with a budget: `left` blocks and `asked` operations."""
+    """Search with a budget: `blocks_left` and `asked` operations."""
 
     def __init__(self, loaded: LoadedModel, report: ImportReport, depth: int) -> None:
         self.loaded, self.depth = loaded, depth
         self.bad = {names for block in report.unsupported for names in _enclosing_paths(block.path)}
         self.bad |= {names for loop in report.loops for path in loop for names in _enclosing_paths(path)}
-        self.left = _MAX_TRIALS_PER_BLOCK * report.total + 1000
+        self.blocks_left = _MAX_TRIALS_PER_BLOCK * report.total + 1000
         self.asked = _MAX_OPERATIONS
-        self.found: list[ImportableSubsystem] = []
+        self.subsystems: list[ImportableSubsystem] = []
 
     def search(self, root: System, scope: Scope) -> None:
         """Search the blocks of a system and all below them."""
@@ -81,22 +81,22 @@ class _SubsystemSearch:
             if subsystem is None:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
             elif subsystem.blocks - len(subsystem.inputs) - len(subsystem.outputs) >= _MIN_BLOCKS:
-                self.found.append(subsystem)
+                self.subsystems.append(subsystem)
 
     @property
     def ended(self) -> bool:
         """True if the budget is used up."""
-        return self.left <= 0 or self.asked <= _MIN_OPERATIONS
+        return self.blocks_left <= 0 or self.asked <= _MIN_OPERATIONS
 
     def _try_import(self, block: ModelBlock, scope: Scope) -> ImportableSubsystem | None:
         """Try to import a subsystem; return None if an output is unsupported."""
         if block.system is None or not any(block.system.of("Outport")):
             return None
         try:
-            attempt = ModelImport(self.loaded, active_content(block, scope)[0], scope)
+            attempt = ModelImport(self.loaded, active_content(block, scope), scope)
         except (InputError, EvaluationError):
             return None
-        self.left -= len(attempt.flat.blocks)
+        self.blocks_left -= len(attempt.flat.blocks)
         attempt.most_asked = self.asked // 2  # keep a budget for inner subsystems
         try:
             compiler = attempt.compile()

@@ -1,9 +1,10 @@
 """Public entry of the Simulink import."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.flattening.flat_model import FlatModel
@@ -48,7 +49,7 @@ def simulink(
     result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if result.model is None:
         name = Path(path).name
-        raise InputError([Finding(f"{name} {f.location}", f.message, f.remedy) for f in result.report.findings])
+        raise InputError(replace(f, location=Location(name, path=str(f.location))) for f in result.report.findings)
     return result.model
 
 
@@ -72,31 +73,25 @@ def import_simulink(
     system, scope, prefix = loaded.system(subsystem)
     cuts = loaded.cuts(bind or {}, prefix)
     model_import = ModelImport(loaded, system, scope, cuts, frozenset(promote), step)
-    if wrong := check_promoted_fields(loaded.path, promote, system, model_import.flat, prefix):
-        raise InputError(wrong)
+    blocks = _blocks(system, model_import.flat, prefix) if promote else {}
+    if misnamed := list(_find_misnamed(loaded.path, promote, blocks)):
+        raise InputError(misnamed)
     return model_import.run()
 
 
-def check_promoted_fields(
-    path: Path, names: Collection[str], system: System, flat: FlatModel, prefix: str
-) -> list[Finding]:
-    """Return a finding for each promoted field that no block has; `prefix` is the path of the imported system."""
-    return list(_find_misnamed(path, names, _blocks(system, flat, prefix))) if names else []
-
-
 def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, ModelBlock]) -> Iterator[Finding]:
+    """Yield a finding for each promoted field that no block has."""
     for name in names:
         field_path, _, field = name.rpartition(":")
         block = blocks.get(field_path)
         if block is None:
             candidates = [path for path, block in blocks.items() if field in _fields(block)] or list(blocks)
-            remedy = (
-                nearest(field_path, candidates) or f"Blocks with this field: {', '.join(candidates[:_MAX_LISTED])}."
-            )
-            yield Finding(path.name, f"unknown block {field_path} (field {field} to promote to a parameter)", remedy)
+            listed = f"Blocks with this field: {', '.join(candidates[:_MAX_LISTED])}."
+            message = f"unknown block {field_path} (field {field} to promote to a parameter)"
+            yield Finding(Location(path.name), message, nearest(field_path, candidates) or listed)
         elif block.chart is None and field not in (fields := _fields(block)):
             remedy = nearest(field, fields) or f"Its fields: {', '.join(list(fields)[:_MAX_LISTED])}."
-            yield Finding(f"{path.name} {field_path}", f"{block.type} has no field {field}", remedy)
+            yield Finding(Location(path.name, path=field_path), f"{block.type} has no field {field}", remedy)
 
 
 def _blocks(system: System, flat: FlatModel, prefix: str) -> dict[str, ModelBlock]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from kennfeld.errors import InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import active_content
@@ -31,7 +31,7 @@ class LoadedModel:
     document: ModelDocument
     variables: VariableTable
     models: Mapping[str, Scope]
-    remarks: tuple[str, ...]
+    remarks: tuple[Finding, ...]
     files: FunctionFiles
 
     @staticmethod
@@ -44,7 +44,7 @@ class LoadedModel:
         document = resolved.document
         variables = collect_variables(document, parameters)
         models = {name: Scope(_visible_variables(document, variables)) for name, document in resolved.models.items()}
-        remarks = (*document.remarks, *map(str, resolved.problems), *map(str, variables.findings))
+        remarks = (*document.warnings, *resolved.problems, *variables.findings)
         variables.update(model_properties(document, variables))
         named = [Path(source) for source in parameters if isinstance(source, str | Path)]
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
@@ -54,8 +54,8 @@ class LoadedModel:
         """Return the formulas of bound blocks by path within the imported system, whose path is `prefix`."""
         for key, text in bind.items():
             if not key.strip() or not text.strip():
-                message = f'"{key}" = "{text}" is empty'
-                raise InputError.of(f"{self.path.name} bind", message, 'Write "path" = "channel or formula".')
+                location, message = Location(self.path.name, path="bind"), f'"{key}" = "{text}" is empty'
+                raise InputError.of(location, message, 'Write "path" = "channel or formula".')
         return {_within(key, prefix): text for key, text in bind.items()}
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
@@ -71,15 +71,15 @@ class LoadedModel:
             if block is None or block.system is None:
                 known = [b.path for b in document.root.every() if b.system is not None]
                 remedy = nearest(subsystem, known) or f"Its subsystems: {', '.join(known[:8])}."
-                raise InputError.of(document.path.name, f"unknown subsystem {subsystem}", remedy)
+                raise InputError.of(Location(document.path.name), f"unknown subsystem {subsystem}", remedy)
             if block.chart is not None:
                 return standalone_system(block, block.system), scope, join_path(*names[:-1])
             scope, system = scope.inside(block, self.models), block.system
         assert block is not None
         try:
-            return active_content(block, scope)[0], scope, block.path
+            return active_content(block, scope), scope, block.path
         except EvaluationError as error:
-            raise InputError.of(f"{document.path.name} {block.path}", str(error)) from None
+            raise InputError.of(Location(document.path.name, path=block.path), str(error)) from None
 
     def flat(
         self,
@@ -92,7 +92,7 @@ class LoadedModel:
         try:
             return flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
         except OverflowError as error:
-            raise InputError.of(self.path.name, str(error)) from None
+            raise InputError.of(Location(self.path.name), str(error)) from None
 
 
 def _within(key: str, prefix: str) -> str:

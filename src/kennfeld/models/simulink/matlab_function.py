@@ -25,7 +25,8 @@ from kennfeld.models.imperative.persistent_variables import (
 )
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
 from kennfeld.models.imperative.symbolic_values import InvalidValue, SymbolicStruct, SymbolicValue, field_of, integers
-from kennfeld.models.simulink.expressions.parameter_expressions import parameter_value_at, resolve_parameter
+from kennfeld.models.simulink.expressions.code_parameters import resolve_parameter
+from kennfeld.models.simulink.expressions.parameter_expressions import parameter_value_at
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
@@ -34,7 +35,7 @@ from kennfeld.models.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus,
 from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.parameters import Axis
 
-_GIVE: Final = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
+_DEFINE_REMEDY: Final = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
 _BLOCK: Final = "the function of the block"
 _MOST_ROUNDS: Final = 20
 _PARAMETER: Final = "PARAMETER_DATA"
@@ -64,7 +65,7 @@ def _outputs(block: BlockContext) -> tuple[SignalOrBus, ...]:
     shown = _output_names(block)
     named = zip(function.results, results, strict=False)
     outputs = [value for name, value in named if not shown or name in shown]
-    return tuple(_wired(value, period) for value in (*outputs, *call.left))
+    return tuple(_wired(value, period) for value in (*outputs, *call.stores))
 
 
 def _script(block: BlockContext) -> m.Script:
@@ -101,7 +102,7 @@ def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionD
         functions=dict(functions),
         find=block.compiler.files.find,
         frozen=frozen,
-        remark=lambda sentence: block.remark(f"calls a bit function: {sentence}"),
+        remark=lambda sentence: block.warn(f"calls a bit function: {sentence}"),
         tables=partial(_look_up, block),
     )
 
@@ -138,8 +139,10 @@ def _arguments(block: BlockContext, function: m.FunctionDefinition) -> list[Symb
             continue
         value = resolve_parameter(expressions, block.flat.scope, name)
         if value is None and name in fixed:
-            raise UnsupportedError(f"its parameter {name} has no value", _GIVE, name)
-        values.append(value if value is not None else InvalidValue(f"the parameter {name} has no value", _GIVE))
+            raise UnsupportedError(f"its parameter {name} has no value", _DEFINE_REMEDY, name)
+        values.append(
+            value if value is not None else InvalidValue(f"the parameter {name} has no value", _DEFINE_REMEDY)
+        )
     return values
 
 
@@ -175,19 +178,20 @@ class _Call:
     block: BlockContext
     context: EvaluationContext
     function: m.FunctionDefinition
-    given: list[SymbolicValue]
-    left: tuple[SymbolicValue, ...] = ()
+    arguments: list[SymbolicValue]
+    stores: tuple[SymbolicValue, ...] = ()
 
     def results(self) -> tuple[SymbolicValue, ...]:
         """Call the function, and read and write its persistent variables."""
-        if not self._remembers():
+        functions = (self.function, *self.context.functions.values())
+        if not any(declares_persistent(function.body) for function in functions):
             return self._run(self._prepare())
         known = self._observe_first_call()
         for _ in range(_MOST_ROUNDS):
             body = self._prepare()
             persistent = PersistentVariables(self.context, self._remember)
             for key, memory in known.items():
-                body.state.kept[key] = persistent.begun(memory, partial(self._left, body, key))
+                body.state.kept[key] = persistent.begun(memory, partial(self._value_kept, body, key))
             results = self._run(body)
             more = late_persistents(self.context, body.state.kept, known)
             if not more:
@@ -202,17 +206,14 @@ class _Call:
             body.state.kept[GLOBAL, name] = _to_symbolic(self.block.input_or_bus(at))
         return body
 
-    def _left(self, body: StatementInterpreter, key: Key) -> SymbolicValue | None:
+    def _value_kept(self, body: StatementInterpreter, key: Key) -> SymbolicValue | None:
         return body.state.kept.get(key)
-
-    def _remembers(self) -> bool:
-        return any(declares_persistent(function.body) for function in (self.function, *self.context.functions.values()))
 
     def _run(self, body: StatementInterpreter) -> tuple[SymbolicValue, ...]:
         self.context.statements = 0
         before = dict(body.state.kept)
-        results = body.call(self.function, self.given, len(self.function.results), _BLOCK)
-        self.left = tuple(self._final_value(body, before, name) for name in self.block.flat.code_stores)
+        results = body.call(self.function, self.arguments, len(self.function.results), _BLOCK)
+        self.stores = tuple(self._final_value(body, before, name) for name in self.block.flat.code_stores)
         return results
 
     def _final_value(self, body: StatementInterpreter, before: Mapping[Key, SymbolicValue], name: str) -> SymbolicValue:

@@ -1,5 +1,6 @@
 """Names of graph nodes: outports first, then signal names, then block paths; each name is unique."""
 
+from kennfeld.errors import Location
 from kennfeld.graph import CLOCK
 from kennfeld.models.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, FlatModel
 from kennfeld.models.simulink.lowering.compiler import BlockCompiler
@@ -10,13 +11,13 @@ RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
 
 
 class NodeNames:
-    """Names of nodes: `visible` nodes by name, `outputs` of outports, `units` and `places` (origins) by name."""
+    """Names of nodes: `visible` nodes by name, `outputs` of outports, `units` and `locations` by name."""
 
     def __init__(self, compiler: BlockCompiler, flat: FlatModel) -> None:
         self.compiler = compiler
         self.visible: dict[str, int] = {}
         self.units: dict[str, str] = {}
-        self.places: dict[str, str] = {}
+        self.locations: dict[str, Location] = {}
         self._taken = {*compiler.inputs, *compiler.declared.parameters, *CLOCK}
         self._inputs = {node for name in compiler.inputs for node in [compiler.builder.input(name)]}
         outputs: list[str] = []
@@ -27,7 +28,7 @@ class NodeNames:
         self._name_inner_signals(flat)
         for name, inport in compiler.inputs.items():
             if inport is not None:
-                self._said(name, inport)
+                self._describe(name, inport)
 
     def _name_inner_signals(self, flat: FlatModel) -> None:
         """Name the inner signals, those with names of their own first."""
@@ -63,11 +64,11 @@ class NodeNames:
         while free in self._taken or self.visible.get(free, node) != node:
             free, number = (f"{name}.out" if number == 2 else f"{name}.{number - 1}"), number + 1
         self.visible[free] = node
-        self._said(free, flat)
+        self._describe(free, flat)
         return free
 
-    def _said(self, name: str, flat: FlatBlock) -> None:
-        self.places[name] = flat.path
+    def _describe(self, name: str, flat: FlatBlock) -> None:
+        self.locations[name] = Location(path=flat.path)
         unit = (flat.block.value("Unit") or "").strip()
         if unit and unit != "inherit" and not any(sign in unit for sign in "]\n\r"):
             self.units[name] = unit

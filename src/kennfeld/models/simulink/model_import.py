@@ -7,10 +7,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.graph.bounded_builder import GraphTooLargeError
+from kennfeld.graph.builder import GraphTooLargeError
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.model import Model
@@ -25,9 +25,14 @@ from kennfeld.models.simulink.import_report import (
 )
 from kennfeld.models.simulink.loaded_model import LoadedModel
 from kennfeld.models.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
-from kennfeld.models.simulink.lowering.diagnostics import BlockFailure, UnsupportedError, unsupported_reason
+from kennfeld.models.simulink.lowering.diagnostics import (
+    UnsupportedError,
+    placeholder_signal,
+    unsupported_reason,
+)
+from kennfeld.models.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, Outputs
 from kennfeld.models.simulink.lowering.scheduling import ModelClock
 from kennfeld.models.simulink.model_assembly import NodeNames
 from kennfeld.models.simulink.reader.model_tree import System
@@ -78,8 +83,11 @@ class ModelImport:
         self.flat = self._flatten({})
         self.remarks = list(loaded.remarks)
         self.substitutions: list[str] = []
-        self.bound = {key: expression(text, f"{self.path.name} bind {key}") for key, text in cuts.items()}
-        self._check_cuts()
+        self.bound = {key: expression(text, Location(self.path.name, path=f"bind {key}")) for key, text in cuts.items()}
+        paths = {flat.path for flat in self.flat.blocks}
+        if unknown := [key for key in cuts if _block_of(key) not in paths]:
+            place = Location(self.path.name, path="bind")
+            raise InputError(Finding(place, f"unknown block {key}", nearest(key, paths)) for key in unknown)
         self._last = BlockCompiler(self.flat, ModelClock(None), (), self._bound_signals, InferredAttributes())
         self.stepping = self._select_solver(step)
         self.solver, self.clock = self.stepping.solver, self.stepping.clock
@@ -88,7 +96,7 @@ class ModelImport:
         """Select the solver and the clock, with the requested step or that of the model."""
         settings, lost = solver_settings(self.document, self.variables)
         stepping = SolverSelection(settings, self.flat.blocks, self._last.expressions, Scope(self.variables))
-        self.remarks += stepping.remarks
+        self.remarks += stepping.warnings
         sentences = stepping.substitutions
         if asked is not None:
             if not 0 < asked < math.inf:
@@ -101,13 +109,6 @@ class ModelImport:
     def _flatten(self, counts: Mapping[str, int]) -> FlatModel:
         return self._loaded.flat(self._system, self._scope, self.cuts, counts)
 
-    def _check_cuts(self) -> None:
-        paths = {flat.path for flat in self.flat.blocks}
-        unknown = [key for key in self.cuts if _block_of(key) not in paths]
-        findings = [Finding(f"{self.path.name} bind", f"unknown block {key}", nearest(key, paths)) for key in unknown]
-        if findings:
-            raise InputError(findings)
-
     def run(self) -> ImportResult:
         """Return the model and the report."""
         compiler = self.compile()
@@ -115,7 +116,12 @@ class ModelImport:
         if not report.whole:
             return ImportResult(None, report)
         model = self._model(compiler, report)
-        return ImportResult(model, _with_interface(report, model))
+        graph, units = model.graph, model.graph.units
+        inputs, outputs = (
+            tuple(Quantity(name, units.get(name, "")) for name in names) for names in (graph.inputs, graph.outputs)
+        )
+        used = tuple(parameter for parameter in report.parameters if parameter.name in model.values)
+        return ImportResult(model, replace(report, inputs=inputs, outputs=outputs, parameters=used))
 
     @property
     def asked(self) -> int:
@@ -151,32 +157,30 @@ class ModelImport:
             compiler = self._compile_displays(compiler)
         if flat.outports and flat.recorded and not self._has_failures(compiler):
             more = self._compile([*flat.outports, *flat.recorded])
-            compiler = more if not self._has_failures(more) else compiler
+            return compiler if self._has_failures(more) else more
         return compiler
 
     def _compile_displays(self, compiler: BlockCompiler) -> BlockCompiler:
         """Lower those displays whose signals are supported; return `compiler` unchanged if there are none."""
         shown = self.flat.results
-        outputs = {flat: compiler.outputs(flat) for flat in shown}
-        sound = [flat for flat in shown if outputs[flat] and all(signal.sound for signal in outputs[flat])]
+        sound = [flat for flat in shown if (signals := compiler.outputs(flat)) and all(s.sound for s in signals)]
         if compiler.visits.loops or not sound:
             return compiler
-        left = self._compile(sound)
-        if self._has_failures(left):
+        partial = self._compile(sound)
+        if self._has_failures(partial):
             return compiler
         skipped = ", ".join(flat.path for flat in shown if flat not in sound)
         self.substitutions.append(f"skipped {skipped[:200]}: the displayed signal is not supported")
-        return left
+        return partial
 
     def _compile(self, goals: Collection[FlatBlock]) -> BlockCompiler:
         if not goals:
             message = "it has no outport and no block that records or displays a signal"
-            raise InputError.of(self.path.name, message, _output_remedy(self._system))
-
+            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system))
         try:
             return compile_to_fixed_point(self._make_compiler, goals)
         except GraphTooLargeError as error:
-            raise InputError.of(f"{self.path.name} {error.place}".rstrip(), error.message, error.remedy) from None
+            raise InputError.of(Location(self.path.name, path=error.place), error.message, error.remedy) from None
 
     def _make_compiler(self, guesses: InferredAttributes) -> BlockCompiler:
         self._asked_before = self.asked
@@ -190,52 +194,42 @@ class ModelImport:
     def _has_failures(self, compiler: BlockCompiler) -> bool:
         return bool(compiler.failures or compiler.visits.loops)
 
-    def _bound_signals(self, compiler: BlockCompiler, flat: FlatBlock) -> SignalOrBus | tuple[SignalOrBus, ...]:
+    def _bound_signals(self, compiler: LoweringPass, flat: FlatBlock) -> Outputs:
         whole = self.bound.get(flat.path)
         count = max(flat.block.ports.outputs if flat.block.ports is not None else 1, 1)
         signals: list[SignalOrBus] = []
         for number in range(1, count + 1):
             graph = self.bound.get(f"{flat.path}:{number}", whole)
-            signals.append(
-                _insert_formula(compiler, graph) if graph is not None else compiler.note_unbound_output(flat, number)
-            )
+            if graph is None:
+                remedy = f'Bind it too: "{flat.path}:{number}".'
+                compiler.failures.note(flat, f"its output {number} is not bound", remedy)
+            signals.append(placeholder_signal(compiler.builder) if graph is None else _insert_formula(compiler, graph))
         return tuple(signals)
 
     def report(self, compiler: BlockCompiler) -> ImportReport:
         """Return the import report."""
-        blocks = [
-            flat
-            for flat in self.flat.blocks
-            if flat.type not in _SYNTHETIC_TYPES and not (flat.hidden or flat.synthetic)
-        ]
-        failures: dict[str, BlockFailure] = {}
-        for failure in compiler.failures.values():  # one failure represents all iterations
-            failures.setdefault(failure.flat.path, failure)
-        unsupported = [
-            UnsupportedBlock(f.flat.path, f.flat.block.type, f.why, f.remedy, True, f.undefined)
-            for f in failures.values()
-        ]
-        seen = {block.path for block in unsupported}
-        unsupported += [
-            UnsupportedBlock(flat.path, flat.block.type, *_refusal(compiler, flat), False)
-            for flat in blocks
-            if (flat.type not in BLOCK_TYPES or BLOCK_TYPES[flat.type].refused) and flat.path not in seen
-        ]
-        order = "reads the data store before it is written in the step: no priority orders it after"
+        named = [flat for flat in self.flat.blocks if not (flat.hidden or flat.synthetic)]
+        blocks = [flat for flat in named if flat.type not in _SYNTHETIC_TYPES]
+        unsupported: dict[str, UnsupportedBlock] = {}
+        for flat, why, remedy, undefined in compiler.failures.values():  # one failure represents all iterations
+            block = UnsupportedBlock(flat.path, flat.block.type, why, remedy, True, undefined)
+            unsupported.setdefault(flat.path, block)
+        for flat in blocks:
+            refused = flat.type not in BLOCK_TYPES or BLOCK_TYPES[flat.type].refused
+            if refused and flat.path not in unsupported:
+                why, remedy = _refusal(compiler, flat)
+                unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
         undecided = dict.fromkeys(
-            (
-                f"{reader.path} {order} {writer.path}. Assign a Priority to both, because generated code may run "
-                "them in another order"
-            )
+            f"{reader.path} reads the data store before it is written in the step: no priority orders it after "
+            f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
             for writer, reader in compiler.stores.undecided
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
-        conversions = any(flat.type == "DataTypeConversion" for flat in self.flat.blocks)
-        note = [TYPES_IGNORED] if conversions else []
+        note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         return ImportReport(
-            len(blocks), len(blocks) - len(unsupported), tuple(unsupported), loops,
+            len(blocks), len(blocks) - len(unsupported), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
-            (*compiler.remarks, *_integer_remarks(self.flat.blocks), *self.remarks),
+            (*(_warning(text) for text in (*compiler.warnings, *_integer_types(self.flat.blocks))), *self.remarks),
             dict(compiler.declared.sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(_calibratable(p, compiler.declared.sources) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined),
@@ -243,50 +237,38 @@ class ModelImport:
 
     def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:
         try:
-            compiler.finish(self.solver)
+            compiler.continuous.advance(self.solver)
         except GraphTooLargeError as error:
-            raise InputError.of(f"{self.path.name} {self.solver}", error.message, error.remedy) from None
+            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
         names = NodeNames(compiler, self.flat)
         builder, number = _without_major_marks(compiler)
         visible = {name: number[at] for name, at in names.visible.items()}
         graph = merge_equal_states(builder.finish(visible, {}, names.outputs))
-        values = compiler.declared.values(graph.parameters)
+        values, sources = compiler.declared.values(graph.parameters), compiler.declared.sources
         units = {name: parameter.unit for name, parameter in values.items() if parameter.unit} | names.units
         present = {*graph.names, *graph.inputs, *graph.parameters}
-        graph = Graph(
-            graph.nodes, graph.names, graph.states,
-            MappingProxyType({name: unit for name, unit in units.items() if name in present}), graph.outputs,
-        )  # fmt: skip
+        present_units = MappingProxyType({name: unit for name, unit in units.items() if name in present})
         return Model(
-            graph=graph,
+            graph=replace(graph, units=present_units),
             name=self.document.name,
             step=self.clock.step,
             declared=MappingProxyType({name: parameter.coordinates for name, parameter in values.items()}),
             source=str(self.path),
-            places=MappingProxyType({**names.places, **compiler.declared.sources}),
+            locations=MappingProxyType(names.locations | {name: Location(text) for name, text in sources.items()}),
             values=values,
             remarks=report.notes,
             stepped=self.stepping.replaced,
         )
 
 
-def _with_interface(report: ImportReport, model: Model) -> ImportReport:
-    """Return the report with inputs, outputs and parameters of the model."""
-    units = model.graph.units
-    inputs = tuple(Quantity(name, units.get(name, "")) for name in model.graph.inputs)
-    outputs = tuple(Quantity(name, units.get(name, "")) for name in model.graph.outputs)
-    used = tuple(parameter for parameter in report.parameters if parameter.name in model.values)
-    return replace(report, inputs=inputs, outputs=outputs, parameters=used)
+def _warning(sentence: str) -> Finding:
+    return Finding(Location(), sentence, severity="warning")
 
 
-def _integer_remarks(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
-    """Return a remark on blocks that convert to integers, () if there are none."""
-    paths = find_integer_conversions(blocks)
-    if not paths:
-        return ()
-    return (
-        f"integer types are ignored in {join_names(paths, _MAX_NAMED)}: Simulink rounds there, and wraps or saturates",
-    )
+def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
+    """Return a sentence on blocks that convert to integers, () if there are none."""
+    names = join_names(find_integer_conversions(blocks), _MAX_NAMED)
+    return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",) if names else ()
 
 
 def _calibratable(parameter: Parameter, sources: Mapping[str, str]) -> CalibratableParameter:
@@ -322,7 +304,7 @@ def _block_of(key: str) -> str:
     return path if colon and number.isdecimal() else key
 
 
-def _insert_formula(compiler: BlockCompiler, graph: Graph) -> Signal:
+def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
     """Insert the graph of a bound formula into the model's graph."""
     builder, nodes = compiler.builder, list[int]()
     states = {which: builder.state(state.latency) for which, state in enumerate(graph.states)}

@@ -85,14 +85,15 @@ class ModelOutline:
     connections: tuple[ExternalReference, ...]
     sources: tuple[DataSource, ...]
     problems: tuple[Finding, ...] = ()
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON-compatible containers."""
         charts = [dict(zip(("path", "kind", "states", "transitions"), chart, strict=True)) for chart in self.charts]
         functions = [{"path": path, "lines": lines} for path, lines in self.functions]
-        problems = [str(problem) for problem in self.problems]
-        return asdict(self) | {"charts": charts, "functions": functions, "problems": problems}
+        texts = {"problems": [*map(str, self.problems)], "remarks": [*map(str, self.warnings)]}
+        summary = {key: value for key, value in asdict(self).items() if key != "warnings"}
+        return summary | {"charts": charts, "functions": functions} | texts
 
 
 def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> ModelOutline:
@@ -107,7 +108,7 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
     """
     document = read_document(path)
     resolved = LibraryResolver(folders).resolve(document)
-    sources, further = _sources(document)
+    dictionaries = [_read_dictionary(document, name) for name in document.dictionaries]
     root, every = resolved.document.root, list(resolved.document.root.every())
     return ModelOutline(
         file=document.path.name,
@@ -119,24 +120,23 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
         blocks=dict(Counter(block.type for block in every).most_common()),
         subsystems=tuple(_subsystem(block, block.system) for block in every if block.system is not None),
         solver=document.solver,
-        charts=tuple(_charts(every)),
+        charts=tuple(
+            (block.path, block.chart.kind, len(block.chart.states), len(block.chart.transitions))
+            for block in every
+            if block.chart is not None and not block.script
+        ),
         functions=tuple((block.path, len(block.script.splitlines())) for block in every if block.script),
         connections=tuple(_connections(resolved)),
-        sources=tuple(sources),
-        problems=(*resolved.problems, *further),
-        remarks=document.remarks,
+        sources=tuple(_sources(document, [source for source, _ in dictionaries])),
+        problems=(*resolved.problems, *(finding for _, findings in dictionaries for finding in findings)),
+        warnings=document.warnings,
     )
 
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
     """Return the ports of a system by number."""
-    blocks = sorted(system.of(kind), key=port_number)
-    return tuple(Port(block.name, _unit(block)) for block in blocks)
-
-
-def _unit(block: ModelBlock) -> str:
-    unit = block.value("Unit") or ""
-    return "" if unit == "inherit" else unit
+    ports = ((block.name, block.value("Unit") or "") for block in sorted(system.of(kind), key=port_number))
+    return tuple(Port(name, "" if unit == "inherit" else unit) for name, unit in ports)
 
 
 def _subsystem(block: ModelBlock, system: System) -> Subsystem:
@@ -151,12 +151,6 @@ def _names(system: System, kind: str) -> tuple[str, ...]:
     return tuple(port.name for port in _ports(system, kind))
 
 
-def _charts(blocks: Iterable[ModelBlock]) -> Iterator[tuple[str, str, int, int]]:
-    for block in blocks:
-        if block.chart is not None and not block.script:
-            yield block.path, block.chart.kind, len(block.chart.states), len(block.chart.transitions)
-
-
 def _connections(resolved: ResolvedModel) -> Iterator[ExternalReference]:
     counts: Counter[tuple[str, str]] = Counter()
     for block in resolved.document.root.every():
@@ -167,10 +161,10 @@ def _connections(resolved: ResolvedModel) -> Iterator[ExternalReference]:
         if block.elsewhere:
             counts[block.elsewhere, "subsystem"] += 1
     for (source, kind), count in counts.most_common():
-        yield ExternalReference(source, kind, count, _found(source, kind, resolved))
+        yield ExternalReference(source, kind, count, _file_of(source, kind, resolved))
 
 
-def _found(source: str, kind: str, resolved: ResolvedModel) -> str:
+def _file_of(source: str, kind: str, resolved: ResolvedModel) -> str:
     alone = kind in ("model", "subsystem")
     if not alone and is_of_simulink(source):
         return _OF_SIMULINK
@@ -178,14 +172,14 @@ def _found(source: str, kind: str, resolved: ResolvedModel) -> str:
     return resolved.files[name].name if name in resolved.files and source not in resolved.missing else _MISSING
 
 
-def _sources(document: ModelDocument) -> tuple[list[DataSource], list[Finding]]:
-    problems: list[Finding] = []
-    dictionaries = [_dictionary(document, name, problems) for name in document.dictionaries]
-    sources = [*_workspace(document), *_callbacks(document), *dictionaries]
+def _sources(document: ModelDocument, dictionaries: Iterable[DataSource]) -> Iterator[DataSource]:
+    yield from _workspace(document)
+    for name, code in document.callbacks.items():
+        yield DataSource("callback", name, _first_line(code))
+    yield from dictionaries
     masks = sum(len(block.mask.parameters) for block in document.root.every() if block.mask is not None)
     if masks:
-        sources.append(DataSource("masks", "", f"{masks} parameters"))
-    return sources, problems
+        yield DataSource("masks", "", f"{masks} parameters")
 
 
 def _workspace(document: ModelDocument) -> Iterator[DataSource]:
@@ -201,22 +195,19 @@ def _workspace(document: ModelDocument) -> Iterator[DataSource]:
         yield DataSource("model workspace", "in the file", f"{len(data.entries)} variables{unread}")
 
 
-def _callbacks(document: ModelDocument) -> Iterator[DataSource]:
-    for name, code in document.callbacks.items():
-        yield DataSource("callback", name, _first_line(code))
-
-
-def _dictionary(document: ModelDocument, name: str, problems: list[Finding]) -> DataSource:
+def _read_dictionary(document: ModelDocument, name: str) -> tuple[DataSource, tuple[Finding, ...]]:
+    """Return the summary of a data dictionary, and why it cannot be read."""
     path = document.path.parent / name
-    if Path(name).name != name or not path.is_file():
-        return DataSource("data dictionary", name, _MISSING)
-    try:
-        data = read_dictionary(path).data
-    except InputError as error:
-        problems += error.findings
-        return DataSource("data dictionary", name, "unreadable")
-    unread = f", unreadable: {', '.join(data.unreadable)}" if data.unreadable else ""
-    return DataSource("data dictionary", name, f"{len(data.entries)} variables{unread}")
+    content = _MISSING
+    findings: tuple[Finding, ...] = ()
+    if Path(name).name == name and path.is_file():
+        try:
+            data = read_dictionary(path).data
+            unread = f", unreadable: {', '.join(data.unreadable)}" if data.unreadable else ""
+            content = f"{len(data.entries)} variables{unread}"
+        except InputError as error:
+            content, findings = "unreadable", error.findings
+    return DataSource("data dictionary", name, content), findings
 
 
 def _first_line(code: str) -> str:

@@ -1,14 +1,16 @@
 """Signals during lowering: arrays of graph nodes, or buses of named signals."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
 
+from kennfeld.formatting import size_text
+from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 
 CONSTANT = math.inf
 CONTINUOUS = 0.0
@@ -19,12 +21,16 @@ class Signal:
     """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix, (1,) for a scalar.
 
     `period` is the sample time in s: 0 if it may change at any time, infinite if it is constant. `sound` is False for
-    placeholders of unsupported signals.
+    placeholders of unsupported signals. Operators act element by element, with numbers as constants, and add nodes to
+    the graph of `builder`; comparisons give 1 or 0, and `&`, `|` and `~` are logical.
     """
 
     nodes: Nodes
     period: float = CONTINUOUS
     sound: bool = True
+    builder: GraphBuilder | None = None
+
+    __array_ufunc__ = None  # a numpy number on the left leaves the operation to the signal
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -44,12 +50,135 @@ class Signal:
     @property
     def elements(self) -> "list[Signal]":
         """Scalar signals, column by column."""
-        return [scalar(node, self.period) for node in self.flat]
+        return [replace(self, nodes=np.array([node], dtype=np.int64)) for node in self.flat]
+
+    def __add__(self, other: "Signal | float") -> "Signal":
+        return apply("add", self, other)
+
+    def __sub__(self, other: "Signal | float") -> "Signal":
+        return apply("sub", self, other)
+
+    def __mul__(self, other: "Signal | float") -> "Signal":
+        return apply("mul", self, other)
+
+    def __truediv__(self, other: "Signal | float") -> "Signal":
+        return apply("div", self, other)
+
+    def __pow__(self, other: "Signal | float") -> "Signal":
+        return apply("pow", self, other)
+
+    def __mod__(self, other: "Signal | float") -> "Signal":
+        return apply("mod", self, other)
+
+    def __and__(self, other: "Signal | float") -> "Signal":
+        return apply("and", self, other)
+
+    def __or__(self, other: "Signal | float") -> "Signal":
+        return apply("or", self, other)
+
+    def __lt__(self, other: "Signal | float") -> "Signal":
+        return apply("lt", self, other)
+
+    def __le__(self, other: "Signal | float") -> "Signal":
+        return apply("le", self, other)
+
+    def __gt__(self, other: "Signal | float") -> "Signal":
+        return apply("gt", self, other)
+
+    def __ge__(self, other: "Signal | float") -> "Signal":
+        return apply("ge", self, other)
+
+    def __radd__(self, other: float) -> "Signal":
+        return apply("add", other, self)
+
+    def __rsub__(self, other: float) -> "Signal":
+        return apply("sub", other, self)
+
+    def __rmul__(self, other: float) -> "Signal":
+        return apply("mul", other, self)
+
+    def __rtruediv__(self, other: float) -> "Signal":
+        return apply("div", other, self)
+
+    def __rpow__(self, other: float) -> "Signal":
+        return apply("pow", other, self)
+
+    def __neg__(self) -> "Signal":
+        return apply("neg", self)
+
+    def __abs__(self) -> "Signal":
+        return apply("abs", self)
+
+    def __invert__(self) -> "Signal":
+        return apply("not", self)
 
 
-def scalar(node: int, period: float = CONTINUOUS) -> Signal:
+def apply(op: str, *args: Signal | float) -> Signal:
+    """Apply a graph operation element by element; scalars are broadcast, numbers are constants."""
+    builder = next(arg.builder for arg in args if isinstance(arg, Signal) and arg.builder is not None)
+    spread = broadcast(*(arg if isinstance(arg, Signal) else constant(builder, arg) for arg in args))
+    nodes = elementwise(builder, op, *(signal.nodes for signal in spread))
+    return Signal(nodes, period_of(spread), builder=builder)
+
+
+def broadcast(*signals: Signal) -> list[Signal]:
+    """Return the signals in their common shape; raise `EvaluationError` if they do not match."""
+    shape = common_shape(*(signal.shape for signal in signals))
+    if shape is None:
+        sizes = ", ".join(size_text(signal.shape) for signal in signals)
+        raise EvaluationError(f"its inputs have the sizes {sizes}, which do not match")
+    return [replace(signal, nodes=fit_to_shape(signal.nodes, shape)) for signal in signals]
+
+
+def constant(builder: GraphBuilder, *values: float) -> Signal:
+    """Return a vector of constants."""
+    nodes = np.array([builder.const(value) for value in values], dtype=np.int64)
+    return Signal(nodes, CONSTANT, builder=builder)
+
+
+def select(condition: Signal, yes: Signal | float, no: Signal | float) -> Signal:
+    """Return one signal where a condition holds, else the other."""
+    return apply("select", condition, yes, no)
+
+
+def select_by_index(index: Signal, values: Sequence[Signal], first: float) -> Signal:
+    """Return the first value if the index is below `first`, the second if it is below `first` + 1, and so on."""
+    result = values[-1]
+    for at in reversed(range(len(values) - 1)):
+        result = select(index < at + first, values[at], result)
+    return result
+
+
+def staircase(x: Signal, start: Signal, steps: Iterable[tuple[float, float]]) -> Signal:
+    """Return the value of the last step (limit, value) whose limit x has reached, `start` before the first."""
+    for limit, value in steps:
+        start = select(x >= limit, value, start)
+    return start
+
+
+def interpolate_line(x: Signal, xs: Sequence[Signal], ys: Sequence[Signal]) -> Signal:
+    """Return the line through two points at x."""
+    return ys[0] + (x - xs[0]) / (xs[1] - xs[0]) * (ys[1] - ys[0])
+
+
+def clip(x: Signal, lower: Signal, upper: Signal) -> Signal:
+    """Limit a signal; infinite limits have no effect."""
+    if not _is_constant(lower, -math.inf):
+        x = apply("max", x, lower)
+    return x if _is_constant(upper, math.inf) else apply("min", x, upper)
+
+
+def _is_constant(signal: Signal, value: float) -> bool:
+    assert signal.builder is not None
+    return all(signal.builder.value(node) == value for node in signal.flat)
+
+
+SignalRule: TypeAlias = Callable[[Signal], Signal]
+
+
+def scalar(node: int, period: float = CONTINUOUS, builder: GraphBuilder | None = None) -> Signal:
     """Return a signal of one node."""
-    return Signal(np.array([node], dtype=np.int64), period)
+    return Signal(np.array([node], dtype=np.int64), period, builder=builder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +201,6 @@ class Bus:
         """Return the signal or bus of a name, None if there is none."""
         return self.members.get(name)
 
-    def assigned(self, name: str, new: "SignalOrBus") -> "Bus":
-        """Return the bus with one signal replaced."""
-        return replace(self, members={**self.members, name: new})
-
 
 @dataclass(frozen=True, eq=False)
 class ExternalBus(Bus):
@@ -96,7 +221,7 @@ class ExternalBus(Bus):
     @property
     def signal(self) -> Signal:
         """The scalar input that it is if no signal is selected."""
-        return Signal(np.array([self.node(self.name)], dtype=np.int64))
+        return scalar(self.node(self.name))
 
     def member(self, name: str) -> "SignalOrBus":
         """Return the signal of a name, which may itself be a bus."""
@@ -117,7 +242,25 @@ def leaf_signals(wired: SignalOrBus, name: str = "") -> Iterator[tuple[str, Sign
         yield from leaf_signals(member, f"{name}.{key}" if name else key)
 
 
-def fastest_sample_time(periods: "Iterator[float] | list[float]") -> float:
+def map_members(rule: Callable[..., Signal], mismatch: str, *wired: SignalOrBus, ordered: bool = False) -> SignalOrBus:
+    """Apply a rule to signals, or to each member of buses; raise `EvaluationError` if the buses differ."""
+    plain = [item.signal if isinstance(item, ExternalBus) else item for item in wired]
+    buses = [item for item in plain if isinstance(item, Bus)]
+    if not buses:
+        return rule(*plain)
+    names = [list(bus.members) if ordered else set(bus.members) for bus in buses]
+    if len(buses) < len(plain) or any(others != names[0] for others in names):
+        raise EvaluationError(mismatch)
+    parts = {name: [bus.members[name] for bus in buses] for name in buses[0].members}
+    return Bus({name: map_members(rule, mismatch, *part, ordered=ordered) for name, part in parts.items()})
+
+
+def period_of(signals: Iterable[SignalOrBus]) -> float:
+    """Return the sample time of a result computed from these signals."""
+    return fastest_sample_time(signal.period for signal in signals)
+
+
+def fastest_sample_time(periods: Iterable[float]) -> float:
     """Return the sample time of a result computed from signals with these sample times.
 
     >>> fastest_sample_time([0.1, float("inf"), 0.5]), fastest_sample_time([])
@@ -153,12 +296,3 @@ def fit_to_shape(nodes: Nodes, shape: tuple[int, ...]) -> Nodes:
     if nodes.size not in (1, math.prod(shape)):
         raise EvaluationError(f"its value has {nodes.size} elements, but its signal has size {size_text(shape)}")
     return np.full(shape, nodes.ravel()[0], dtype=np.int64) if nodes.size == 1 else nodes.reshape(shape)
-
-
-def size_text(shape: Iterable[int]) -> str:
-    """Return the sizes along the dimensions as text.
-
-    >>> size_text((2, 3))
-    '2 x 3'
-    """
-    return " x ".join(map(str, shape))

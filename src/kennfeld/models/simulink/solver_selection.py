@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from kennfeld.errors import Finding, Location
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
@@ -30,8 +31,8 @@ class SolverSelection:
     """The `solver` and `clock` for a model's settings, evaluated in `scope`.
 
     `replaced` is True if the model's solver is not available. `substitutions` are sentences on what replaces the
-    settings, `step_substitutions` those that a step given by the user makes void; `remarks` name settings without a
-    value.
+    settings, `step_substitutions` those that a step given by the user makes void; `warnings` name settings without
+    a value.
     """
 
     def __init__(
@@ -41,7 +42,7 @@ class SolverSelection:
         self.expressions = expressions
         self.scope = scope
         self.substitutions: list[str] = []
-        self.remarks: list[str] = []
+        self.warnings: list[Finding] = []
         self.step_substitutions: list[str] = []
         continuous = any(map(_is_continuous, flat_blocks))
         periods = _periods(flat_blocks, expressions)
@@ -92,7 +93,8 @@ class SolverSelection:
         try:
             numbers = self.expressions.numbers(text, self.scope)
         except EvaluationError:
-            self.remarks.append(f"the solver setting {text[:60]} has no value")
+            message = f"the solver setting {text[:60]} has no value"
+            self.warnings.append(Finding(Location(), message, severity="warning"))
             return None
         return float(numbers.item()) if numbers.size == 1 else None
 

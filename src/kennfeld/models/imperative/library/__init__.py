@@ -5,16 +5,14 @@ from kennfeld.models.imperative.library import (
     container_functions,
     elementwise_functions,
     interpolation_functions,
+    numeric_rules,
     reduction_functions,
 )
-from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS, TAKES_TABLES
+from kennfeld.models.imperative.library.function_registry import C_FUNCTIONS, SYMBOLIC_FUNCTIONS, TAKES_TABLES
 
-__all__ = [
-    "SYMBOLIC_FUNCTIONS",
-    "TAKES_TABLES",
-    "array_functions",
-    "container_functions",
-    "elementwise_functions",
-    "interpolation_functions",
-    "reduction_functions",
-]
+__all__ = ["C_FUNCTIONS", "SYMBOLIC_FUNCTIONS", "TAKES_TABLES"]
+
+_FAMILIES = (
+    array_functions, container_functions, elementwise_functions, interpolation_functions, numeric_rules,
+    reduction_functions,
+)  # fmt: skip

@@ -5,26 +5,17 @@ A new function is a rule decorated with `@function("name", least, most)` in the 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import EvaluationContext, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType, integer_type_named
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers, align_dimensions
-from kennfeld.models.imperative.symbolic_values import (
-    DeferredValue,
-    LogicalNodes,
-    SymbolicValue,
-    as_array,
-    force,
-    integers,
-    word_of,
-)
-
-if TYPE_CHECKING:
-    from kennfeld.models.imperative.expression_evaluator import ExpressionEvaluator
-
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, Numbers, align_dimensions
 
 # functions whose first result has the integer type of their arguments
 KEEPS_INTEGERS = frozenset(
@@ -35,7 +26,7 @@ KEEPS_INTEGERS = frozenset(
 )
 TAKES_TABLES = frozenset({"interp1", "interp2"})  # functions that may make a table of a parameter
 
-Rule: TypeAlias = "Callable[[SymbolicArguments], SymbolicValue | tuple[SymbolicValue, ...]]"
+Rule: TypeAlias = "Callable[[SymbolicArguments], s.SymbolicValue | tuple[s.SymbolicValue, ...]]"
 
 
 def matlab_word(name: str) -> IntegerType | None:
@@ -54,16 +45,31 @@ class SymbolicArguments:
     """The arguments of a call, and the number of results wanted."""
 
     name: str
-    calls: "ExpressionEvaluator"
-    held: Sequence[SymbolicValue]
+    evaluator: SymbolicEvaluator
+    values: Sequence[s.SymbolicValue]
     wanted: int = 1
 
+    @property
+    def builder(self) -> GraphBuilder:
+        """The builder of the graph."""
+        return self.evaluator.builder
+
+    @property
+    def context(self) -> EvaluationContext:
+        """The context shared by all code of the block."""
+        return self.evaluator.context
+
+    @cached_property
+    def apply(self) -> Elementwise:
+        """The operations of the graph, element by element."""
+        return Elementwise(self.builder)
+
     def __len__(self) -> int:
-        return len(self.held)
+        return len(self.values)
 
     def array(self, at: int) -> Nodes:
         """Return an argument, counted from 0, as an array of nodes."""
-        return as_array(force(self.held[at]), f"argument {at + 1} of {self.name}")
+        return s.as_array(s.force(self.values[at]), f"argument {at + 1} of {self.name}")
 
     def vector(self, at: int) -> Nodes:
         """Return an argument as a column; raises `ProgramError` if it is a matrix."""
@@ -74,13 +80,13 @@ class SymbolicArguments:
 
     def table(self, at: int) -> str:
         """Return the name of the parameter that an argument is, if it is not used yet; else ""."""
-        held = self.held[at]
-        return held.name if isinstance(held, DeferredValue) else ""
+        value = self.values[at]
+        return value.name if isinstance(value, s.DeferredValue) else ""
 
     def fits(self, *arrays: Nodes) -> None:
         """Raise `ProgramError` if arrays broadcast against each other become too large."""
         shape = np.broadcast_shapes(*(item.shape for item in align_dimensions(*arrays)))
-        self.calls.context.room(float(np.prod(shape, dtype=np.float64)))
+        self.context.room(float(np.prod(shape, dtype=np.float64)))
 
     @property
     def arrays(self) -> list[Nodes]:
@@ -90,7 +96,7 @@ class SymbolicArguments:
     def numbers(self, at: int, message: str = "") -> Numbers:
         """Return an argument as numbers that depend on no signal."""
         message = message or f"argument {at + 1} of {self.name}"
-        numbers = self.calls.context.numbers(self.array(at), message)
+        numbers = self.context.numbers(self.array(at), message)
         if numbers is None:
             raise ProgramError(f"{message} must not depend on signals")
         return numbers
@@ -102,13 +108,6 @@ class SymbolicArguments:
             raise ProgramError(f"argument {at + 1} of {self.name} is not an integer")
         return int(numbers.item())
 
-    def wholes(self, at: int) -> list[int]:
-        """Return an argument as integers that depend on no signal."""
-        result = self.numbers(at).ravel(order="F")
-        if not all(float(match).is_integer() for match in result):
-            raise self.refuse(f"argument {at + 1} must contain integers")
-        return [int(match) for match in result]
-
     def matrix(self, at: int) -> Nodes:
         """Return an argument of two dimensions."""
         array = self.array(at)
@@ -118,10 +117,10 @@ class SymbolicArguments:
 
     def text(self, at: int) -> str:
         """Return an argument as a text."""
-        held = self.held[at]
-        if not isinstance(held, str):
+        value = self.values[at]
+        if not isinstance(value, str):
             raise ProgramError(f"argument {at + 1} of {self.name} is not a text")
-        return held
+        return value
 
     def dimension(self, at: int, array: Nodes) -> int:
         """Return the zero-based dimension to work along: as given, else the first that is longer than one."""
@@ -147,39 +146,36 @@ class SymbolicFunction:
     rule: Rule
 
     def results(
-        self, calls: "ExpressionEvaluator", held: Sequence[SymbolicValue], wanted: int
-    ) -> tuple[SymbolicValue, ...]:
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
         """Call the function with arguments."""
-        if not self.least <= len(held) <= self.most:
-            few = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
-            raise ProgramError(f"{self.name} takes {few} arguments, got {len(held)}")
+        if not self.least <= len(values) <= self.most:
+            expected = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
+            raise ProgramError(f"{self.name} takes {expected} arguments, got {len(values)}")
+        forced = values if self.name in TAKES_TABLES else [s.force(value) for value in values]
         try:
-            result = self.rule(SymbolicArguments(self.name, calls, self._arguments(held), wanted))
+            result = self.rule(SymbolicArguments(self.name, evaluator, forced, wanted))
         except (ValueError, IndexError, np.exceptions.AxisError) as error:
             raise ProgramError(f"{self.name}: its arguments have incompatible sizes ({str(error)[:100]})") from None
-        results = result if isinstance(result, tuple) else (result,)
-        word = (
-            word_of(*(value for value in held if isinstance(value, np.ndarray)))
-            if self.name in KEEPS_INTEGERS
-            else None
-        )
-        if word is None or not isinstance(results[0], np.ndarray) or isinstance(results[0], LogicalNodes):
-            return results
-        return (integers(results[0], word), *results[1:])
-
-    def _arguments(self, held: Sequence[SymbolicValue]) -> Sequence[SymbolicValue]:
-        return held if self.name in TAKES_TABLES else [force(value) for value in held]
+        first, *others = result if isinstance(result, tuple) else (result,)
+        word = s.word_of(*(value for value in values if isinstance(value, np.ndarray)))
+        is_number = isinstance(first, np.ndarray) and not isinstance(first, s.LogicalNodes)
+        if word is not None and is_number and self.name in KEEPS_INTEGERS:
+            first = s.integers(s.as_array(first), word)
+        return (first, *others)
 
 
 SYMBOLIC_FUNCTIONS: dict[str, SymbolicFunction] = {}
+C_FUNCTIONS: dict[str, SymbolicFunction] = {}
 
 
-def function(*names: str, least: int = 1, most: int = 1) -> Callable[[Rule], Rule]:
+def function(
+    *names: str, least: int = 1, most: int = 1, library: dict[str, SymbolicFunction] = SYMBOLIC_FUNCTIONS
+) -> Callable[[Rule], Rule]:
     """Register a rule as functions of these names."""
 
     def enter(rule: Rule) -> Rule:
-        for name in names:
-            SYMBOLIC_FUNCTIONS[name] = SymbolicFunction(name, least, most, rule)
+        library.update({name: SymbolicFunction(name, least, most, rule) for name in names})
         return rule
 
     return enter

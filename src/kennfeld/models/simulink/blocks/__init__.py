@@ -1,8 +1,7 @@
 """Block handlers, grouped by Simulink library; importing a module registers its handlers."""
 
-from kennfeld.models.simulink.blocks import (
+from kennfeld.models.simulink.blocks import (  # noqa: F401
     bit_operations,
-    compensators,
     continuous,
     delays,
     discontinuities,
@@ -19,23 +18,3 @@ from kennfeld.models.simulink.blocks import (
     sources,
     user_defined_functions,
 )
-
-__all__ = [
-    "bit_operations",
-    "compensators",
-    "continuous",
-    "delays",
-    "discontinuities",
-    "discrete",
-    "logic",
-    "lookup_tables",
-    "math_operations",
-    "matrix_operations",
-    "pid_controllers",
-    "ports_and_subsystems",
-    "prelookup_tables",
-    "signal_attributes",
-    "signal_routing",
-    "sources",
-    "user_defined_functions",
-]

@@ -6,15 +6,18 @@ type of a signal stores; if the file does not specify the type, those of the val
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time
+from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.models.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    apply,
+    broadcast,
+    period_of,
+    select,
+)
 
 _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals
@@ -32,7 +35,7 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
     kind = block.option("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
     if not block.input_count:
         raise UnsupportedError("it has no input")
-    word = _shared(block, needed=kind in ("NOT", "NAND", "NOR"))
+    word = _common_type(block, needed=kind in ("NOT", "NAND", "NOR"))
     inputs = [stored_integer(block, at, word) for at in range(block.input_count)]
     if kind == "NOT":
         return _complement(block, inputs[0], word)
@@ -40,14 +43,14 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
     if block.is_on("UseBitMask"):
         result = _with_mask(block, op, inputs[0], _masks(block, word))
     else:
-        result = _folded(block, op, inputs if len(inputs) > 1 else inputs[0].elements)
+        result = _fold(block, op, inputs if len(inputs) > 1 else inputs[0].elements)
     return result if kind == op else _complement(block, result, word)
 
 
-def _shared(block: BlockContext, needed: bool) -> IntegerType | None:
+def _common_type(block: BlockContext, needed: bool) -> IntegerType | None:
     """Return the integer type that all inputs must have, that of the first input that specifies one."""
-    words = (integer_type_of(block.source(at)) for at in range(block.input_count))
-    word = next((integer_type for integer_type in words if integer_type is not None), None)
+    types = (integer_type_of(block.source(at)) for at in range(block.input_count))
+    word = next(filter(None, types), None)
     return _require_integer_type(word) if needed else word
 
 
@@ -57,20 +60,19 @@ def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | Non
     If no block specifies a type, it is `otherwise`.
     """
     x, word = block.input(index), integer_type_of(block.source(index)) or otherwise
-    return block.apply("floor", x) if word is None else fit_to_type(block, x, word)
+    return apply("floor", x) if word is None else fit_to_type(block, x, word)
 
 
 def fit_to_type(block: BlockContext, x: Signal, word: IntegerType) -> Signal:
     """Return the signal rounded and wrapped or saturated to an integer type."""
-    return Signal(integer_types.fit_to_type(block.builder, x.nodes, word), x.period)
+    return block.signal(integer_types.fit_to_type(block.builder, x.nodes, word), x.period)
 
 
 def _require_integer_type(word: IntegerType | None) -> IntegerType:
     """Return the integer type of an input; complements and shifts depend on it."""
     if word is None:
-        raise UnsupportedError(
-            "its result depends on the integer type of its input, which the file does not specify", _TYPE_REMEDY
-        )
+        message = "its result depends on the integer type of its input, which the file does not specify"
+        raise UnsupportedError(message, _TYPE_REMEDY)
     if word.bits > _MAX_SIGNAL_BITS:
         raise UnsupportedError(f"its input has {word.bits} bits, but doubles are exact only up to 53 bits")
     return word
@@ -81,7 +83,7 @@ def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
     if word is not None:
         return [word.wrapped(number) for number in masks]
     if any(not 0 <= number < _MIN_SIGN_BIT for number in masks):
-        block.remark(
+        block.warn(
             "uses its mask as written because the file does not specify the integer type of its input: if that "
             "type is signed or has fewer bits than the mask, the result wraps in Simulink. Specify an integer output "
             "type on the block that feeds it"
@@ -92,7 +94,7 @@ def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
 def _complement(block: BlockContext, x: Signal, word: IntegerType | None) -> Signal:
     assert word is not None
     top = -1.0 if word.signed else 2.0**word.bits - 1
-    return block.apply("sub", block.constant(top), x)
+    return top - x
 
 
 def _with_mask(block: BlockContext, op: str, x: Signal, masks: list[int]) -> Signal:
@@ -101,9 +103,8 @@ def _with_mask(block: BlockContext, op: str, x: Signal, masks: list[int]) -> Sig
         raise UnsupportedError(f"it has {len(masks)} masks for {x.size} input elements")
     elements = x.elements * (len(masks) if x.size == 1 else 1)
     masks = masks * (len(elements) if len(masks) == 1 else 1)
-    nodes = [_masked(block, op, signal, mask).flat[0] for signal, mask in zip(elements, masks, strict=True)]
-    shape = x.shape if len(nodes) == x.size else (len(nodes),)
-    return Signal(np.array(nodes, dtype=np.int64).reshape(shape, order="F"), x.period)
+    nodes = [_apply_mask(block, op, signal, mask).flat[0] for signal, mask in zip(elements, masks, strict=True)]
+    return block.signal(nodes, x.period, x.shape if len(nodes) == x.size else (len(nodes),))
 
 
 def _whole(value: float) -> int:
@@ -112,25 +113,24 @@ def _whole(value: float) -> int:
     return int(value)
 
 
-def _masked(block: BlockContext, op: str, x: Signal, mask: int) -> Signal:
+def _apply_mask(block: BlockContext, op: str, x: Signal, mask: int) -> Signal:
     """Apply a mask through `x AND m`: x OR m = x + m - (x AND m), x XOR m = x + m - 2 (x AND m)."""
-    both = _and(block, x, mask) if mask >= 0 else block.apply("sub", x, _and(block, x, -mask - 1))
-    return _from_and(block, op, x, block.constant(float(mask)), both)
+    both = _and(block, x, mask) if mask >= 0 else x - _and(block, x, -mask - 1)
+    return _from_and(op, x, block.constant(float(mask)), both)
 
 
-def _from_and(block: BlockContext, op: str, a: Signal, b: Signal, both: Signal) -> Signal:
+def _from_and(op: str, a: Signal, b: Signal, both: Signal) -> Signal:
     if op == "AND":
         return both
-    taken = both if op == "OR" else block.apply("mul", block.constant(2.0), both)
-    return block.apply("sub", block.apply("add", a, b), taken)
+    return a + b - (both if op == "OR" else 2.0 * both)
 
 
 def _and(block: BlockContext, x: Signal, mask: int) -> Signal:
     """Return x AND mask for a mask >= 0, summed over the runs of ones in the mask."""
     result = block.constant(0.0)
     for first, count in _runs(mask):
-        result = block.apply("add", result, _field(block, x, first, count))
-    return Signal(result.nodes, x.period)
+        result = result + _field(x, first, count)
+    return block.signal(result.nodes, x.period)
 
 
 def _runs(mask: int) -> Iterator[tuple[int, int]]:
@@ -149,61 +149,46 @@ def _runs(mask: int) -> Iterator[tuple[int, int]]:
         at += max(count, 1)
 
 
-def _field(block: BlockContext, x: Signal, first: int, count: int) -> Signal:
+def _field(x: Signal, first: int, count: int) -> Signal:
     """Return a bit field of x in place: 2^first mod(floor(x / 2^first), 2^count)."""
-    low, width = block.constant(2.0**first), block.constant(2.0**count)
-    return block.apply("mul", low, block.apply("mod", block.apply("floor", block.apply("div", x, low)), width))
+    return 2.0**first * (apply("floor", x / 2.0**first) % 2.0**count)
 
 
-def _folded(block: BlockContext, op: str, parts: list[Signal]) -> Signal:
+def _fold(block: BlockContext, op: str, parts: list[Signal]) -> Signal:
     result = parts[0]
     for part in parts[1:]:
-        a, b = block.broadcast(result, part)
-        nodes = [_paired(block, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
-        period = fastest_sample_time([a.period, b.period])
-        result = Signal(np.array(nodes, dtype=np.int64).reshape(a.shape, order="F"), period)
+        a, b = broadcast(result, part)
+        nodes = [_combine_pair(block, op, x, y).flat[0] for x, y in zip(a.elements, b.elements, strict=True)]
+        result = block.signal(nodes, period_of((a, b)), a.shape)
     return result
 
 
-def _paired(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
+def _combine_pair(block: BlockContext, op: str, a: Signal, b: Signal) -> Signal:
     """Apply an operation to two signals bit by bit, or to one and a constant mask; NaN beyond int32 and uint32."""
     for signal, other in ((a, b), (b, a)):
         value = block.builder.value(signal.flat[0])
         if value is not None:
-            return _masked(block, op, other, _whole(value))
-    zero, both = block.constant(0.0), block.constant(0.0)
+            return _apply_mask(block, op, other, _whole(value))
+    both, edge = block.constant(0.0), 2.0**_MAX_SIGNAL_BITS
     for at in range(_MAX_SIGNAL_BITS):
-        bit = block.apply("mul", _field(block, a, at, 1), _field(block, b, at, 1))
-        both = block.apply("add", both, block.apply("div", bit, block.constant(2.0**at)))
-    signs = block.apply("and", block.apply("lt", a, zero), block.apply("lt", b, zero))
-    both = block.apply("sub", both, block.apply("mul", block.constant(2.0**_MAX_SIGNAL_BITS), signs))
-    fits = block.apply("and", _fits(block, a), _fits(block, b))
-    return block.select(fits, _from_and(block, op, a, b, both), block.constant(float("nan")))
-
-
-def _fits(block: BlockContext, x: Signal) -> Signal:
-    edge = 2.0**_MAX_SIGNAL_BITS
-    return block.apply("and", block.apply("ge", x, block.constant(-edge)), block.apply("lt", x, block.constant(edge)))
+        both = both + _field(a, at, 1) * _field(b, at, 1) / 2.0**at
+    both = both - edge * ((a < 0.0) & (b < 0.0))
+    fits = (a >= -edge) & (a < edge) & ((b >= -edge) & (b < edge))
+    return select(fits, _from_and(op, a, b, both), float("nan"))
 
 
 @block("Bit Set", linked=True, iBit="0")
 def bit_set(block: BlockContext) -> SignalOrBus:
     """Return the input with one bit set."""
     x, bit, weight = _bit(block)
-    clear = block.apply("sub", block.constant(1.0), _one_bit(block, x, bit))
-    return block.apply("add", x, block.apply("mul", block.constant(weight), clear))
+    return x + weight * (1.0 - _field(x, bit, 1) / 2.0**bit)
 
 
 @block("Bit Clear", linked=True, iBit="0")
 def bit_clear(block: BlockContext) -> SignalOrBus:
     """Return the input with one bit cleared."""
     x, bit, weight = _bit(block)
-    return block.apply("sub", x, block.apply("mul", block.constant(weight), _one_bit(block, x, bit)))
-
-
-def _one_bit(block: BlockContext, x: Signal, at: int) -> Signal:
-    """Return 1 if a bit of x is set, else 0."""
-    return block.apply("div", _field(block, x, at, 1), block.constant(2.0**at))
+    return x - weight * (_field(x, bit, 1) / 2.0**bit)
 
 
 def _bit(block: BlockContext) -> tuple[Signal, int, float]:
@@ -212,7 +197,7 @@ def _bit(block: BlockContext) -> tuple[Signal, int, float]:
     if word is not None and bit >= word.bits:
         raise UnsupportedError(f"bit {bit} is outside its {word.bits}-bit input")
     if word is None and bit >= _MIN_SIGN_BIT.bit_length() - 1:
-        block.remark(
+        block.warn(
             f"uses bit {bit} as 2^{bit} because the file does not specify the integer type of its input: as a "
             "sign bit it would be negative. Specify an integer output type on the block that feeds it"
         )
@@ -226,9 +211,8 @@ def old_shift(block: BlockContext) -> SignalOrBus:
     if block.numeric_field("nBinPtShiftRight"):
         raise UnsupportedError("it shifts the binary point, but data types are ignored")
     by = block.parameter("nBitShiftRight")
-    return _shifted(
-        block, stored_integer(block, 0), by, "Bidirectional", _require_integer_type(integer_type_of(block.source()))
-    )
+    word = _require_integer_type(integer_type_of(block.source()))
+    return _shift_bits(block, stored_integer(block, 0), by, "Bidirectional", word)
 
 
 @block("ArithShift", BitShiftNumberSource="Dialog", BitShiftDirection="Bidirectional",
@@ -239,17 +223,15 @@ def shift(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError("it shifts the binary point, but data types are ignored")
     path = block.option("BitShiftDirection", "Left", "Right", "Bidirectional")
     word = _require_integer_type(integer_type_of(block.source()))
-    x = stored_integer(block, 0)
-    if block.option("BitShiftNumberSource", "Dialog", "Input port") == "Dialog":
-        return _shifted(block, x, block.parameter("BitShiftNumber"), path, word)
-    return _shifted(block, x, stored_integer(block, 1), path, word)
+    x, source = stored_integer(block, 0), block.option("BitShiftNumberSource", "Dialog", "Input port")
+    by = block.parameter("BitShiftNumber") if source == "Dialog" else stored_integer(block, 1)
+    return _shift_bits(block, x, by, path, word)
 
 
-def _shifted(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:
-    right = block.apply("floor", block.apply("div", x, block.apply("pow", block.constant(2.0), by)))
+def _shift_bits(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:
+    right = apply("floor", x / 2.0**by)
     if path == "Right":
         return right
-    left = by if path == "Left" else block.apply("neg", by)
-    shifted = block.apply("mul", x, block.apply("pow", block.constant(2.0), left))
-    pushed = Signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
-    return pushed if path == "Left" else block.select(block.apply("lt", by, block.constant(0.0)), pushed, right)
+    shifted = x * 2.0 ** (by if path == "Left" else -by)
+    pushed = block.signal(integer_types.wrap_to_type(block.builder, shifted.nodes, word), shifted.period)
+    return pushed if path == "Left" else select(by < 0.0, pushed, right)

@@ -9,37 +9,44 @@ by a spline through the results.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kennfeld.errors import ArgumentError
+from kennfeld.formatting import size_text
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.node_arrays import Numbers, reduce_nodes
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
     parameter_field,
     variable_field,
 )
-from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time, size_text
+from kennfeld.models.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    apply,
+    broadcast,
+    interpolate_line,
+    period_of,
+    select,
+    staircase,
+)
 from kennfeld.models.simulink.variables.mask_scope import Variable
 from kennfeld.parameters import Axis, Parameter
 
-_LINEAR = (
-    "Linear",
-    "Linear point-slope",
-    "Linear Lagrange",
-    "Interpolation-Extrapolation",
-    "Interpolation-Use End Values",
-)
-_NEAREST = ("Nearest", "Use Input Nearest")
+_MAX_SPLINE_NODES = 50_000
 _SPLINE = ("Cubic spline", "Cubic Spline")
-_MAX_SPLINE_NODES = 50_000  # nodes
-_FLAT = ("Flat", "None - Flat", "Use Input Below", "Below")
+_METHODS = {
+    "Linear": "linear", "Linear point-slope": "linear", "Linear Lagrange": "linear",
+    "Interpolation-Extrapolation": "linear", "Interpolation-Use End Values": "linear",
+    "Nearest": "nearest", "Use Input Nearest": "nearest",
+    "Flat": "flat", "None - Flat": "flat", "Use Input Below": "flat", "Below": "flat",
+    **dict.fromkeys(_SPLINE, "spline"),
+}  # fmt: skip
+_EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
 
 
 def nodes_needed(shape: Sequence[int]) -> int:
@@ -155,10 +162,13 @@ def lookup_nd(block: BlockContext) -> SignalOrBus:
     count = block.integer_field("NumberOfTableDimensions", 1, 30)
     if count > 4:
         raise UnsupportedError(f"its table has {count} dimensions; at most 4 are supported")
-    method = method_of(block.field_text("InterpMethod"), block.field_text("ExtrapMethod"))
+    method = method_of(block)
     names = [f"BreakpointsForDimension{i + 1}" for i in range(count)]
     if block.option("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
-        axes = [_even(block, i + 1, size) for i, size in enumerate(shape_of(block, "Table", count))]
+        starts = [block.numeric_field(f"{name}FirstPoint", "1") for name in names]
+        spacings = [block.numeric_field(f"{name}Spacing", "1") for name in names]
+        sizes = shape_of(block, "Table", count)
+        axes = [Axis(x + dx * np.arange(n)) for x, dx, n in zip(starts, spacings, sizes, strict=False)]
     else:
         axes = _axes(block, "Table", names)
     return lookup_field(block, "Table", axes, _coordinates(block, count), method)
@@ -167,43 +177,31 @@ def lookup_nd(block: BlockContext) -> SignalOrBus:
 def _object(block: BlockContext) -> SignalOrBus:
     """Look up a table whose values and breakpoints are one lookup table object."""
     whole = block.field_text("LookupTableObject")
-    method = method_of(block.field_text("InterpMethod"), block.field_text("ExtrapMethod"))
+    method = method_of(block)
     if (field := calibrated_table(block, whole)) is not None:
         axes = list(field.variable.axes)
-        return _looked_up(block, field, axes, _coordinates(block, len(axes)), method)
+        return _look_up(block, field, axes, _coordinates(block, len(axes)), method)
     table = variable_field(block, f"{whole}.Table")
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
-    axes = []
-    for at in range(count):
-        points = variable_field(block, f"{whole}.Breakpoints{at + 1}").values.ravel()
-        try:
-            axes.append(Axis(points))
-        except ArgumentError as error:
-            raise UnsupportedError(f"breakpoints {at + 1} of {whole}: {error}") from None
-    return _looked_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
+    fields = [variable_field(block, f"{whole}.Breakpoints{at + 1}") for at in range(count)]
+    axes = [_axis(field.values, f"breakpoints {at} of {whole}") for at, field in enumerate(fields, 1)]
+    return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
 
 
-def method_of(between: str, beyond: str) -> Method:
-    """Return the method of a block's settings; raise `UnsupportedError` for unsupported ones."""
-    kind = {**dict.fromkeys(_LINEAR, "linear"), **dict.fromkeys(_NEAREST, "nearest"), **dict.fromkeys(_FLAT, "flat")}
-    if between in _SPLINE:
-        return Method("spline", _beyond_spline(beyond))
-    if between not in kind:
-        known = "Supported: linear, nearest, flat and cubic spline."
-        raise UnsupportedError(f"InterpMethod {between!r} is not supported", known)
-    if kind[between] != "linear":
-        return Method(kind[between], "clip")
-    if beyond not in ("Clip", "None - Clip", "Linear"):
-        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", "Supported: clip and linear.")
-    return Method("linear", "linear" if beyond == "Linear" else "clip")
-
-
-def _beyond_spline(beyond: str) -> str:
-    if beyond in _SPLINE:
-        return "cubic"
-    if beyond not in ("Clip", "None - Clip", "Linear"):
-        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", "Supported: clip, linear and cubic.")
-    return "linear" if beyond == "Linear" else "clip"
+def method_of(block: BlockContext) -> Method:
+    """Return the method that a block specifies; raise `UnsupportedError` for unsupported ones."""
+    between, beyond = block.field_text("InterpMethod"), block.field_text("ExtrapMethod")
+    kind = _METHODS.get(between)
+    if kind is None:
+        remedy = "Supported: linear, nearest, flat and cubic spline."
+        raise UnsupportedError(f"InterpMethod {between!r} is not supported", remedy)
+    if kind in ("nearest", "flat"):
+        return Method(kind, "clip")
+    known = _EXTRAPOLATIONS | (dict.fromkeys(_SPLINE, "cubic") if kind == "spline" else {})
+    if beyond not in known:
+        names = "clip, linear and cubic" if kind == "spline" else "clip and linear"
+        raise UnsupportedError(f"ExtrapMethod {beyond!r} is not supported", f"Supported: {names}.")
+    return Method(kind, known[beyond])
 
 
 def _coordinates(block: BlockContext, count: int) -> list[Signal]:
@@ -213,12 +211,6 @@ def _coordinates(block: BlockContext, count: int) -> list[Signal]:
     if u.size != count:
         raise UnsupportedError(f"its input has {u.size} elements for {count} dimensions")
     return u.elements
-
-
-def _even(block: BlockContext, number: int, size: int) -> Axis:
-    first = block.numeric_field(f"BreakpointsForDimension{number}FirstPoint", "1")
-    spacing = block.numeric_field(f"BreakpointsForDimension{number}Spacing", "1")
-    return Axis(first + spacing * np.arange(size))
 
 
 def shape_of(block: BlockContext, name: str, count: int) -> tuple[int, ...]:
@@ -237,17 +229,21 @@ def breakpoint_axis(block: BlockContext, name: str) -> Axis:
     """Return the breakpoints of a dimension; a variable gives the axis its name, so that tables share it."""
     field = parameter_field(block, name)
     group = field.name if field.is_variable else ""
+    return _axis(field.values, f"its {name}", name=group, unit=field.variable.unit)
+
+
+def _axis(points: Numbers, description: str, **attributes: Any) -> Axis:
     try:
-        return Axis(field.values.ravel(), name=group, unit=field.variable.unit)
+        return Axis(points.ravel(), **attributes)
     except ArgumentError as error:
-        raise UnsupportedError(f"its {name}: {error}") from None
+        raise UnsupportedError(f"{description}: {error}") from None
 
 
 def lookup_field(
     block: BlockContext, table: str, axes: list[Axis], coordinates: list[Signal], method: Method
 ) -> Signal:
     """Look up the table of a field at coordinates, element by element."""
-    return _looked_up(block, parameter_field(block, table), axes, coordinates, method)
+    return _look_up(block, parameter_field(block, table), axes, coordinates, method)
 
 
 def constant_curve(
@@ -255,33 +251,29 @@ def constant_curve(
 ) -> Signal:
     """Look up a curve whose values are constants, named after the field they come from."""
     variable = Variable(values, source="a literal of the block")
-    return _looked_up(
-        block, ParameterField(f"{block.flat.path}:{field}", values, variable, False), [Axis(points)], [x], method
-    )
+    literal = ParameterField(f"{block.flat.path}:{field}", values, variable, False)
+    return _look_up(block, literal, [Axis(points)], [x], method)
 
 
-def _looked_up(
+def _look_up(
     block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: Method
 ) -> Signal:
-    table = field.name
-    values = _reshape_values(field.values, tuple(len(axis) for axis in axes), table)
+    values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
     if any(len(axis) < 2 for axis in axes):
-        raise UnsupportedError(f"its {table} has a dimension with only one breakpoint")
+        raise UnsupportedError(f"its {field.name} has a dimension with only one breakpoint")
     locked = not (field.is_variable or field.name in block.compiler.declared.promoted)
-    axes = [axis.changed(input=_quantity(block, at)) if not axis.name else axis for at, axis in enumerate(axes)]
+    inputs = block.flat.input_names
+    axes = [axis if axis.name else axis.changed(input=inputs.get(at, "")) for at, axis in enumerate(axes)]
     kept = method.beyond if method.between != "spline" else "clip"
     parameter = block.compiler.declared.table(field.name, values, axes, field.variable, locked, kept)
-    spread = block.broadcast(*coordinates)
+    spread = broadcast(*coordinates)
     if method.between == "spline":
         return _look_up_spline(block, parameter, spread, method.beyond)
     if method.between != "linear":
         spread = [_snap(block, x, axis, method.between) for x, axis in zip(spread, axes, strict=True)]
-    columns = [signal.nodes.ravel() for signal in spread]
-    nodes = [
-        block.builder.lookup(parameter.name, *(int(node) for node in place)) for place in zip(*columns, strict=True)
-    ]
-    period = fastest_sample_time([signal.period for signal in spread])
-    return Signal(np.array(nodes, dtype=np.int64).reshape(spread[0].shape), period)
+    places = zip(*(signal.flat for signal in spread), strict=True)
+    nodes = [block.builder.lookup(parameter.name, *place) for place in places]
+    return block.signal(nodes, period_of(spread), spread[0].shape)
 
 
 def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], beyond: str) -> Signal:
@@ -289,25 +281,17 @@ def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Sig
     points = [axis.breakpoints for axis in table.axes]
     shape = [len(axis) for axis in points]
     if nodes_needed(shape) > _MAX_SPLINE_NODES:
-        sizes = size_text(shape)
-        raise UnsupportedError(
-            f"its table of {sizes} values is too large for spline interpolation", "Use linear interpolation."
-        )
+        message = f"its table of {size_text(shape)} values is too large for spline interpolation"
+        raise UnsupportedError(message, "Use linear interpolation.")
     builder = block.builder
 
-    def value(*places: int) -> int:
-        return builder.lookup(
-            table.name, *(builder.const(float(axis[at])) for axis, at in zip(points, places, strict=True))
-        )
+    def value(*indices: int) -> int:
+        point = (builder.const(float(axis[at])) for axis, at in zip(points, indices, strict=True))
+        return builder.lookup(table.name, *point)
 
-    columns = zip(*(signal.nodes.ravel() for signal in coordinates), strict=True)
-    nodes = [spline(builder, value, points, [int(node) for node in place], beyond) for place in columns]
-    period = fastest_sample_time([signal.period for signal in coordinates])
-    return Signal(np.array(nodes, dtype=np.int64).reshape(coordinates[0].shape), period)
-
-
-def _quantity(block: BlockContext, at: int) -> str:
-    return block.flat.input_names.get(at, "")
+    places = zip(*(signal.flat for signal in coordinates), strict=True)
+    nodes = [spline(builder, value, points, place, beyond) for place in places]
+    return block.signal(nodes, period_of(coordinates), coordinates[0].shape)
 
 
 def _reshape_values(values: Numbers, shape: tuple[int, ...], table: str) -> Numbers:
@@ -322,19 +306,16 @@ def _reshape_values(values: Numbers, shape: tuple[int, ...], table: str) -> Numb
 
 def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
     """Round a coordinate to a breakpoint: the nearest (ties to the upper one), or the one below."""
-    points = axis.breakpoints
-    result = block.constant(float(points[0]))
-    for low, high in pairwise(points):
-        limit = block.constant(float(high if how == "flat" else (low + high) / 2))
-        result = block.select(block.apply("ge", x, limit), block.constant(float(high)), result)
-    return result
+    first, *points = axis.breakpoints.tolist()
+    limits = points if how == "flat" else [(low + high) / 2 for low, high in pairwise([first, *points])]
+    return staircase(x, block.constant(first), zip(limits, points, strict=True))
 
 
 @block("Lookup", InputValues="[-4:5]", Table=" rand(1,10)-0.5", LookUpMeth="Interpolation-Extrapolation",
        SampleTime="-1")  # fmt: skip
 def lookup(block: BlockContext) -> SignalOrBus:
     """Look up a curve (block before R2011a)."""
-    table = "Table" if block.flat.block.value("Table") is not None else "OutputValues"
+    table = block.field_name("Table", "OutputValues")
     return lookup_field(block, table, _axes(block, table, ["InputValues"]), [block.input()], _old_method(block))
 
 
@@ -342,18 +323,16 @@ def lookup(block: BlockContext) -> SignalOrBus:
        SampleTime="-1")  # fmt: skip
 def lookup_2d(block: BlockContext) -> SignalOrBus:
     """Look up a map (block before R2011a); the first input selects the row."""
-    rows = "RowIndex" if block.flat.block.value("RowIndex") is not None else "x"
-    columns = "ColumnIndex" if block.flat.block.value("ColumnIndex") is not None else "y"
-    table = "Table" if block.flat.block.value("Table") is not None else "t"
+    rows, columns = block.field_name("RowIndex", "x"), block.field_name("ColumnIndex", "y")
+    table = block.field_name("Table", "t")
     return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
 
 
 def _old_method(block: BlockContext) -> Method:
     written = block.field_text("LookUpMeth")
-    if written not in (*_LINEAR, *_NEAREST, *_FLAT):
+    if written not in _METHODS or _METHODS[written] == "spline":
         raise UnsupportedError(f"LookUpMeth {written!r} is not supported")
-    between = "linear" if written in _LINEAR else "nearest" if written in _NEAREST else "flat"
-    return Method(between, "linear" if written == "Interpolation-Extrapolation" else "clip")
+    return Method(_METHODS[written], "linear" if written == "Interpolation-Extrapolation" else "clip")
 
 
 @block("LookupNDDirect", NumberOfTableDimensions="1", InputsSelectThisObjectFromTable="Element", TableIsInput="off",
@@ -365,7 +344,7 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
     count = block.integer_field("NumberOfTableDimensions", 1, 4)
     shape = shape_of(block, "Table", count)
-    places = [block.apply("floor", signal) for signal in block.inputs]
+    places = [apply("floor", signal) for signal in block.inputs]
     if wanted == "Column":
         places.insert(0, block.constant(*map(float, range(shape[0]))))
     if len(places) != count or (wanted == "Column" and any(place.size != 1 for place in places[1:])):
@@ -383,20 +362,13 @@ def lookup_dynamic(block: BlockContext) -> SignalOrBus:
     x, xs, ys = (block.input(at) for at in range(3))
     if method.between != "linear" or xs.size != ys.size or xs.size < 2:
         raise UnsupportedError("only linear interpolation between at least two points is supported")
-    points = [signal.elements for signal in (xs, ys)]
-    result = _line(block, x, points, 0)
+    points, values = xs.elements, ys.elements
+    result = interpolate_line(x, points, values)
     for at in range(1, xs.size - 1):
-        result = block.select(block.apply("ge", x, points[0][at]), _line(block, x, points, at), result)
+        result = select(x >= points[at], interpolate_line(x, points[at:], values[at:]), result)
     if method.beyond == "linear":
         return result
-    low = block.select(block.apply("lt", x, points[0][0]), points[1][0], result)
-    return block.select(block.apply("gt", x, points[0][-1]), points[1][-1], low)
-
-
-def _line(block: BlockContext, x: Signal, points: list[list[Signal]], at: int) -> Signal:
-    (x0, x1), (y0, y1) = (signals[at : at + 2] for signals in points)
-    share = block.apply("div", block.apply("sub", x, x0), block.apply("sub", x1, x0))
-    return block.apply("add", y0, block.apply("mul", share, block.apply("sub", y1, y0)))
+    return select(x > points[-1], values[-1], select(x < points[0], values[0], result))
 
 
 def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:

@@ -4,12 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import dimension_settings, selected_indices
-from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Signal, SignalOrBus, fastest_sample_time, scalar, size_text
+from kennfeld.models.simulink.signals import (
+    Signal,
+    SignalOrBus,
+    apply,
+    period_of,
+)
 
 _MAX_COMPARISONS = 100_000
 _MAX_INVERSE_ROWS = 3
@@ -38,8 +42,9 @@ def assignment(block: BlockContext) -> SignalOrBus:
             text = index_fields[axis] if axis < len(index_fields) else ""
             axes.append(_constant_indices(block, option, text, nodes, axis, values))
     assigned = _assigned(block, nodes, values, axes)
-    period = fastest_sample_time([signal.period for signal in block.inputs])
-    return Signal(assigned.reshape(into.shape, order="F") if dimensions == 1 else assigned, period)
+    if dimensions == 1:
+        assigned = assigned.reshape(into.shape, order="F")
+    return block.signal(assigned, period_of(block.inputs))
 
 
 def _extent(values: Signal, axis: int, dimensions: int) -> int:
@@ -54,9 +59,7 @@ def _constant_indices(
     """Return constant indices along a dimension, paired with those of the values; both from 0."""
     option = "Select all" if option == "Assign all" else option
     count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
-    return [
-        (at, place) for at, place in enumerate(selected_indices(block, option, text, nodes.shape[axis], axis, count))
-    ]
+    return list(enumerate(selected_indices(block, option, text, nodes.shape[axis], axis, count)))
 
 
 def _variable_indices(
@@ -64,12 +67,9 @@ def _variable_indices(
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
     first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
-    places = block.apply("sub", block.apply("floor", index), block.constant(first))
-    if option.startswith("Starting") and nodes.ndim == 1:
-        places = block.apply("add", places, block.constant(*map(float, range(values.size))))
-    elif option.startswith("Starting"):
-        count = _extent(values, axis, nodes.ndim)
-        places = block.apply("add", places, block.constant(*map(float, range(count))))
+    places = apply("floor", index) - first
+    if option.startswith("Starting"):
+        places = places + block.constant(*map(float, range(_extent(values, axis, nodes.ndim))))
     if places.size * nodes.size > _MAX_COMPARISONS:
         raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
     return places
@@ -78,17 +78,16 @@ def _variable_indices(
 def _assigned(
     block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[tuple[int, int]] | Signal]
 ) -> Nodes:
-    counts = [axis.size if isinstance(axis, Signal) else len(axis) for axis in axes]
-    given = _shaped(values, tuple(counts))
-    assigned = nodes.copy()
+    counts = tuple(axis.size if isinstance(axis, Signal) else len(axis) for axis in axes)
+    new_nodes, assigned = _spread_values(values, counts), nodes.copy()
     for source in np.ndindex(*counts):
         for place, condition in _targets(block, nodes.shape, axes, source):
-            new, old = int(given[source]), int(assigned[place])
+            new, old = int(new_nodes[source]), int(assigned[place])
             assigned[place] = new if condition is None else block.builder.call("select", condition, new, old)
     return assigned
 
 
-def _shaped(values: Signal, counts: tuple[int, ...]) -> Nodes:
+def _spread_values(values: Signal, counts: tuple[int, ...]) -> Nodes:
     if values.size == 1:
         return np.full(counts, values.flat[0], dtype=np.int64)
     if values.size != int(np.prod(counts)):
@@ -118,7 +117,7 @@ def _targets(
 
 
 @block("Squeeze", "PermuteDimensions", Order="[2,1]", SampleTime="-1")
-def permuted(block: BlockContext) -> SignalOrBus:
+def permute(block: BlockContext) -> SignalOrBus:
     """Permute the dimensions of the input, or remove those of size 1."""
     x = block.input()
     if block.flat.type == "Squeeze":
@@ -127,10 +126,9 @@ def permuted(block: BlockContext) -> SignalOrBus:
     if order in ([1.0], [1.0, 2.0]):
         return x
     if order != [2.0, 1.0]:
-        raise UnsupportedError(
-            f"its Order {block.field_text('Order')[:40]} is not supported: arrays have at most two dimensions"
-        )
-    return Signal(as_matrix(x).T, x.period)
+        text = block.field_text("Order")[:40]
+        raise UnsupportedError(f"its Order {text} is not supported: arrays have at most two dimensions")
+    return block.signal(as_matrix(x).T, x.period)
 
 
 @block("Convert 1-D to 2-D", linked=True, M="1", N="1")
@@ -139,14 +137,13 @@ def as_two_dimensional(block: BlockContext) -> SignalOrBus:
     x, shape = block.input(), (block.integer_field("M", 1), block.integer_field("N", 1))
     if shape[0] * shape[1] != x.size:
         raise UnsupportedError(f"{x.size} elements cannot be reshaped to {shape[0]} x {shape[1]}")
-    return Signal(np.array(x.flat, dtype=np.int64).reshape(shape, order="F"), x.period)
+    return block.signal(x.flat, x.period, shape)
 
 
 @block("Transpose", linked=True)
 def transpose(block: BlockContext) -> SignalOrBus:
     """Transpose the input; a vector becomes a row."""
-    x = block.input()
-    return Signal(as_matrix(x).T, x.period)
+    return block.signal(as_matrix(block.input()).T, block.input().period)
 
 
 def as_matrix(x: Signal) -> Nodes:
@@ -162,30 +159,28 @@ def cross_product(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"its inputs must have 3 elements each, got {a.size} and {b.size}")
     p, q, call = a.flat, b.flat, block.builder.call
     nodes = [call("sub", call("mul", p[i], q[j]), call("mul", p[j], q[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
-    return Signal(np.array(nodes, dtype=np.int64).reshape(a.shape), fastest_sample_time([a.period, b.period]))
+    return block.signal(nodes, period_of((a, b)), a.shape)
 
 
 @block("Determinant of 3x3 Matrix", linked=True)
 def determinant(block: BlockContext) -> SignalOrBus:
     """Return the determinant of a matrix."""
     x = block.input()
-    return scalar(determinant_of(block, _square(as_matrix(x))), x.period)
+    return block.signal([determinant_of(block, _square(as_matrix(x)))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
 def inverse(block: BlockContext) -> SignalOrBus:
     """Return the inverse of a matrix."""
     x = block.input()
-    return Signal(inverse_of(block, as_matrix(x)), x.period)
+    return block.signal(inverse_of(block, as_matrix(x)), x.period)
 
 
 def _square(matrix: Nodes) -> Nodes:
     rows, columns = matrix.shape
     if rows != columns or rows > _MAX_INVERSE_ROWS:
-        raise UnsupportedError(
-            f"it inverts a matrix of size {rows} x {columns}; only square matrices up to {_MAX_INVERSE_ROWS} x "
-            f"{_MAX_INVERSE_ROWS} are supported",
-        )
+        limit = f"only square matrices up to {_MAX_INVERSE_ROWS} x {_MAX_INVERSE_ROWS} are supported"
+        raise UnsupportedError(f"it inverts a matrix of size {rows} x {columns}; {limit}")
     return matrix
 
 
@@ -193,10 +188,10 @@ def determinant_of(block: BlockContext, matrix: Nodes) -> int:
     """Expand the determinant of a small matrix along its first row."""
     if matrix.shape == (1, 1):
         return int(matrix[0, 0])
-    terms = [
-        block.builder.call("mul", int(matrix[0, at]), _cofactor(block, matrix, 0, at)) for at in range(matrix.shape[1])
-    ]
-    return reduce_nodes(block.builder, "add", terms)
+    products = (
+        block.builder.call("mul", int(node), _cofactor(block, matrix, 0, at)) for at, node in enumerate(matrix[0])
+    )
+    return reduce_nodes(block.builder, "add", list(products))
 
 
 def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:

@@ -7,13 +7,11 @@ The ideal form multiplies the whole sum by P. Supported in addition: limits of o
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from kennfeld.models.simulink.blocks.continuous import external_reset, reset_signal
+from kennfeld.models.simulink.blocks.continuous import external_reset, has_external_reset, limit_output
 from kennfeld.models.simulink.flattening.flat_model import is_triggered
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import block
+from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
-from kennfeld.models.simulink.signals import Signal, SignalOrBus
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, clip, select
 
 _DEFAULTS = {
     "Controller": "PID", "TimeDomain": "Continuous-time", "Form": "Parallel", "P": "1", "I": "1", "D": "0", "N": "100",
@@ -51,7 +49,7 @@ def _names(block: BlockContext) -> Iterator[str]:
     if block.option("ControllerParametersSource", "internal", "external") == "external":
         yield from parts
         yield from ["N"] if filtered else []
-    if external_reset(block) != "none":
+    if has_external_reset(block):
         yield "reset"
     if block.option("InitialConditionSource", "internal", "external") == "external":
         yield from ["I0"] if "I" in parts else []
@@ -87,8 +85,8 @@ def pid_with_set_point(block: BlockContext) -> SignalOrBus:
     if block.field_text("ControllerParametersSource") == "external":
         raise UnsupportedError("its gains are inputs, which is not supported")
     r, y = block.input(0), block.input(1)
-    weighted = [block.apply("sub", block.apply("mul", block.parameter(name), r), y) for name in ("b", "c")]
-    return _PidController(block, _ports(block, 2)).output(weighted[0], block.apply("sub", r, y), weighted[1])
+    weighted = [block.parameter(name) * r - y for name in ("b", "c")]
+    return _PidController(block, _ports(block, 2)).output(weighted[0], r - y, weighted[1])
 
 
 @dataclass
@@ -109,7 +107,7 @@ class _PidController:
     def output(self, proportional: Signal, integral: Signal, derivative: Signal) -> Signal:
         """Return the control signal for the errors of the P, I and D terms."""
         block, terms = self.block, list[Signal]()
-        self.error, self.made = integral, list[Signal]()
+        self.error, self.results = integral, list[Signal]()  # results before and after limits
         if "P" in self.parts:
             terms.append(proportional if self.is_ideal else self._times("P", proportional))
         if "I" in self.parts:
@@ -118,41 +116,30 @@ class _PidController:
             terms.append(self._derivative(self._times("D", derivative)))
         total = block.reduce("add", terms)
         before = self._times("P", total) if self.is_ideal else total
-        self.made += [before, self._limited(before)]
-        return self.made[1]
+        self.results += [before, limit_output(block, before)]
+        return self.results[1]
 
-    def _gain(self, name: str) -> Signal:
-        return self.block.input(self.ports[name]) if name in self.ports else self.block.parameter(name)
+    def _gain(self, name: str, field: str = "") -> Signal:
+        """Return the value of an input, or of a field of the same or another name."""
+        return self.block.input(self.ports[name]) if name in self.ports else self.block.parameter(field or name)
 
     def _times(self, name: str, x: Signal) -> Signal:
-        return self.block.apply("mul", self._gain(name), x)
-
-    def _limited(self, y: Signal) -> Signal:
-        block = self.block
-        if not block.is_on("LimitOutput"):
-            return y
-        return block.clip(y, block.parameter("LowerSaturationLimit"), block.parameter("UpperSaturationLimit"))
+        return self._gain(name) * x
 
     def _integral(self) -> Signal:
-        block, init = self.block, self._initial("I0", "InitialConditionForIntegrator")
+        block, init = self.block, self._gain("I0", "InitialConditionForIntegrator")
         limits = None
         if block.is_on("LimitIntegrator"):
             limits = tuple(block.parameter(f"{side}IntegratorSaturationLimit") for side in ("Lower", "Upper"))
         if self.is_continuous:
             x = block.continuous_state(init, lambda _: self._integrand(), self._reset(), limits)  # type: ignore[arg-type]
-            return x if limits is None else block.clip(x, *limits)
-        return self._summed(init, lambda y: y if limits is None else block.clip(y, *limits))
-
-    def _initial(self, port: str, name: str) -> Signal:
-        return self.block.input(self.ports[port]) if port in self.ports else self.block.parameter(name)
+            return x if limits is None else clip(x, *limits)
+        return self._sum_up(init, lambda y: y if limits is None else clip(y, *limits))
 
     def _reset(self) -> Signal | None:
-        if "reset" not in self.ports:
-            return None
-        u = self.block.input(self.ports["reset"])
-        return reset_signal(self.block, u, external_reset(self.block), sampled=not self.is_continuous)
+        return external_reset(self.block, not self.is_continuous, self.ports.get("reset", 0))
 
-    def _summed(self, init: Signal, limited: Callable[[Signal], Signal]) -> Signal:
+    def _sum_up(self, init: Signal, limited: Callable[[Signal], Signal]) -> Signal:
         """Return the integral accumulated over samples."""
         block = self.block
         method = block.option("IntegratorMethod", "Forward Euler", "Backward Euler", "Trapezoidal")
@@ -160,15 +147,15 @@ class _PidController:
         reset, signals = self._reset(), list[Signal]()
 
         def step() -> Signal:
-            moved = block.apply("mul", block.sample_step(), block.hold_in_minor_steps(self._integrand()))
-            return block.apply("mul", share, moved)
+            moved = block.sample_step() * block.hold_in_minor_steps(self._integrand())
+            return share * moved
 
         def then(_: Signal) -> Signal:
-            return signals[0] if method == "Backward Euler" else limited(block.apply("add", signals[0], step()))
+            return signals[0] if method == "Backward Euler" else limited(signals[0] + step())
 
         x = block.discrete_state(init, then)
-        x = x if reset is None else block.select(reset, limited(init), x)
-        signals.append(limited(x if method == "Forward Euler" else block.apply("add", x, self._at_once(step))))
+        x = x if reset is None else select(reset, limited(init), x)
+        signals.append(limited(x if method == "Forward Euler" else x + self._at_once(step)))
         return signals[0]
 
     def _at_once(self, step: Callable[[], Signal]) -> Signal:
@@ -186,64 +173,54 @@ class _PidController:
         block = self.block
         inner = self._times("I", self.error)
         if "TR" in self.ports:
-            behind = block.apply("sub", block.input(self.ports["TR"]), self.made[1])
-            inner = block.apply("add", inner, self._times("Kt", behind))
+            behind = block.input(self.ports["TR"]) - self.results[1]
+            inner = inner + self._times("Kt", behind)
         if not block.is_on("LimitOutput") or block.field_text("AntiWindupMode") == "none":
             return inner
         if block.field_text("AntiWindupMode") == "back-calculation":
-            cut = block.apply("sub", self.made[1], self.made[0])
-            return block.apply("add", inner, self._times("Kb", cut))
-        return self._clamped(inner)
+            cut = self.results[1] - self.results[0]
+            return inner + self._times("Kb", cut)
+        return self._clamp(inner)
 
-    def _clamped(self, inner: Signal) -> Signal:
+    def _clamp(self, inner: Signal) -> Signal:
         """Return 0 if the output is beyond a limit and the integral would move it further out."""
-        block, zero = self.block, self.block.constant(0.0)
-        beyond = block.apply("sub", self.made[0], self.made[1])
-        inner_up, beyond_up = block.apply("gt", inner, zero), block.apply("gt", beyond, zero)
-        outwards = block.apply("eq", inner_up, beyond_up)
+        beyond = self.results[0] - self.results[1]
+        inner_up, beyond_up = inner > 0.0, beyond > 0.0
+        outwards = apply("eq", inner_up, beyond_up)
         if self.is_ideal:
-            outwards = block.apply("eq", outwards, block.apply("gt", self._gain("P"), zero))
-        stops = block.apply("and", block.apply("ne", beyond, zero), outwards)
-        return block.select(stops, zero, inner)
+            outwards = apply("eq", outwards, self._gain("P") > 0.0)
+        stops = apply("ne", beyond, 0.0) & outwards
+        return select(stops, 0.0, inner)
 
     def _derivative(self, scaled: Signal) -> Signal:
         """Return the filtered derivative: y = N (u - x), x' = y."""
         block = self.block
         if not block.is_on("UseFilter"):
             return self._difference(scaled)
-        n, init = self._gain("N"), self._initial("D0", "InitialConditionForFilter")
+        n, init = self._gain("N"), self._gain("D0", "InitialConditionForFilter")
         if self.is_continuous:
-            x = block.continuous_state(init, lambda x: _slope(block, n, scaled, x), self._reset(), None)
-            return _slope(block, n, scaled, x)
+            x = block.continuous_state(init, lambda x: _slope(n, scaled, x), self._reset())
+            return _slope(n, scaled, x)
         method = block.option("FilterMethod", "Forward Euler", "Backward Euler", "Trapezoidal")
         if method != "Forward Euler":
             return self._implicit(scaled, n, 1.0 if method == "Backward Euler" else 0.5)
         signals, reset = list[Signal](), self._reset()
-        x = block.discrete_state(
-            init, lambda _: block.apply("add", signals[0], block.apply("mul", block.sample_step(), signals[1]))
-        )
-        signals.append(x if reset is None else block.select(reset, init, x))
-        signals.append(_slope(block, n, block.hold_in_minor_steps(scaled), signals[0]))
+        x = block.discrete_state(init, lambda _: signals[0] + block.sample_step() * signals[1])
+        signals.append(x if reset is None else select(reset, init, x))
+        signals.append(_slope(n, block.hold_in_minor_steps(scaled), signals[0]))
         return signals[1]
 
     def _implicit(self, u: Signal, n: Signal, share: float) -> Signal:
         """Return the implicit form of the filter: y = N (u - x) / (1 + N T share)."""
         block = self.block
-        self._begins_at_rest("InitialConditionForFilter", "D0")
-        step = block.apply("mul", block.constant(share), block.sample_step())
-        one_more = block.apply("add", block.constant(1.0), block.apply("mul", n, step))
-        signals: list[Signal] = []
-
-        def then(x: Signal) -> Signal:
-            return block.apply("add", x, block.apply("mul", block.sample_step(), signals[0]))
-
-        x = block.discrete_state(block.constant(0.0), then)
-        signals.append(block.apply("div", _slope(block, n, block.hold_in_minor_steps(u), x), one_more))
-        return signals[0]
-
-    def _begins_at_rest(self, name: str, port: str) -> None:
-        if port in self.ports or "reset" in self.ports or self.block.numeric_array(name).any():
+        if "D0" in self.ports or "reset" in self.ports or block.numeric_array("InitialConditionForFilter").any():
             raise UnsupportedError("its derivative has an initial value or a reset that is not supported")
+        step = share * block.sample_step()
+        one_more = 1.0 + n * step
+        signals: list[Signal] = []
+        x = block.discrete_state(block.constant(0.0), lambda x: x + block.sample_step() * signals[0])
+        signals.append(_slope(n, block.hold_in_minor_steps(u), x) / one_more)
+        return signals[0]
 
     def _difference(self, scaled: Signal) -> Signal:
         block = self.block
@@ -251,14 +228,12 @@ class _PidController:
             raise UnsupportedError("it has an unfiltered derivative, which is not supported")
         if "reset" in self.ports:
             raise UnsupportedError("its unfiltered derivative is reset, which is not supported")
-        u = block.apply("div", block.hold_in_minor_steps(scaled), block.sample_step())
-        return block.apply(
-            "sub", u, block.discrete_state(block.parameter("DifferentiatorICPrevScaledInput"), lambda _: u)
-        )
+        u = block.hold_in_minor_steps(scaled) / block.sample_step()
+        return u - block.discrete_state(block.parameter("DifferentiatorICPrevScaledInput"), lambda _: u)
 
 
-def _slope(block: BlockContext, n: Signal, u: Signal, x: Signal) -> Signal:
-    return block.apply("mul", n, block.apply("sub", u, x))
+def _slope(n: Signal, u: Signal, x: Signal) -> Signal:
+    return n * (u - x)
 
 
 @block("PID Controller", linked=True, P="1", I="1", D="0")
@@ -266,19 +241,19 @@ def old_pid(block: BlockContext) -> SignalOrBus:
     """Lower the controller of Simulink Extras: P e + I integral(e) + D times the difference quotient of e."""
     e = block.input()
     u = block.hold_in_minor_steps(e)
-    change = block.apply("sub", u, block.discrete_state(u, lambda _: u))
-    return _old_sum(block, e, block.apply("mul", block.parameter("D"), block.apply("div", change, block.base_step)))
+    change = u - block.discrete_state(u, lambda _: u)
+    return _old_sum(block, e, block.parameter("D") * (change / block.base_step))
 
 
 @block("PID Controller (with Approximate Derivative)", linked=True, P="1", I="1", D="0", N="100")
 def old_pid_with_filter(block: BlockContext) -> SignalOrBus:
     """Lower the controller of Simulink Extras with the derivative D s / (s/N + 1)."""
     e, n = block.input(), block.parameter("N")
-    x = block.continuous_state(block.constant(0.0), lambda x: _slope(block, n, e, x), None, None)
-    return _old_sum(block, e, block.apply("mul", block.parameter("D"), _slope(block, n, e, x)))
+    x = block.continuous_state(block.constant(0.0), lambda x: _slope(n, e, x))
+    return _old_sum(block, e, block.parameter("D") * _slope(n, e, x))
 
 
 def _old_sum(block: BlockContext, e: Signal, derivative: Signal) -> Signal:
-    scaled = block.apply("mul", block.parameter("I"), e)
-    integral = block.continuous_state(block.constant(0.0), lambda _: scaled, None, None)
-    return block.reduce("add", [block.apply("mul", block.parameter("P"), e), integral, derivative])
+    scaled = block.parameter("I") * e
+    integral = block.continuous_state(block.constant(0.0), lambda _: scaled)
+    return block.reduce("add", [block.parameter("P") * e, integral, derivative])

@@ -11,11 +11,9 @@ from kennfeld.models.simulink.blocks.lookup_tables import (
     method_of,
     shape_of,
 )
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import parameter_field
-from kennfeld.models.simulink.lowering.registry import block
-from kennfeld.models.simulink.signals import Bus, Signal, SignalOrBus
+from kennfeld.models.simulink.signals import Bus, Signal, SignalOrBus, apply, clip, select
 from kennfeld.parameters import Axis
 
 _MAX_BREAKPOINTS = 2000  # each is compared with the input
@@ -25,33 +23,28 @@ _MAX_BREAKPOINTS = 2000  # each is compared with the input
        BreakpointsDataSource="Dialog", ExtrapMethod="Clip", OutputSelection="Index and fraction", IndexSearchMethod="",
        BreakpointsFirstPoint="10", BreakpointsSpacing="10", BreakpointsNumPoints="11",
        UseLastBreakpoint="off")  # fmt: skip
-def prelookup(block: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
+def prelookup(block: BlockContext) -> Outputs:
     """Return the index, from 0, of the cell that contains the input, and the fraction within it."""
     selection = block.option("OutputSelection", "Index and fraction", "Index only", "Index and fraction as bus")
     beyond = block.option("ExtrapMethod", "Clip", "None - Clip", "Linear")
     index, fraction = _cell(block, block.input(0), _breakpoints(block))
     if beyond != "Linear":
-        fraction = block.clip(fraction, block.constant(0.0), block.constant(1.0))
-        if block.is_on("UseLastBreakpoint"):
-            index, fraction = _index_last_breakpoint(block, index, fraction)
+        fraction = clip(fraction, block.constant(0.0), block.constant(1.0))
+        if block.is_on("UseLastBreakpoint"):  # an input at or beyond the last breakpoint has an index of its own
+            at_end = fraction >= 1.0
+            index, fraction = index + at_end, select(at_end, 0.0, fraction)
     if selection == "Index and fraction as bus":
         return Bus({"index": index, "fraction": fraction})
     return (index,) if selection == "Index only" else (index, fraction)
 
 
-def _index_last_breakpoint(block: BlockContext, index: Signal, fraction: Signal) -> tuple[Signal, Signal]:
-    """Map an input at or beyond the last breakpoint to an index of its own."""
-    at_end = block.apply("ge", fraction, block.constant(1.0))
-    return block.apply("add", index, at_end), block.select(at_end, block.constant(0.0), fraction)
-
-
 def _cell(block: BlockContext, u: Signal, points: list[Signal]) -> tuple[Signal, Signal]:
     index, low, high = block.constant(0.0), points[0], points[1]
     for at in range(1, len(points) - 1):
-        within = block.apply("ge", u, points[at])
-        index = block.select(within, block.constant(float(at)), index)
-        low, high = block.select(within, points[at], low), block.select(within, points[at + 1], high)
-    return index, block.apply("div", block.apply("sub", u, low), block.apply("sub", high, low))
+        within = u >= points[at]
+        index = select(within, float(at), index)
+        low, high = select(within, points[at], low), select(within, points[at + 1], high)
+    return index, (u - low) / (high - low)
 
 
 def _breakpoints(block: BlockContext) -> list[Signal]:
@@ -88,23 +81,20 @@ def interpolation(block: BlockContext) -> SignalOrBus:
     block.option("TableSpecification", "Explicit values")
     count = block.integer_field("NumberOfTableDimensions", 1, 4)
     chosen = block.integer_field("NumSelectionDims", 0, count - 1)
-    method = method_of(block.field_text("InterpMethod"), block.field_text("ExtrapMethod"))
+    method = method_of(block)
     if method.between == "spline":
         raise UnsupportedError("it uses splines, which require the breakpoints", "Use an n-D Lookup Table block.")
     before = [context for at in range(count) if (context := _prelookup_of(block, at)) is not None]
-    if (
-        len(before) == count
-        and not chosen
-        and method.between == "linear"
-        and not block.is_on("RequireIndexFractionAsBus")
-    ):
+    plain = not chosen and method.between == "linear" and not block.is_on("RequireIndexFractionAsBus")
+    if plain and len(before) == count:
         return _look_up_at_prelookups(block, before, method)
     shape = shape_of(block, "Table", count)
     places, port = [], 0
     for _ in range(count - chosen):
         index, fraction, port = _cell_at(block, port)
-        places.append(index if method.between == "flat" else block.apply("add", index, fraction))
-    places += [_clip_index(block, block.input(port + at), shape[count - chosen + at]) for at in range(chosen)]
+        places.append(index if method.between == "flat" else index + fraction)
+    for at, size in enumerate(shape[count - chosen :], port):  # selected by index
+        places.append(clip(apply("floor", block.input(at)), block.constant(0.0), block.constant(size - 1.0)))
     return lookup_field(block, "Table", index_axes(block, "Table", shape), places, method)
 
 
@@ -120,17 +110,12 @@ def _cell_at(block: BlockContext, port: int) -> tuple[Signal, Signal, int]:
     return index, fraction, port + 1
 
 
-def _clip_index(block: BlockContext, number: Signal, size: int) -> Signal:
-    """Clip the index of a selected part of the table."""
-    return block.clip(block.apply("floor", number), block.constant(0.0), block.constant(size - 1.0))
-
-
 def _prelookup_of(block: BlockContext, at: int) -> BlockContext | None:
     """Return the Prelookup that gives both index and fraction of a dimension in every step, or None."""
     sources = block.flat.inputs[2 * at : 2 * at + 2]
     if len(sources) < 2 or sources[0] is None or sources[1] is None or sources[0].flat is not sources[1].flat:
         return None
-    before = block.compiler.block_context(sources[0].flat)
+    before = block.of(sources[0].flat)
     paired = before.flat.type == "PreLookup" and (sources[0].port, sources[1].port) == (0, 1)
     plain = paired and before.field_text("BreakpointsDataSource") == "Dialog" and not before.is_on("UseLastBreakpoint")
     return before if plain and block.compiler.timing.specified_sample_time(before.flat) is None else None
@@ -142,15 +127,12 @@ def _look_up_at_prelookups(block: BlockContext, before: list[BlockContext], meth
     axes = list(own) if len(own) == len(before) else [_axis_of(block) for block in before]
     ends = [method.beyond if block.field_text("ExtrapMethod") == "Linear" else "clip" for block in before]
     places = [
-        _clip_to_axis(block, context.input(), axis) if end == "clip" and "linear" in ends else context.input()
+        clip(context.input(), *(block.constant(float(axis.breakpoints[i])) for i in (0, -1)))
+        if end == "clip" and "linear" in ends
+        else context.input()
         for context, axis, end in zip(before, axes, ends, strict=True)
     ]
     return lookup_field(block, "Table", axes, places, Method("linear", "linear" if "linear" in ends else "clip"))
-
-
-def _clip_to_axis(block: BlockContext, x: Signal, axis: Axis) -> Signal:
-    first, last = (block.constant(float(axis.breakpoints[end])) for end in (0, -1))
-    return block.clip(x, first, last)
 
 
 def _axis_of(before: BlockContext) -> Axis:

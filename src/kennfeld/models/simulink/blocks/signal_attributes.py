@@ -12,15 +12,21 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final, TypeAlias
 
-import numpy as np
-
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, block
+from kennfeld.models.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block, no_feedthrough
 from kennfeld.models.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES, SampleTime
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, leaf_signals
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Bus,
+    ExternalBus,
+    Signal,
+    SignalOrBus,
+    apply,
+    leaf_signals,
+    select,
+)
 
 _Scale: TypeAlias = "Mapping[str, Fraction | float]"
 
@@ -50,12 +56,29 @@ _SCALES: Final[Mapping[str, _Scale]] = {
         "kg/m^3": 1, "lbm/ft^3": _POUND / _FOOT**3, "slug/ft^3": _SLUG / _FOOT**3, "lbm/in^3": _POUND / _INCH**3,
     },
 }  # fmt: skip
-_KELVIN = {
-    "K": (1.0, 0.0),
-    "C": (1.0, 273.15),
-    "F": (5 / 9, 459.67 * 5 / 9),
-    "R": (5 / 9, 0.0),
-}  # K = factor x + offset
+# K = factor x + offset
+_KELVIN = {"K": (1.0, 0.0), "C": (1.0, 273.15), "F": (5 / 9, 459.67 * 5 / 9), "R": (5 / 9, 0.0)}
+_FACTORS = {
+    **dict.fromkeys(("DegreesToRadians", "Degrees to Radians"), math.pi / 180),
+    **dict.fromkeys(("RadiansToDegrees", "Radians to Degrees"), 180 / math.pi),
+}
+_COMPLEX = "its output is complex, but only real signals are supported"
+_SOLVES = "it solves for a value that makes its input 0 in each step, which is not supported"
+# reason and remedy by block type
+_REFUSED = {
+    "UnitConversion": (
+        "it converts between the units of ports, which are ignored",
+        "Use a Gain block instead, or bind it.",
+    ),
+    **dict.fromkeys(("RealImagToComplex", "MagnitudeAngleToComplex"), (_COMPLEX, "Bind the block that uses it.")),
+    **dict.fromkeys(
+        ("Algebraic Constraint", "AlgebraicConstraint"), (_SOLVES, "Solve the equation explicitly, and bind the block.")
+    ),
+    "HitCross": (
+        "it makes the solver locate a zero crossing between two steps, which is not supported",
+        "Use a Detect block instead, or bind it.",
+    ),
+}
 
 _PROBE_FIELDS = ("ProbeWidth", "ProbeSampleTime", "ProbeComplexSignal", "ProbeSignalDimensions", "ProbeFramedSignal")
 
@@ -80,65 +103,52 @@ def conversion(block: BlockContext) -> SignalOrBus:
     """Convert the input to another unit of the same quantity."""
     scale = _SCALES[block.flat.type.removesuffix(" Conversion")]
     ratio = scale[_unit(block, "IU", scale)] / scale[_unit(block, "OU", scale)]
-    return _times(block, float(ratio))
+    return block.input() * float(ratio)
 
 
 @block("Temperature Conversion", linked=True)
 def temperature(block: BlockContext) -> SignalOrBus:
     """Convert a temperature to another unit."""
     (factor, offset), (other, beyond) = (_KELVIN[_unit(block, name, _KELVIN)] for name in ("IU", "OU"))
-    return block.apply("add", _times(block, factor / other), block.constant((offset - beyond) / other))
+    return block.input() * (factor / other) + (offset - beyond) / other
 
 
-def _times(block: BlockContext, factor: float) -> Signal:
-    return block.apply("mul", block.input(), block.constant(factor))
-
-
-@block("DegreesToRadians", "Degrees to Radians", linked=True)
-def degrees_to_radians(block: BlockContext) -> SignalOrBus:
-    """Convert an angle from degrees to rad."""
-    return _times(block, math.pi / 180)
-
-
-@block("RadiansToDegrees", "Radians to Degrees", linked=True)
-def radians_to_degrees(block: BlockContext) -> SignalOrBus:
-    """Convert an angle from rad to degrees."""
-    return _times(block, 180 / math.pi)
+@block(*_FACTORS, linked=True)
+def convert_angle(block: BlockContext) -> SignalOrBus:
+    """Convert an angle between degrees and rad."""
+    return block.input() * _FACTORS[block.flat.type]
 
 
 @block("Fahrenheit to Celsius", linked=True)
 def fahrenheit_to_celsius(block: BlockContext) -> SignalOrBus:
     """Convert a temperature from degrees Fahrenheit to Celsius."""
-    return block.apply("mul", block.apply("sub", block.input(), block.constant(32.0)), block.constant(5 / 9))
+    return (block.input() - 32.0) * (5 / 9)
 
 
 @block("Celsius to Fahrenheit", linked=True)
 def celsius_to_fahrenheit(block: BlockContext) -> SignalOrBus:
     """Convert a temperature from degrees Celsius to Fahrenheit."""
-    return block.apply("add", _times(block, 9 / 5), block.constant(32.0))
+    return block.input() * (9 / 5) + 32.0
 
 
 @block("Cartesian to Polar", linked=True)
 def cartesian_to_polar(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the radius and angle of x and y."""
     x, y = block.input(0), block.input(1)
-    squares = block.apply("add", block.apply("mul", x, x), block.apply("mul", y, y))
-    return block.apply("sqrt", squares), block.apply("atan2", y, x)
+    return apply("sqrt", x * x + y * y), apply("atan2", y, x)
 
 
 @block("Polar to Cartesian", linked=True)
 def polar_to_cartesian(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return x and y of a radius and angle."""
     radius, angle = block.input(0), block.input(1)
-    return block.apply("mul", radius, block.apply("cos", angle)), block.apply("mul", radius, block.apply("sin", angle))
+    return radius * apply("cos", angle), radius * apply("sin", angle)
 
 
-@block("UnitConversion", refused=True)
-def by_ports(block: BlockContext) -> SignalOrBus:
-    """Refuse a conversion to the unit of the connected port."""
-    raise UnsupportedError(
-        "it converts between the units of ports, which are ignored", "Use a Gain block instead, or bind it."
-    )
+@block(*_REFUSED, refused=True)
+def refuse(block: BlockContext) -> SignalOrBus:
+    """Refuse a block that no setting makes usable."""
+    raise UnsupportedError(*_REFUSED[block.flat.type])
 
 
 @block("Conversion Inherited", "Data Type Conversion Inherited", linked=True)
@@ -148,23 +158,9 @@ def like_another(block: BlockContext) -> SignalOrBus:
 
 
 @block("Scaling Strip", "Data Type Scaling Strip", linked=True, refused=True)
-def stripped(block: BlockContext) -> SignalOrBus:
+def refuse_scaling_strip(block: BlockContext) -> SignalOrBus:
     """Refuse the stored integer of a fixed-point number: data types are ignored."""
     raise UnsupportedError("it removes the scaling of a fixed-point number, but data types are ignored")
-
-
-@block("Environment Controller", linked=True)
-def environment(block: BlockContext) -> SignalOrBus:
-    """Return the first input, the one used in simulation."""
-    return block.input_or_bus(0)
-
-
-@block("BusToVector")
-def bus_to_vector(block: BlockContext) -> SignalOrBus:
-    """Return the signals of a bus as one vector."""
-    wired = block.input_or_bus(0)
-    nodes = [node for _, signal in leaf_signals(wired) for node in signal.flat]
-    return Signal(np.array(nodes, dtype=np.int64), wired.period)
 
 
 @block("Width")
@@ -177,41 +173,35 @@ def width(block: BlockContext) -> SignalOrBus:
        ProbeFramedSignal="off")  # fmt: skip
 def probe(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return width, sample time and offset, complexity (0) and dimensions of the input."""
-    asked = [name for name in _PROBE_FIELDS if block.is_on(name)]
-    return tuple(_told(block, name, block.input()) for name in asked)
+    return tuple(_probe(block, name, block.input()) for name in _PROBE_FIELDS if block.is_on(name))
 
 
-def _told(block: BlockContext, name: str, u: Signal) -> Signal:
+def _probe(block: BlockContext, name: str, u: Signal) -> Signal:
     match name:
         case "ProbeWidth":
             return block.constant(float(u.size))
+        case "ProbeSampleTime" if u.period == CONTINUOUS:
+            raise UnsupportedError("it outputs the sample time of a signal that does not specify one")
         case "ProbeSampleTime":
-            return _sample_time(block, u)
+            return block.constant(math.inf if u.period == CONSTANT else u.period, 0.0)
         case "ProbeSignalDimensions":
             return block.constant(*map(float, u.shape))
     return block.constant(0.0)
-
-
-def _sample_time(block: BlockContext, u: Signal) -> Signal:
-    if u.period == CONTINUOUS:
-        raise UnsupportedError("it outputs the sample time of a signal that does not specify one")
-    return block.constant(math.inf if u.period == CONSTANT else u.period, 0.0)
 
 
 @block("ComplexToRealImag", Output="Real and imag")
 def real_and_imaginary(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the real and the imaginary part of a real signal."""
     u = block.input()
-    parts = {"Real": u, "Imag": block.apply("mul", block.constant(0.0), u)}
-    return _parts(block, parts, "Real and imag")
+    return _parts(block, {"Real": u, "Imag": 0.0 * u}, "Real and imag")
 
 
 @block("ComplexToMagnitudeAngle", Output="Magnitude and angle")
 def magnitude_and_angle(block: BlockContext) -> tuple[SignalOrBus, ...]:
     """Return the magnitude and the angle of a real signal."""
     u = block.input()
-    angle = block.select(block.apply("lt", u, block.constant(0.0)), block.constant(math.pi), block.constant(0.0))
-    return _parts(block, {"Magnitude": block.apply("abs", u), "Angle": angle}, "Magnitude and angle")
+    angle = select(u < 0.0, math.pi, 0.0)
+    return _parts(block, {"Magnitude": abs(u), "Angle": angle}, "Magnitude and angle")
 
 
 def _parts(block: BlockContext, parts: dict[str, Signal], both: str) -> tuple[SignalOrBus, ...]:
@@ -219,22 +209,7 @@ def _parts(block: BlockContext, parts: dict[str, Signal], both: str) -> tuple[Si
     return tuple(part for name, part in parts.items() if wanted in (name, both))
 
 
-@block("RealImagToComplex", "MagnitudeAngleToComplex", refused=True)
-def to_complex(block: BlockContext) -> SignalOrBus:
-    """Refuse a complex signal."""
-    raise UnsupportedError("its output is complex, but only real signals are supported", "Bind the block that uses it.")
-
-
-@block("Algebraic Constraint", "AlgebraicConstraint", refused=True)
-def algebraic_constraint(block: BlockContext) -> SignalOrBus:
-    """Refuse an algebraic constraint, which would need an equation solver in each step."""
-    raise UnsupportedError(
-        "it solves for a value that makes its input 0 in each step, which is not supported",
-        "Solve the equation explicitly, and bind the block.",
-    )
-
-
-@block(*_CHECKS, linked=True, needs=lambda block: (), sink=True, export="off")
+@block(*_CHECKS, linked=True, needs=no_feedthrough, sink=True, export="off")
 def check(block: BlockContext) -> SignalOrBus:
     """Lower a check block; it has no output."""
     if block.is_on("export"):
@@ -242,28 +217,12 @@ def check(block: BlockContext) -> SignalOrBus:
     return block.constant()
 
 
-@block("CMBlock", "XY scope.", "Record", linked=True, needs=lambda block: (), sink=True)
-def note(block: BlockContext) -> SignalOrBus:
-    """Lower an annotation block; it has no output."""
-    return block.constant()
-
-
-@block("HitCross", refused=True)
-def hit_crossing(block: BlockContext) -> SignalOrBus:
-    """Refuse zero-crossing detection, which depends on the solver's steps."""
-    raise UnsupportedError(
-        "it makes the solver locate a zero crossing between two steps, which is not supported",
-        "Use a Detect block instead, or bind it.",
-    )
-
-
 @block("MATLABFcn", "Interpreted MATLAB Function", refused=True, MATLABFcn="sin")
-def interpreted(block: BlockContext) -> SignalOrBus:
+def refuse_interpreted(block: BlockContext) -> SignalOrBus:
     """Refuse a function that MATLAB would call in each step."""
     called = re.sub(r"\s+", " ", block.field_text("MATLABFcn"))[:60]
-    raise UnsupportedError(
-        f"it calls {called} in MATLAB in each step", "Use a MATLAB Function block instead, or bind it."
-    )
+    remedy = "Use a MATLAB Function block instead, or bind it."
+    raise UnsupportedError(f"it calls {called} in MATLAB in each step", remedy)
 
 
 def _sample_of_output(block: ModelBlock) -> str:
@@ -278,14 +237,14 @@ def rate_transition(block: BlockContext) -> SignalOrBus:
 
     If the output sample time is not specified, it is the shortest one of the blocks downstream.
     """
-    return _passed(block, block.input_or_bus(0))
+    return _change_rate(block, block.input_or_bus(0))
 
 
-def _passed(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
+def _change_rate(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
     if isinstance(wired, ExternalBus):
         return wired
     if isinstance(wired, Bus):
-        return Bus({name: _passed(block, member) for name, member in wired.members.items()})
+        return Bus({name: _change_rate(block, member) for name, member in wired.members.items()})
     if wired.period == CONSTANT:
         return wired
     wanted = _output_sample_time(block, wired)
@@ -296,26 +255,22 @@ def _passed(block: BlockContext, wired: SignalOrBus) -> SignalOrBus:
         return wired
     if block.is_on("Integrity") and block.is_on("Deterministic"):
         return replace(_delay_transition(block, wired), period=wanted)
-    return _at_own_hits(block, _read_from_slower_task(block, wired), wanted)
+    signal = _read_from_slower_task(block, wired)
+    if wanted == CONTINUOUS:
+        return replace(signal, period=wanted)
+    return block.compiler.timing.hold(block.flat, signal, SampleTime(wanted))
 
 
 def _read_from_slower_task(block: BlockContext, u: Signal) -> Signal:
     """Return a slower signal as read by a faster task, which runs first."""
     tasks = block.compiler.clock.multitasking
     if tasks is None:
-        block.remark(
+        block.warn(
             "passes on the value that a slower sample time computes in the same step, as in single-tasking mode: "
             "the file does not specify the tasking mode, and in multitasking mode it would be that of the previous "
             "step. Select deterministic transfer, or set the model's SolverMode or EnableMultiTasking"
         )
     return block.discrete_state(_initial(block), lambda _: u) if tasks else u
-
-
-def _at_own_hits(block: BlockContext, u: Signal, period: float) -> Signal:
-    """Return a signal that changes only at the hits of a sample time."""
-    if period == CONTINUOUS:
-        return replace(u, period=period)
-    return block.compiler.timing.hold(block.flat, u, SampleTime(period))
 
 
 def _output_sample_time(block: BlockContext, u: Signal) -> float | None:
@@ -347,12 +302,10 @@ def _downstream_sample_times(block: BlockContext) -> Iterator[float]:
 def _delay_transition(block: BlockContext, u: Signal) -> Signal:
     """Return the signal before the last hit of its own sample time, its initial value before the first."""
     init = _initial(block)
-    signals: list[Signal] = []
-    before, shown = block.discrete_state(init, lambda _: u), block.discrete_state(init, lambda _: signals[0])
-    signals.append(block.select(block.compiler.timing.hits(u.period), before, shown))
-    return signals[0]
+    before, hits = block.discrete_state(init, lambda _: u), block.compiler.timing.hits(u.period)
+    return block.feedback(init, lambda shown: select(hits, before, shown))
 
 
 def _initial(block: BlockContext) -> Signal:
     """Return what a faster task reads before the first hit of the slower one."""
-    return block.parameter("InitialCondition" if block.flat.block.value("InitialCondition") is not None else "X0")
+    return block.parameter(block.field_name("InitialCondition", "X0"))

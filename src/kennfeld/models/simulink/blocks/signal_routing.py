@@ -1,43 +1,39 @@
 """Signal Routing library: muxes, buses, selectors, switches and data stores."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.models.imperative.node_arrays import Nodes, truncate
+from kennfeld.formatting import size_text
+from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.blocks.bit_operations import fit_to_type, stored_integer
+from kennfeld.models.simulink.blocks.matrix_operations import as_matrix
 from kennfeld.models.simulink.flattening.connections import bus_member_names
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
 from kennfeld.models.simulink.lowering.parameter_fields import (
     case_values,
     dimension_settings,
     selected_indices,
     selection_length,
 )
-from kennfeld.models.simulink.lowering.registry import block
 from kennfeld.models.simulink.signals import (
     Bus,
-    ExternalBus,
     Signal,
     SignalOrBus,
-    fastest_sample_time,
+    apply,
     fit_to_shape,
     leaf_signals,
-    scalar,
-    size_text,
+    map_members,
+    period_of,
+    select,
+    select_by_index,
 )
 
 _MAX_SELECTED = 10_000
 _MAX_COMPARISONS = 100_000
-
-
-@block("SignalConversion", "SignalSpecification")
-def passed(block: BlockContext) -> SignalOrBus:
-    """Return the input."""
-    return block.input_or_bus(0)
 
 
 @block("DataTypeConversion", OutDataTypeStr="Inherit: Inherit via back propagation", SampleTime="-1",
@@ -48,13 +44,14 @@ def conversion(block: BlockContext) -> SignalOrBus:
     if block.field_text("ConvertRealWorld").startswith("Stored"):
         return _by_bits(block, wanted)
     if wanted in ("boolean", "logical"):
-        return block.apply("ne", block.input(), block.constant(0.0))
+        return apply("ne", block.input(), 0.0)
     return block.input_or_bus(0)
 
 
 def _by_bits(block: BlockContext, wanted: str) -> SignalOrBus:
     """Return the number that the stored bits of the input represent in another type."""
-    if not (_is_plain(wanted) and integer_type_of(block.source())):
+    plain = re.fullmatch(r"u?int(8|16|32|64)|double|single|half", wanted)
+    if not (plain and integer_type_of(block.source())):
         message = "it reinterprets the stored bits of a number, but fixed-point types are ignored"
         raise UnsupportedError(message, "Use a Gain block with the scaling instead, or bind it.")
     word = specified_integer_type(block.flat)
@@ -70,16 +67,22 @@ def _wanted_type(block: BlockContext) -> str:
     return ""
 
 
-def _is_plain(name: str) -> bool:
-    return re.fullmatch(r"u?int(8|16|32|64)|double|single|half", name) is not None
-
-
 @block("Mux", Inputs="4")
 def mux(block: BlockContext) -> SignalOrBus:
     """Return all elements of all inputs as one vector."""
-    parts = [signal for at in range(block.input_count) for _, signal in leaf_signals(block.input_or_bus(at))]
-    nodes = [node for part in parts for node in part.flat]
-    return Signal(np.array(nodes, dtype=np.int64), fastest_sample_time([part.period for part in parts]))
+    return as_one_vector(block, *(block.input_or_bus(at) for at in range(block.input_count)))
+
+
+@block("BusToVector")
+def bus_to_vector(block: BlockContext) -> SignalOrBus:
+    """Return the signals of a bus as one vector."""
+    return as_one_vector(block, block.input_or_bus(0))
+
+
+def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
+    """Return all elements of signals and buses as one vector."""
+    parts = [signal for item in wired for _, signal in leaf_signals(item)]
+    return block.signal([node for part in parts for node in part.flat], period_of(parts))
 
 
 @block("Demux", Outputs="4")
@@ -90,14 +93,11 @@ def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
         members = list(wired.members.values())
         if len(members) == _outputs(block):
             return tuple(members)
-        nodes = [node for _, signal in leaf_signals(wired) for node in signal.flat]
-        wired = Signal(np.array(nodes, dtype=np.int64), wired.period)
+        wired = as_one_vector(block, wired)
     if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
         block.suggest_dimensions(0, (_outputs(block),))
-    widths = _widths(block, wired.size)
-    ends = np.cumsum(widths)
-    flat = np.array(wired.flat, dtype=np.int64)
-    return tuple(Signal(part, wired.period) for part in np.split(flat, ends[:-1]))
+    ends = np.cumsum(_widths(block, wired.size))
+    return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
 
 
 def _outputs(block: BlockContext) -> int:
@@ -137,24 +137,23 @@ def _divide_evenly(size: int, count: int) -> list[int]:
 @block("BusCreator", Inputs="2")
 def bus_creator(block: BlockContext) -> SignalOrBus:
     """Return a bus of the inputs, named after their lines."""
-    names = bus_member_names(
-        [block.flat.input_names.get(at, "") for at in range(block.input_count)], block.field_text("Inputs")
-    )
+    labels = [block.flat.input_names.get(at, "") for at in range(block.input_count)]
+    names = bus_member_names(labels, block.field_text("Inputs"))
     return Bus({name: block.input_or_bus(at) for at, name in enumerate(names)})
 
 
 @block("BusSelector", OutputSignals="signal1", OutputAsBus="off")
-def bus_selector(block: BlockContext) -> SignalOrBus | tuple[SignalOrBus, ...]:
+def bus_selector(block: BlockContext) -> Outputs:
     """Select signals of a bus by name."""
     wired = block.bus()
     ways = [path.strip() for path in block.field_text("OutputSignals").split(",")]
-    signals = [member_of(block, wired, path) for path in ways]
+    signals = [_member_of(wired, path) for path in ways]
     if block.is_on("OutputAsBus"):
         return Bus({path.rpartition(".")[2]: signal for path, signal in zip(ways, signals, strict=True)})
     return tuple(signals)
 
 
-def member_of(block: BlockContext, wired: SignalOrBus, path: str) -> SignalOrBus:
+def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
     """Return the member of a bus at a path "a.b"."""
     for name in path.split("."):
         if not isinstance(wired, Bus):
@@ -172,7 +171,7 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     """Replace signals of a bus."""
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
-        member_of(block, bus, path.strip())
+        _member_of(bus, path.strip())
         bus = _assigned(bus, path.strip().split("."), block.input_or_bus(at))
     return bus
 
@@ -181,23 +180,17 @@ def _assigned(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOr
     inner = wired.member(path[0]) if path and isinstance(wired, Bus) else None
     if inner is None or not isinstance(wired, Bus):
         return new
-    return wired.assigned(path[0], _assigned(inner, path[1:], new))
+    return replace(wired, members={**wired.members, path[0]: _assigned(inner, path[1:], new)})
 
 
-@block("BusElement")
+@block("BusElement", "BusElements")
 def bus_element(block: BlockContext) -> SignalOrBus:
-    """Return an element of an input bus port, or the whole bus if none is named."""
+    """Return an element of an input bus port, or the bus that an output bus port collects from its elements."""
     if block.flat.unsupported_reason:
         raise UnsupportedError(f"unsupported: {block.flat.unsupported_reason}")
-    path = block.flat.bus_paths[0] if block.flat.bus_paths else ""
-    return member_of(block, block.input_or_bus(0), path) if path else block.input_or_bus(0)
-
-
-@block("BusElements")
-def bus_of_elements(block: BlockContext) -> SignalOrBus:
-    """Return the bus that an output bus port collects from its element blocks."""
-    if block.flat.unsupported_reason:
-        raise UnsupportedError(f"unsupported: {block.flat.unsupported_reason}")
+    if block.flat.type == "BusElement":
+        path = block.flat.bus_paths[0] if block.flat.bus_paths else ""
+        return _member_of(block.input_or_bus(0), path) if path else block.input_or_bus(0)
     bus: SignalOrBus = Bus()
     for at, path in enumerate(block.flat.bus_paths):
         if not path:
@@ -219,17 +212,16 @@ def _set_member(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> Signal
 def concatenate(block: BlockContext) -> SignalOrBus:
     """Concatenate vectors, or matrices along a dimension."""
     inputs = block.inputs
-    period = fastest_sample_time([signal.period for signal in inputs])
+    period = period_of(inputs)
     if block.option("Mode", "Vector", "Multidimensional array") == "Vector":
-        return Signal(_concatenate_vectors(inputs), period)
+        return block.signal(_concatenate_vectors(inputs), period)
     axis = block.integer_field("ConcatenateDimension", 1, 2) - 1
-    parts = [signal.nodes if signal.nodes.ndim == 2 else signal.nodes.reshape(-1, 1) for signal in inputs]
+    parts = [as_matrix(signal) for signal in inputs]
     try:
-        return Signal(np.concatenate(parts, axis=axis), period)
+        return block.signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
-        raise UnsupportedError(
-            f"its inputs of sizes {', '.join(size_text(p.shape) for p in parts)} cannot be concatenated"
-        ) from None
+        sizes = ", ".join(size_text(part.shape) for part in parts)
+        raise UnsupportedError(f"its inputs of sizes {sizes} cannot be concatenated") from None
 
 
 def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
@@ -242,30 +234,22 @@ def _concatenate_vectors(inputs: Sequence[Signal]) -> Nodes:
         return nodes.reshape(1, -1)
     if all(columns == 1 for _, columns in shapes):
         return nodes.reshape(-1, 1)
-    raise UnsupportedError(
-        f"it concatenates vectors, but its inputs have the sizes {', '.join(size_text(u.shape) for u in inputs)}"
-    )
+    sizes = ", ".join(size_text(signal.shape) for signal in inputs)
+    raise UnsupportedError(f"it concatenates vectors, but its inputs have the sizes {sizes}")
 
 
 @block("Reshape", OutputDimensionality="1-D array", OutputDimensions="[1,1]")
 def reshape(block: BlockContext) -> SignalOrBus:
     """Reshape the elements of the input, column by column."""
     x = block.input()
-    kind = block.option(
-        "OutputDimensionality",
-        "1-D array",
-        "Column vector (2-D)",
-        "Row vector (2-D)",
-        "Customize",
-        "Derive from reference input port",
-    )
     shapes = {"1-D array": (-1,), "Column vector (2-D)": (-1, 1), "Row vector (2-D)": (1, -1)}
+    kind = block.option("OutputDimensionality", *shapes, "Customize", "Derive from reference input port")
     if kind == "Derive from reference input port":
         shape: tuple[int, ...] = block.input(1).shape
     else:
         shape = shapes.get(kind) or tuple(int(n) for n in block.numeric_array("OutputDimensions").ravel())
     try:
-        return Signal(x.nodes.reshape(shape, order="F"), x.period)
+        return block.signal(x.nodes.reshape(shape, order="F"), x.period)
     except ValueError:
         raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
 
@@ -288,7 +272,7 @@ def selector(block: BlockContext) -> SignalOrBus:
             port += 1
         else:
             nodes = np.take(nodes, selected_indices(block, option, text, nodes.shape[axis], axis), axis=axis)
-    return Signal(nodes, fastest_sample_time([signal.period for signal in block.inputs]))
+    return block.signal(nodes, period_of(block.inputs))
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:
@@ -305,7 +289,7 @@ def _variable_indices(block: BlockContext, option: str, axis: int, index: Signal
     count = selection_length(block, axis)
     if index.size != 1 or not 1 <= count <= _MAX_SELECTED:
         raise UnsupportedError(f"it selects {count} elements from {index.size} starting indices")
-    return block.apply("add", index, block.constant(*map(float, range(count))))
+    return index + block.constant(*map(float, range(count)))
 
 
 def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signal) -> Nodes:
@@ -313,23 +297,18 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     if places.size * nodes.size > _MAX_COMPARISONS:
         raise UnsupportedError(f"{places.size} variable indices into {nodes.size} elements are too many")
     first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
-    slices = [np.take(nodes, at, axis=axis) for at in range(nodes.shape[axis])]
+    slices = [block.signal(np.atleast_1d(np.take(nodes, at, axis=axis))) for at in range(nodes.shape[axis])]
     picked = []
     for place in places.flat:
-        result = Signal(np.atleast_1d(slices[-1]))
-        for at in reversed(range(len(slices) - 1)):
-            limit = block.builder.const(at + 1.0 + first)
-            here = scalar(block.builder.call("lt", place, limit))
-            result = block.select(here, Signal(np.atleast_1d(slices[at])), result)
-        picked.append(result.nodes)
-    return np.stack([selected.reshape(np.take(nodes, 0, axis=axis).shape) for selected in picked], axis=axis)
+        selected = select_by_index(block.signal([place]), slices, 1.0 + first)
+        picked.append(selected.nodes.reshape(np.take(nodes, 0, axis=axis).shape))
+    return np.stack(picked, axis=axis)
 
 
 @block("ManualSwitch", CurrentSetting="1", sw="1")
 def manual_switch(block: BlockContext) -> SignalOrBus:
     """Return the input selected by the stored switch position."""
-    key = "CurrentSetting" if block.flat.block.value("CurrentSetting") is not None else "sw"
-    upper = block.numeric_field(key) != 0
+    upper = block.numeric_field(block.field_name("CurrentSetting", "sw")) != 0
     return block.input_or_bus(0 if upper else 1)
 
 
@@ -339,20 +318,16 @@ def switch(block: BlockContext) -> SignalOrBus:
     criterion = block.option("Criteria", "u2 >= Threshold", "u2 > Threshold", "u2 ~= 0")
     u = block.input(1)
     if criterion == "u2 ~= 0":
-        condition = block.apply("ne", u, block.constant(0.0))
+        condition = apply("ne", u, 0.0)
     else:
-        condition = block.apply("ge" if ">=" in criterion else "gt", u, block.parameter("Threshold"))
-    return select_signal(block, condition, block.input_or_bus(0), block.input_or_bus(2))
+        condition = apply("ge" if ">=" in criterion else "gt", u, block.parameter("Threshold"))
+    return select_signal(condition, block.input_or_bus(0), block.input_or_bus(2))
 
 
-def select_signal(block: BlockContext, condition: Signal, yes: SignalOrBus, no: SignalOrBus) -> SignalOrBus:
+def select_signal(condition: Signal, yes: SignalOrBus, no: SignalOrBus) -> SignalOrBus:
     """Select one of two signals or buses."""
-    yes, no = (one.signal if isinstance(one, ExternalBus) else one for one in (yes, no))
-    if isinstance(yes, Signal) and isinstance(no, Signal):
-        return block.select(condition, yes, no)
-    if isinstance(yes, Bus) and isinstance(no, Bus) and yes.members.keys() == no.members.keys():
-        return Bus({name: select_signal(block, condition, yes.members[name], no.members[name]) for name in yes.members})
-    raise UnsupportedError("it switches between a bus and a signal, or between different buses")
+    mismatch = "it switches between a bus and a signal, or between different buses"
+    return map_members(lambda a, b: select(condition, a, b), mismatch, yes, no)
 
 
 @block("MultiPortSwitch", Inputs="3", DataPortOrder="One-based contiguous", DataPortIndices="{1,2,3}", SampleTime="-1",
@@ -360,8 +335,7 @@ def select_signal(block: BlockContext, condition: Signal, yes: SignalOrBus, no: 
 def multiport_switch(block: BlockContext) -> SignalOrBus:
     """Select an input by the value of the first; other values select the last or default input."""
     order = block.option("DataPortOrder", "One-based contiguous", "Zero-based contiguous", "Specify indices")
-    index = block.input(0)
-    index = Signal(truncate(block.builder, index.nodes), index.period)
+    index = block.truncate(block.input(0))
     data = [block.input_or_bus(at) for at in range(1, block.input_count)]
     if len(data) == 1 and isinstance(data[0], Signal):  # the elements of a single data port are the choices
         data = list(data[0].elements)
@@ -376,24 +350,24 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
         numbers = [[float(first + at)] for at in range(len(data))]
     selected = data[-1]
     for at in reversed(range(len(data) - 1)):
-        here = block.reduce("or", [block.apply("eq", index, block.constant(number)) for number in numbers[at]])
-        selected = select_signal(block, here, data[at], selected)
+        here = block.reduce("or", [apply("eq", index, number) for number in numbers[at]])
+        selected = select_signal(here, data[at], selected)
     return selected
 
 
-@block("InactiveVariant", needs=lambda block: ())
+@block("InactiveVariant", needs=no_feedthrough)
 def inactive(block: BlockContext) -> SignalOrBus:
     """Refuse an output of an inactive variant source or sink."""
     raise UnsupportedError("this output belongs to an inactive variant")
 
 
-@block("DataStoreMemory", needs=lambda block: (), DataStoreName="A", InitialValue="0", Dimensions="-1")
+@block("DataStoreMemory", needs=no_feedthrough, DataStoreName="A", InitialValue="0", Dimensions="-1")
 def data_store_memory(block: BlockContext) -> SignalOrBus:
     """Return the content of a data store at the start of the step."""
     init = block.parameter("InitialValue")
     dimensions = [int(n) for n in block.numeric_array("Dimensions").ravel()]
     if init.size == 1 and min(dimensions, default=-1) > 0:
-        init = Signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
+        init = block.signal(fit_to_shape(init.nodes, tuple(dimensions)), init.period)
     return block.compiler.contents.content(block.flat, init)
 
 
@@ -402,14 +376,10 @@ def _memory(block: BlockContext) -> BlockContext:
         raise UnsupportedError("it accesses elements of its data store, which is not supported")
     if block.flat.data_store is None:
         raise UnsupportedError(f"data store {block.field_text('DataStoreName')} not found")
-    return block.compiler.block_context(block.flat.data_store)
+    return block.of(block.flat.data_store)
 
 
-def _none(_: BlockContext) -> Iterable[int]:
-    return ()
-
-
-@block("DataStoreRead", needs=_none, DataStoreName="A", SampleTime="-1")
+@block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
     """Return the content of a data store after the writers that run before this block."""
     memory = _memory(block)

@@ -10,10 +10,17 @@ from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.blocks.lookup_tables import Method, constant_curve
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, block
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, scalar
+from kennfeld.models.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block
+from kennfeld.models.simulink.signals import (
+    CONSTANT,
+    CONTINUOUS,
+    Signal,
+    SignalOrBus,
+    apply,
+    select,
+    select_by_index,
+    staircase,
+)
 
 _BIND = "Bind it to a measured channel."
 
@@ -23,7 +30,9 @@ _MAX_STEPS = 2000  # of a piecewise constant signal; each takes a comparison
 @block("Constant", Value="1", SampleTime="inf", VectorParams1D="on")
 def constant(block: BlockContext) -> SignalOrBus:
     """Return a constant or a variable."""
-    return Signal(_vector(block, "Value").nodes, CONSTANT)
+    if block.field_text("VectorParams1D", "on") == "on":
+        return block.parameter("Value")
+    return block.signal(block.matrix("Value"), CONSTANT)
 
 
 @block("EnumeratedConstant", "Enumerated Constant", Value="SlDemoSign.Positive", SampleTime="inf")
@@ -32,44 +41,27 @@ def enumerated_constant(block: BlockContext) -> SignalOrBus:
     return block.parameter("Value")
 
 
-def _vector(block: BlockContext, name: str) -> Signal:
-    if block.field_text("VectorParams1D", "on") == "on":
-        return block.parameter(name)
-    return Signal(block.matrix(name), CONSTANT)
-
-
 @block("Clock", SampleTime="-1")
-def clock(block: BlockContext) -> SignalOrBus:
-    """Return the time since the start in s."""
-    return block.time
-
-
 @block("DigitalClock", "Digital Clock", SampleTime="1")
-def digital_clock(block: BlockContext) -> SignalOrBus:
-    """Return the time since the start in s at the hits of the sample time."""
+def clock(block: BlockContext) -> SignalOrBus:
+    """Return the time since the start in s, for a digital clock at the hits of its sample time."""
     return block.time
 
 
 @block("Step", Time="1", Before="0", After="1", SampleTime="-1")
 def step(block: BlockContext) -> SignalOrBus:
     """Switch from one value to another at a time."""
-    return block.select(
-        _is_reached(block, block.parameter("Time")), block.parameter("After"), block.parameter("Before")
-    )
-
-
-def _is_reached(block: BlockContext, time: Signal) -> Signal:
-    near = 1e-6 * (block.compiler.clock.step or 0.0)
-    return block.apply("ge", block.apply("add", block.time, block.constant(near)), time)
+    reached = block.time + block.time_tolerance() >= block.parameter("Time")
+    return select(reached, block.parameter("After"), block.parameter("Before"))
 
 
 @block("Ramp", slope="1", start="0", InitialOutput="0")
 def ramp(block: BlockContext) -> SignalOrBus:
     """Return a line that starts to rise at a time."""
     start = block.parameter("start")
-    since = block.apply("max", block.apply("sub", block.time, start), block.constant(0.0))
+    since = apply("max", block.time - start, 0.0)
     first = block.parameter("X0" if block.field_text("X0", "") else "InitialOutput")  # X0 in older files
-    return block.apply("add", first, block.apply("mul", block.parameter("slope"), since))
+    return first + block.parameter("slope") * since
 
 
 @block("Sin", SineType="Time based", TimeSource="Use simulation time", Amplitude="1", Bias="0", Frequency="1",
@@ -80,29 +72,25 @@ def sine(block: BlockContext) -> SignalOrBus:
         angle = _angle_of_hit(block)
     else:
         t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
-        angle = block.apply("add", block.apply("mul", block.parameter("Frequency"), t), block.parameter("Phase"))
-    wave = block.apply("mul", block.parameter("Amplitude"), block.apply("sin", angle))
-    return block.apply("add", wave, block.parameter("Bias"))
+        angle = block.parameter("Frequency") * t + block.parameter("Phase")
+    wave = block.parameter("Amplitude") * apply("sin", angle)
+    return wave + block.parameter("Bias")
 
 
 def _angle_of_hit(block: BlockContext) -> Signal:
     sample = block.compiler.timing.specified_period(block.flat)
     if sample is None or not 0 < sample < CONSTANT:
         raise UnsupportedError("it counts samples, but its sample time is inherited")
-    hit = block.apply(
-        "floor", block.apply("add", block.apply("div", block.time, block.constant(sample)), block.constant(1e-6))
-    )
-    turns = block.apply("div", block.apply("add", hit, block.parameter("Offset")), block.parameter("Samples"))
-    return block.apply("mul", block.constant(2 * np.pi), turns)
+    hit = apply("floor", block.time / sample + 1e-6)
+    return 2 * np.pi * ((hit + block.parameter("Offset")) / block.parameter("Samples"))
 
 
 @block("chirp", "Chirp Signal", linked=True, f1="0.1", T="100", f2="1")
 def chirp(block: BlockContext) -> SignalOrBus:
     """Return a sine whose frequency rises linearly from f1 at 0 s to f2 at T and beyond."""
     f1, f2, t = block.parameter("f1"), block.parameter("f2"), block.time
-    rate = block.apply("div", block.apply("sub", f2, f1), block.apply("mul", block.constant(2.0), block.parameter("T")))
-    turns = block.apply("mul", t, block.apply("add", f1, block.apply("mul", rate, t)))
-    return block.apply("sin", block.apply("mul", block.constant(2 * np.pi), turns))
+    rate = (f2 - f1) / (2.0 * block.parameter("T"))
+    return apply("sin", 2 * np.pi * (t * (f1 + rate * t)))
 
 
 @block("SignalGenerator", WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
@@ -113,14 +101,12 @@ def generator(block: BlockContext) -> SignalOrBus:
     if form not in ("sine", "square"):
         raise UnsupportedError(f"its wave form {form[:40]!r} is not supported, only sine and square", _BIND)
     t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
-    amplitude, frequency, whole = block.parameter("Amplitude"), block.parameter("Frequency"), block.constant(2 * np.pi)
+    amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
     in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
-        angle = block.apply("mul", block.apply("mul", frequency, whole) if in_hertz else frequency, t)
-        return block.apply("mul", amplitude, block.apply("sin", angle))
-    turns = block.apply("mul", frequency if in_hertz else block.apply("div", frequency, whole), t)
-    upper = block.apply("ge", block.apply("sub", turns, block.apply("floor", turns)), block.constant(0.5))
-    return block.select(upper, amplitude, block.apply("neg", amplitude))
+        return amplitude * apply("sin", (frequency * (2 * np.pi) if in_hertz else frequency) * t)
+    turns = (frequency if in_hertz else frequency / (2 * np.pi)) * t
+    return select(turns - apply("floor", turns) >= 0.5, amplitude, -amplitude)
 
 
 @block("DiscretePulseGenerator", PulseType="Sample based", TimeSource="Use simulation time", Amplitude="1", Period="2",
@@ -137,18 +123,14 @@ def pulses(block: BlockContext) -> SignalOrBus:
         period, delay, width = period * sample, delay * sample, block.numeric_field("PulseWidth") * sample
     if not period > 0:
         raise UnsupportedError(f"its Period must be > 0, got {period:g}")
-    near = block.constant(1e-6 * (block.compiler.clock.step or 0.0))
-    since = block.apply("add", block.apply("sub", block.time, block.constant(delay)), near)
-    within = block.apply("mod", since, block.constant(period))
-    high = block.apply("lt", within, block.constant(width))
-    started = block.apply("ge", since, block.constant(0.0))
-    result = block.select(block.apply("and", started, high), block.parameter("Amplitude"), block.constant(0.0))
-    return block.compiler.timing.hold_in_minor_steps(result)
+    since = block.time - delay + block.time_tolerance()
+    high = (since >= 0.0) & (since % period < width)
+    return block.hold_in_minor_steps(select(high, block.parameter("Amplitude"), 0.0))
 
 
 @block("FromFile", "FromSpreadsheet", "Signal Editor", "RandomNumber", "UniformRandomNumber", "Random Number",
        "Sigbuilder block", "Band-Limited White Noise.", "Band-Limited White Noise", refused=True)  # fmt: skip
-def recorded(block: BlockContext) -> SignalOrBus:
+def refuse_recording(block: BlockContext) -> SignalOrBus:
     """Refuse a signal that is not part of the model."""
     raise UnsupportedError("its signal is recorded or random and not part of the model", _BIND)
 
@@ -159,13 +141,8 @@ def stairs(block: BlockContext) -> SignalOrBus:
     values = block.parameter("OutValues").flat
     sample = block.numeric_field("tsamp")
     dt = block.constant(sample) if sample > 0 else block.base_step
-    count = block.apply("floor", block.apply("add", block.apply("div", block.time, dt), block.constant(1e-6)))
-    at = block.apply("mod", count, block.constant(float(len(values))))
-    result = scalar(values[-1])
-    for place in reversed(range(len(values) - 1)):
-        here = scalar(values[place])
-        result = block.select(block.apply("lt", at, block.constant(place + 0.5)), here, result)
-    return result
+    count = apply("floor", block.time / dt + 1e-6)
+    return select_by_index(count % float(len(values)), [block.signal([value]) for value in values], 0.5)
 
 
 def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
@@ -195,12 +172,11 @@ class _RecordedSeries(NamedTuple):
 def repeating_sequence(block: BlockContext) -> SignalOrBus:
     """Interpolate a periodic sequence of points linearly."""
     times, values = block.numeric_array("rep_seq_t").ravel(), block.numeric_array("rep_seq_y").ravel()
-    _checked(times, values[:, None])
+    _check_points(times, values[:, None])
     if not times[-1] > times[0]:
         raise UnsupportedError("its points all have the same time")
-    span = block.constant(float(times[-1] - times[0]))
-    since = block.apply("mod", block.apply("sub", _current_time(block), block.constant(float(times[0]))), span)
-    within = block.apply("add", since, block.constant(float(times[0])))
+    first, span = float(times[0]), float(times[-1] - times[0])
+    within = (_current_time(block) - first) % span + first
     return _line(block, "rep_seq_y", within, _RecordedSeries(times, values), "clip")
 
 
@@ -210,15 +186,13 @@ def from_workspace(block: BlockContext) -> SignalOrBus:
     """Interpolate the columns of a matrix over its first one, the time."""
     points = _points(block)
     times, values = points[:, 0], points[:, 1:]
-    _checked(times, values)
+    _check_points(times, values)
     if times[0] > 0:
         raise UnsupportedError(f"its points must begin at 0 s, got {times[0]:g} s", _BIND)
     last = block.field_text("OutputAfterFinalValue")
-    columns = [
-        _column(block, f"column {at}", _RecordedSeries(times, column), last) for at, column in enumerate(values.T, 2)
-    ]
-    nodes = np.array([signal.flat[0] for signal in columns], dtype=np.int64)
-    return Signal(nodes, CONTINUOUS)
+    series = [_RecordedSeries(times, column) for column in values.T]
+    columns = [_column(block, f"column {at}", points, last) for at, points in enumerate(series, 2)]
+    return block.signal([signal.flat[0] for signal in columns], CONTINUOUS)
 
 
 def _points(block: BlockContext) -> Numbers:
@@ -232,7 +206,7 @@ def _points(block: BlockContext) -> Numbers:
     return points
 
 
-def _checked(times: Numbers, values: Numbers) -> None:
+def _check_points(times: Numbers, values: Numbers) -> None:
     if len(times) != len(values) or len(times) < 2:
         raise UnsupportedError(f"it has {len(values)} values for {len(times)} times")
     if not (np.all(np.diff(times) >= 0) and np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
@@ -241,7 +215,7 @@ def _checked(times: Numbers, values: Numbers) -> None:
 
 def _current_time(block: BlockContext) -> Signal:
     """Return the time, raised by a rounding tolerance."""
-    return block.apply("add", block.time, block.constant(1e-9 * (block.compiler.clock.step or 0.0)))
+    return block.time + block.time_tolerance(1e-9)
 
 
 def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str) -> Signal:
@@ -249,26 +223,20 @@ def _column(block: BlockContext, label: str, points: _RecordedSeries, last: str)
     if block.is_on("Interpolate"):
         y = _line(block, label, block.time, points, "linear" if last == "Extrapolation" else "clip")
     else:
-        y = _stairs(block, now, points)
+        y = _hold_points(block, now, points)
     match last:
         case "Extrapolation" | "Holding final value":
             return y
         case "Setting to zero":
-            return block.select(block.apply("gt", now, block.constant(_end(block, points))), block.constant(0.0), y)
+            return select(now > float(points.times[-1]) + block.time_tolerance(), 0.0, y)
     raise UnsupportedError(f"OutputAfterFinalValue {last!r} is not supported", _BIND)
 
 
-def _end(block: BlockContext, points: _RecordedSeries) -> float:
-    return float(points.times[-1]) + 1e-6 * (block.compiler.clock.step or 0.0)
-
-
-def _stairs(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
+def _hold_points(block: BlockContext, now: Signal, points: _RecordedSeries) -> Signal:
     if len(points.times) > _MAX_STEPS:
         raise UnsupportedError(f"it has {len(points.times)} steps; at most {_MAX_STEPS} are supported", _BIND)
-    y = block.constant(float(points.values[0]))
-    for time, value in zip(points.times[1:], points.values[1:], strict=True):
-        y = block.select(block.apply("ge", now, block.constant(float(time))), block.constant(float(value)), y)
-    return y
+    steps = zip(points.times[1:].tolist(), points.values[1:].tolist(), strict=True)
+    return staircase(now, block.constant(float(points.values[0])), steps)
 
 
 def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
@@ -277,19 +245,13 @@ def _line(block: BlockContext, label: str, x: Signal, points: _RecordedSeries, b
     ends = [0, *(np.flatnonzero(np.diff(times) == 0) + 1), len(times)]
     if len(ends) > _MAX_STEPS:
         raise UnsupportedError(f"it has {len(ends) - 2} discontinuities; at most {_MAX_STEPS} are supported", _BIND)
-    near = block.apply("add", x, block.constant(1e-9 * (block.compiler.clock.step or 0.0)))
-    y: Signal | None = None
+    near, pieces = x + block.time_tolerance(1e-9), list[Signal]()
     for number, (first, end) in enumerate(pairwise(ends), 1):
         name = label if len(ends) == 2 else f"{label}, part {number}"
         part = _RecordedSeries(times[first:end], points.values[first:end])
-        piece = _piece(block, name, x, part, beyond if end == len(times) else "clip")
-        begun = block.apply("ge", near, block.constant(float(times[first])))
-        y = piece if y is None else block.select(begun, piece, y)
-    assert y is not None
-    return y
-
-
-def _piece(block: BlockContext, name: str, x: Signal, points: _RecordedSeries, beyond: str) -> Signal:
-    if len(points.times) == 1:
-        return block.constant(float(points.values[0]))
-    return constant_curve(block, name, x, points.times, points.values, Method("linear", beyond))
+        method = Method("linear", beyond if end == len(times) else "clip")
+        piece = block.constant(float(part.values[0]))
+        if len(part.times) > 1:
+            piece = constant_curve(block, name, x, part.times, part.values, method)
+        pieces.append(select(near >= float(times[first]), piece, pieces[-1]) if pieces else piece)
+    return pieces[-1]

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable
 
-from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.registry import block
+from kennfeld.models.simulink.lowering import BlockContext, block
 from kennfeld.models.simulink.signals import SignalOrBus
 
 

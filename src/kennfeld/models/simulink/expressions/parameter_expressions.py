@@ -1,13 +1,12 @@
-"""MATLAB expressions over graph nodes, which keep derivatives with respect to variables exact.
+"""Expressions in block fields and chart code, whose variables are parameters with exact derivatives.
 
-Expressions that the graph cannot represent (ranges, functions of whole arrays) are evaluated numerically. Their
-variables are then frozen and listed in `ParameterExpressions.frozen`. For code, parameters of the model are resolved to
-symbolic values whose variables stay parameters; fields of structs are resolved on use.
+Expressions that the graph cannot represent are evaluated numerically. Their variables are then frozen and listed in
+`ParameterExpressions.frozen`.
 """
 
-import math
-from collections.abc import Callable, Mapping
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -16,31 +15,40 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.traversal import field_path
-from kennfeld.models.imperative.evaluation_errors import EvaluationError, NotLowerableError, ProgramError
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import Evaluate, EvaluationContext, LibraryFunction
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
+from kennfeld.models.imperative.graph_operators import ONE, TWO
+from kennfeld.models.imperative.library import C_FUNCTIONS, SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, check_size
-from kennfeld.models.imperative.symbolic_values import (
-    DeferredValue,
-    EnumerationStruct,
-    SymbolicCell,
-    SymbolicStruct,
-    SymbolicValue,
-)
+from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.models.simulink.calibration_parameters import DeclaredParameters
-from kennfeld.models.simulink.expressions.field_evaluator import FieldEvaluator, FieldValue, array_of
 from kennfeld.models.simulink.variables.mask_scope import (
     MaskCodeVariable,
     MaskVariable,
     ParameterValue,
     Scope,
     Variable,
+    nested_field,
 )
 
-_CONSTANTS: Final = {
-    "pi": math.pi, "inf": math.inf, "Inf": math.inf, "nan": math.nan, "NaN": math.nan, "eps": 2.0**-52, "true": 1.0,
-    "false": 0.0, "realmax": float(np.finfo(np.float64).max), "realmin": float(np.finfo(np.float64).tiny),
-}  # fmt: skip
+FieldValue: TypeAlias = "Nodes | str | Mapping[str, ParameterValue] | tuple[ParameterValue, ...]"
 
-_REMEDY = "Define its variables in a script, a .mat, .sldd or calibration file given as parameters."
+_NAMES: Final = (
+    "pi", "inf", "Inf", "nan", "NaN", "eps", "true", "false", "realmax", "realmin", "zeros", "ones", "reshape",
+    "linspace", "numel", "length", "not", "min", "max", "sum", "prod", "double", "single", "boolean", "logical", "int8",
+    "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+)  # fmt: skip
+# functions whose derivatives block fields keep; the other ones, often of whole tables, are evaluated numerically
+FIELD_FUNCTIONS: Final[Mapping[str, LibraryFunction]] = {
+    **{name: SYMBOLIC_FUNCTIONS[name] for name in (*_NAMES, *ONE, *TWO)},
+    **C_FUNCTIONS,
+}
+_TEXT_FUNCTIONS: Final = ("eval", "str2num", "str2double")
+
+
+def _refuse_function(name: str) -> ProgramError:
+    return ProgramError(f"the function {name} requires numbers")
 
 
 class ParameterExpressions:
@@ -68,26 +76,20 @@ class ParameterExpressions:
         Raises:
             EvaluationError: if the expression has no value.
         """
-        return array_of(self.evaluate(text, scope, live, names), text)
+        return _array_of(self.evaluate(text, scope, live, names), text)
 
     def numbers(self, text: str, scope: Scope) -> Numbers:
         """Return the numbers of an expression, Float[rows, columns]; raises `EvaluationError`."""
         return self.values(self.array(text, scope, live=False), text)
 
-    def tree_nodes(self, tree: m.Expression, scope: Scope, names: Mapping[str, Nodes]) -> Nodes:
-        """Return the nodes of an expression tree over names with given nodes; raises `EvaluationError`."""
-        try:
-            return FieldEvaluator(self, scope, True, names).nodes(tree)
-        except NotLowerableError as beyond:
-            unknown = f"the function {beyond.function} is not supported for signals"
-            raise EvaluationError(unknown if beyond.function else str(beyond)) from None
-
     def tree_numbers(self, tree: m.Expression, scope: Scope) -> Numbers:
         """Return the numbers of an expression tree, Float[rows, columns]; raises `EvaluationError`."""
         try:
-            return self.values(FieldEvaluator(self, scope, False, {}).nodes(tree))
-        except NotLowerableError as beyond:
-            raise EvaluationError(str(beyond)) from None
+            return self.values(self.interpreter(scope, live=False).expressions.nodes(tree))
+        except EvaluationError:
+            raise
+        except ProgramError as error:
+            raise EvaluationError(error.message) from None
 
     def values(self, nodes: Nodes, text: str = "it") -> Numbers:
         """Return the numbers of constant nodes; raise `EvaluationError` if one is not constant."""
@@ -98,42 +100,108 @@ class ParameterExpressions:
 
     def evaluate(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None = None) -> FieldValue:
         """Return the value of an expression; raises `EvaluationError`."""
+        if names is not None:
+            return self._evaluate_text(text, scope, live, names)
         key = (text, id(scope), live)
-        if names is not None or key not in self._known:
-            value = self._evaluated(text, scope, live, names)
-            if names is not None:
-                return value
-            self._known[key] = value
+        if key not in self._known:
+            self._known[key] = self._evaluate_text(text, scope, live, {})
         return self._known[key]
 
-    def _evaluated(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None) -> FieldValue:
+    def _evaluate_text(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes]) -> FieldValue:
         if not text.strip():
             raise EvaluationError("it is empty")
         try:
             tree = parse_expression(text)
             try:
-                return FieldEvaluator(self, scope, live, names or {}).value(tree)
-            except NotLowerableError as beyond:
-                return self._evaluate_frozen(text, tree, scope, live, names, str(beyond))
+                return self._evaluate_tree(tree, scope, live, names)
+            except EvaluationError:
+                raise
+            except ProgramError as error:
+                if names:
+                    raise EvaluationError(error.message) from None
+                return self._evaluate_frozen(text, tree, scope, live, error.message)
         except InputError as error:
             raise EvaluationError(str(error.findings[0])) from None
         except RecursionError:
             raise EvaluationError(f"{text.strip()[:60]} refers to itself or is nested too deeply") from None
 
-    def _evaluate_frozen(
-        self, text: str, tree: m.Expression, scope: Scope, live: bool, names: Mapping[str, Nodes] | None, why: str
-    ) -> FieldValue:
-        """Evaluate an expression numerically and record why its variables are frozen."""
-        from kennfeld.models.simulink.variables.m_files import EvaluationFailure, evaluate_numerically
+    def _evaluate_tree(self, tree: m.Expression, scope: Scope, live: bool, names: Mapping[str, Nodes]) -> FieldValue:
+        path = field_path(tree)
+        if path is not None and path[0] not in names and (variable := self._find(path, scope, live)) is not None:
+            return variable
+        value = s.force(self.interpreter(scope, live, names).value(tree))
+        return value if isinstance(value, str) else s.as_array(value)
 
-        if names:
-            raise EvaluationError(why)
-        values = evaluate_numerically(tree, lambda name: self._variable_value(name, scope))
-        if isinstance(values, EvaluationFailure):
-            raise EvaluationError(values.why, values.undefined)
-        if live and any(isinstance(scope.find(name), (Variable, MaskVariable)) for name in values.names):
+    def interpreter(
+        self,
+        scope: Scope,
+        live: bool = True,
+        names: Mapping[str, Nodes] | None = None,
+        library: Mapping[str, LibraryFunction] = FIELD_FUNCTIONS,
+        refuse: Callable[[str], ProgramError] = _refuse_function,
+        single_elements: bool = True,
+    ) -> StatementInterpreter:
+        """Return an interpreter of code that sees the names of a scope; `refuse` makes errors of other functions."""
+        context = EvaluationContext(
+            self.builder,
+            workspace=lambda name: self._symbolic(name, scope, live),
+            parameters_first=True,
+            single_elements=single_elements,
+            number=partial(parameter_value_at, self),
+            library=library,
+            unknown=partial(self._call_unknown, scope, live, refuse),
+        )
+        return StatementInterpreter(context, names)
+
+    def _symbolic(self, name: str, scope: Scope, live: bool) -> s.SymbolicValue | None:
+        """Return the value of a name, or of a path of fields, for code; None if it is undefined."""
+        value = self._find(name.split("."), scope, live)
+        if value is None or isinstance(value, np.ndarray | str):
+            return value
+        variable = scope.find(name)
+        return _constant_value(self.builder, value, isinstance(variable, Variable) and variable.fixed)
+
+    def _call_unknown(
+        self,
+        scope: Scope,
+        live: bool,
+        refuse: Callable[[str], ProgramError],
+        evaluate: Evaluate,
+        name: str,
+        arguments: Sequence[m.Expression],
+    ) -> s.SymbolicValue | None:
+        """Return a text property of the model (get_param), or evaluate a text; refuse any other function."""
+        if not arguments:
+            raise EvaluationError(f"{name} is undefined", name)
+        if name == "get_param":
+            return self._query_model(evaluate, arguments)
+        values = [evaluate(argument) for argument in arguments]  # so that an undefined variable is reported by name
+        if name not in _TEXT_FUNCTIONS:
+            raise refuse(name)
+        if len(values) != 1 or not isinstance(values[0], str):
+            raise EvaluationError(f"{name} is only supported with one text argument")
+        value = self.evaluate(values[0], scope, live)
+        return value if isinstance(value, np.ndarray) else _constant_value(self.builder, value)
+
+    def _query_model(self, evaluate: Evaluate, arguments: Sequence[m.Expression]) -> str:
+        holder, *keys = arguments
+        if isinstance(holder, m.Call) and holder.of == m.Name("bdroot"):
+            holder = holder.of
+        model, key = evaluate(holder), evaluate(keys[0]) if len(keys) == 1 else ""
+        fields = model.fields if isinstance(model, s.SymbolicStruct) else {}
+        text = s.force(fields[key]) if isinstance(key, str) and key in fields else None
+        if not isinstance(text, str):
+            raise EvaluationError(f"get_param({str(key)[:40] or 'nothing'}) requires Simulink")
+        return text
+
+    def _evaluate_frozen(self, text: str, tree: m.Expression, scope: Scope, live: bool, why: str) -> FieldValue:
+        """Evaluate an expression numerically and record why its variables are frozen."""
+        from kennfeld.models.simulink.variables.m_files import evaluate_numerically
+
+        value, used = evaluate_numerically(tree, lambda name: self._variable_value(name, scope))
+        if live and any(isinstance(scope.find(name), (Variable, MaskVariable)) for name in used):
             self.frozen[text.strip()] = why
-        return self.constant(values.value)
+        return self.constant(value)
 
     def _variable_value(self, name: str, scope: Scope) -> ParameterValue | None:
         variable = scope.find(name)
@@ -150,41 +218,42 @@ class ParameterExpressions:
 
     def freeze(self, value: ParameterValue) -> Nodes:
         """Return a value as constant nodes, Int[rows, columns]; raise `EvaluationError` if it is not an array."""
-        return array_of(self.constant(value), "it")
+        return _array_of(self.constant(value), "it")
 
     def constant(self, value: ParameterValue) -> FieldValue:
         """Return a value as graph constants."""
         if not isinstance(value, np.ndarray):
             return value
         check_size(value.size)
-        nodes = [self.builder.const(float(number)) for number in value.ravel()]
-        return np.atleast_2d(np.array(nodes, dtype=np.int64).reshape(value.shape))
+        return s.constants(self.builder, np.asarray(value, dtype=np.float64))
 
-    def name(self, name: str, scope: Scope, live: bool) -> FieldValue:
-        """Return the value of a name; raise `EvaluationError` if it is undefined."""
-        variable = scope.find(name)
-        if isinstance(variable, MaskVariable):
-            return self._masked(variable, live)
-        if isinstance(variable, MaskCodeVariable):
-            return self.constant(self._run_mask_code(variable))
-        if isinstance(variable, Variable):
-            return (
-                self.constant(_dialog_values(variable, scope)) if name == "gcb" else self.variable(name, variable, live)
-            )
-        if name in _CONSTANTS:
-            return np.array([[self.builder.const(_CONSTANTS[name])]], dtype=np.int64)
-        raise EvaluationError(f"{name} is undefined", name)
+    def _find(self, path: Sequence[str], scope: Scope, live: bool) -> "FieldValue | None":
+        """Return the value of a name or of a path of fields; None if the name is undefined."""
+        name, variable = ".".join(path), scope.find(path[0])
+        if isinstance(variable, MaskVariable) and len(path) > 1:
+            outside = field_path(parse_expression(variable.text))
+            return self._find([*outside, *path[1:]], variable.outside, live) if outside is not None else None
+        if (part := scope.part(path)) is not None:
+            return self.variable(name, part, live)
+        if isinstance(variable, MaskVariable | MaskCodeVariable):
+            return self.mask_value(variable, live) if len(path) == 1 else None
+        if variable is None:
+            if len(path) > 1:
+                raise EvaluationError(f"{path[0]} is undefined", name)
+            return None
+        if len(path) > 1:
+            return self.variable(name, _field_of(variable, list(path)), live)
+        return self.constant(_dialog_values(variable, scope)) if name == "gcb" else self.variable(name, variable, live)
 
     def _run_mask_code(self, variable: MaskCodeVariable) -> ParameterValue:
         """Return the value that mask code assigns to a name; its variables are frozen."""
-        if (variable.code, id(variable.outside)) not in self._codes:
+        key = variable.code, id(variable.outside)
+        if key not in self._codes:
             from kennfeld.models.simulink.variables.m_files import run_mask_code
 
-            self._codes[variable.code, id(variable.outside)] = run_mask_code(
-                variable.code, lambda name: self._known_number(name, variable.outside)
-            )
+            self._codes[key] = run_mask_code(variable.code, lambda name: self._known_number(name, variable.outside))
             self.frozen[variable.code.strip()[:200]] = "it is computed by mask code"
-        value = self._codes[variable.code, id(variable.outside)].get(variable.name)
+        value = self._codes[key].get(variable.name)
         if value is None:
             raise EvaluationError(f"the mask code assigns no value to {variable.name}")
         return value
@@ -195,7 +264,10 @@ class ParameterExpressions:
         except EvaluationError:
             return None
 
-    def _masked(self, variable: MaskVariable, live: bool) -> FieldValue:
+    def mask_value(self, variable: MaskVariable | MaskCodeVariable, live: bool = True) -> FieldValue:
+        """Return the value of a variable of a mask; raise `EvaluationError` if it has none."""
+        if isinstance(variable, MaskCodeVariable):
+            return self.constant(self._run_mask_code(variable))
         if not variable.evaluated:
             return variable.text
         if live and variable.field in self.declared.promoted:
@@ -210,86 +282,37 @@ class ParameterExpressions:
         return self.constant(variable.value)
 
 
+def _array_of(value: FieldValue, text: str) -> Nodes:
+    if isinstance(value, np.ndarray):
+        return value
+    kind = "a text" if isinstance(value, str) else "a struct" if isinstance(value, Mapping) else "a list"
+    raise EvaluationError(f"{text.strip()[:60]} must be a number, got {kind}")
+
+
+def _constant_value(builder: GraphBuilder, value: ParameterValue, is_enumeration: bool = False) -> s.SymbolicValue:
+    """Return a value for code, whose numbers become constants when they are used."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        fields = {key: s.DeferredValue(partial(_constant_value, builder, part)) for key, part in value.items()}
+        return s.EnumerationStruct(fields) if is_enumeration else s.SymbolicStruct(fields)
+    if isinstance(value, tuple):
+        return s.SymbolicCell(tuple(_constant_value(builder, part) for part in value), (1, len(value)))
+    return s.constants(builder, np.asarray(value, dtype=np.float64))
+
+
+def _field_of(variable: Variable, path: list[str]) -> Variable:
+    """Return the field at the end of a path; raises `EvaluationError` if there is none."""
+    if variable.fixed and path[1] not in variable.value:
+        raise EvaluationError(f"{path[0]} has no field {path[1]}; its fields are {', '.join(list(variable.value)[:8])}")
+    return Variable(nested_field(variable.value, path), source=variable.source, fixed=variable.fixed)
+
+
 def _dialog_values(variable: Variable, scope: Scope) -> ParameterValue:
     """Return the dialog values of the enclosing masks, which a block may query."""
     if not (variable.fixed and isinstance(variable.value, Mapping)):
         return variable.value
     return {**variable.value, **scope.shown()}
-
-
-def resolve_parameter(
-    expressions: ParameterExpressions,
-    scope: Scope,
-    name: str,
-    enumeration: Callable[[str], Variable | None] = lambda name: None,
-) -> SymbolicValue | None:
-    """Resolve a name in code among model parameters and enumerations; None if undefined."""
-    variable = scope.find(name) or enumeration(name)
-    if variable is None:
-        return None
-    try:
-        if isinstance(variable, MaskVariable):
-            return _resolve_mask_parameter(expressions, scope, variable, name)
-        if isinstance(variable, MaskCodeVariable):
-            value = expressions.name(name, scope, True)
-            return (
-                value
-                if isinstance(value, np.ndarray)
-                else _resolve_variable(expressions, scope, Variable(value), [name])
-            )
-        return _resolve_variable(expressions, scope, variable, [name])
-    except (EvaluationError, InputError) as error:
-        raise ProgramError(f"parameter {name}: {error}", _REMEDY) from None
-
-
-def _resolve_mask_parameter(
-    expressions: ParameterExpressions, scope: Scope, variable: MaskVariable, name: str
-) -> SymbolicValue:
-    """Resolve a mask parameter; a struct keeps the names it has outside of the mask."""
-    value = expressions.name(name, scope, True)
-    if isinstance(value, np.ndarray | str):
-        return value
-    outside = field_path(parse_expression(variable.text))
-    if outside is not None and len(outside) == 1:
-        whole = resolve_parameter(expressions, variable.outside, outside[0])
-        if whole is not None:
-            return whole
-    return _resolve_variable(expressions, scope, Variable(value), [name])
-
-
-def _resolve_variable(
-    expressions: ParameterExpressions, scope: Scope, variable: Variable, path: list[str]
-) -> SymbolicValue:
-    """Resolve a variable or the field at a path in it."""
-    value, name = variable.value, ".".join(path)
-    if isinstance(value, str):
-        return value
-    if isinstance(value, Mapping):
-        fields = {key: _defer_field(expressions, scope, variable, [*path, key]) for key in value}
-        return EnumerationStruct(fields) if variable.fixed and len(path) == 1 else SymbolicStruct(fields)
-    if isinstance(value, tuple):
-        parts = (Variable(part, source=variable.source, fixed=variable.fixed) for part in value)
-        cells = [_part(expressions, scope, part, [f"{name}({at})"]) for at, part in enumerate(parts, 1)]
-        return SymbolicCell(tuple(cells), (1, len(cells)))
-
-    def array() -> SymbolicValue:
-        nodes = expressions.variable(name, variable, True)
-        assert isinstance(nodes, np.ndarray)
-        return nodes
-
-    return DeferredValue(array, name) if np.size(value) > 1 and not variable.fixed else array()
-
-
-def _defer_field(expressions: ParameterExpressions, scope: Scope, variable: Variable, path: list[str]) -> DeferredValue:
-    """Resolve a field of a struct, which a calibration file may override by its full name."""
-    assert isinstance(variable.value, Mapping)
-    inside = Variable(variable.value[path[-1]], source=variable.source, fixed=variable.fixed)
-    return _part(expressions, scope, scope.part(path) or inside, path)
-
-
-def _part(expressions: ParameterExpressions, scope: Scope, part: Variable, path: list[str]) -> DeferredValue:
-    table = isinstance(part.value, np.ndarray) and part.value.size > 1 and not part.fixed
-    return DeferredValue(lambda: _resolve_variable(expressions, scope, part, path), ".".join(path) if table else "")
 
 
 def parameter_value_at(expressions: ParameterExpressions, name: str, place: tuple[int, ...]) -> float | None:

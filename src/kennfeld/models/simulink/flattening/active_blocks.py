@@ -39,7 +39,7 @@ def active_choice(block: ModelBlock, labels: Sequence[str], scope: Scope) -> int
     if mode not in _MODES:
         raise EvaluationError(f"VariantControlMode {mode[:60]!r} is not supported")
     if mode == "label" or (mode == "expression" and over):
-        return _labelled(labels, named if mode == "label" else over)
+        return _choice_labelled(labels, named if mode == "label" else over)
     return _true_choice(block, labels, scope)
 
 
@@ -75,13 +75,12 @@ def condition_of(label: str, scope: Scope) -> str:
     return condition if isinstance(condition, str) else label
 
 
-def _labelled(labels: Sequence[str], label: str) -> int:
+def _choice_labelled(labels: Sequence[str], label: str) -> int:
     for at, text in enumerate(labels):
         if text.strip() == label:
             return at
-    raise EvaluationError(
-        f"its active variant {label[:60] or '(none)'} is not one of {', '.join(labels) or 'its variants'}"
-    )
+    known = ", ".join(labels) or "its variants"
+    raise EvaluationError(f"its active variant {label[:60] or '(none)'} is not one of {known}")
 
 
 def is_variant(block: ModelBlock) -> bool:
@@ -102,17 +101,8 @@ def choice_labels(block: ModelBlock) -> tuple[str, ...]:
     return tuple((choice.value("VariantControl") or "").strip() for choice in choices(block.system or System()))
 
 
-def choice_at(block: ModelBlock, number: int) -> ModelBlock:
-    """Return a choice of a variant subsystem by index from 0."""
-    return choices(block.system or System())[number]
-
-
-def _is_port(block: ModelBlock) -> bool:
-    return block.type in _PORTS or block.type.endswith("Port")
-
-
-def active_content(block: ModelBlock, scope: Scope) -> tuple[System, str]:
-    """Return the content of a subsystem, and a sentence on its active variant.
+def active_content(block: ModelBlock, scope: Scope) -> System:
+    """Return the content of a subsystem with its active variant.
 
     Raises:
         EvaluationError: if no variant is active.
@@ -120,12 +110,8 @@ def active_content(block: ModelBlock, scope: Scope) -> tuple[System, str]:
     if block.system is not None and iterator_block(block.system) is not None:
         raise EvaluationError("it is in an iterated subsystem; import the enclosing system")
     if not is_variant(block) or block.system is None:
-        return block.system or System(), ""
-    labels = choice_labels(block)
-    at = active_choice(block, labels, scope)
-    return system_with_choice(block, choice_at(block, at) if at is not None else None), describe_choice(
-        labels, at, scope
-    )
+        return block.system or System()
+    return system_with_choice(block, active_choice(block, choice_labels(block), scope))
 
 
 def describe_choice(labels: Sequence[str], at: int | None, scope: Scope) -> str:
@@ -136,28 +122,27 @@ def describe_choice(labels: Sequence[str], at: int | None, scope: Scope) -> str:
     return f"the variant {labels[at]}{f' ({meant})' if meant != labels[at] else ''} is active"
 
 
-def system_with_choice(block: ModelBlock, choice: ModelBlock | None) -> System:
-    """Return the system of a variant subsystem with one choice, their ports joined by name.
+def system_with_choice(block: ModelBlock, at: int | None) -> System:
+    """Return the system of a variant subsystem with one choice, by index from 0, their ports joined by name.
 
     Raises:
         EvaluationError: if the choice has a port that the variant subsystem lacks.
     """
     outer = block.system or System()
-    kept = tuple(block for block in outer.blocks if _is_port(block))
-    if choice is None:
+    kept = tuple(block for block in outer.blocks if block.type in _PORTS or block.type.endswith("Port"))
+    if at is None:
         return System(kept)
-    lines = []
-    for kind, port in (("Inport", "in"), ("Outport", "out")):
+    choice, lines = choices(outer)[at], []
+    for kind in _PORTS:
         for name, number in _ports(choice, kind):
             outside = _outer_port(outer, kind, name, number)
             if outside is None:
-                raise EvaluationError(
-                    f"its variant {choice.name} has a port {name}, which the variant subsystem does not have"
-                )
-            ends = (Endpoint(outside.sid, "out"), Endpoint(choice.sid, "in", number))
-            if port == "out":
-                ends = (Endpoint(choice.sid, "out", number), Endpoint(outside.sid, "in"))
-            lines.append(SignalLine(ends[0], (ends[1],)))
+                problem = f"has a port {name}, which the variant subsystem does not have"
+                raise EvaluationError(f"its variant {choice.name} {problem}")
+            if kind == "Inport":
+                lines.append(SignalLine(Endpoint(outside.sid, "out"), (Endpoint(choice.sid, "in", number),)))
+            else:
+                lines.append(SignalLine(Endpoint(choice.sid, "out", number), (Endpoint(outside.sid, "in"),)))
     return System((*kept, choice), tuple(lines))
 
 
@@ -171,9 +156,8 @@ def _ports(choice: ModelBlock, kind: str) -> list[tuple[str, int]]:
 
 def _outer_port(outer: System, kind: str, name: str, number: int) -> ModelBlock | None:
     """Return the port of a variant subsystem by name, or by number if the names are unknown."""
-    return next(
-        (block for block in outer.of(kind) if (block.name == name if name else port_number(block) == number)), None
-    )
+    ports = (block for block in outer.of(kind) if (block.name == name if name else port_number(block) == number))
+    return next(ports, None)
 
 
 def without_commented_blocks(system: System) -> System:
@@ -181,9 +165,8 @@ def without_commented_blocks(system: System) -> System:
     commented = {block.sid: _how(block) for block in system.blocks if _how(block) in ("on", "through")}
     if not commented:
         return system
-    return System(
-        tuple(block for block in system.blocks if block.sid not in commented), tuple(_lines(system, commented))
-    )
+    kept = tuple(block for block in system.blocks if block.sid not in commented)
+    return System(kept, tuple(_lines(system, commented)))
 
 
 def _how(block: ModelBlock) -> str:

@@ -187,7 +187,10 @@ class ConnectionResolver:
         for level in self.placed.levels:
             self._place_open_tags(level)
         for level in self.placed.levels:
-            self._connect_blocks(level)
+            for sid, flat in level.flat_blocks.items():
+                self._connect_inputs(level, sid, flat)
+                if flat.type in ("DataStoreRead", "DataStoreWrite"):
+                    flat.data_store = _store(level, flat.block)
             self._connect_controls(level)
             for flat in [flat for flat in level.flat_blocks.values() if flat.type == "MATLAB Function"]:
                 self._connect_data_stores(level, flat)
@@ -200,12 +203,6 @@ class ConnectionResolver:
             if self.wires.goto(level, goto_tag(block)) is None:
                 flat = self.placed.place(level, block, "From")
                 flat.hidden = level.element > 1 or max(level.passes, default=1) > 1
-
-    def _connect_blocks(self, level: SystemInstance) -> None:
-        for sid, flat in level.flat_blocks.items():
-            self._inputs(level, sid, flat)
-            if flat.type in ("DataStoreRead", "DataStoreWrite"):
-                flat.data_store = _store(level, flat.block)
 
     def _connect_controls(self, level: SystemInstance) -> None:
         """Connect the control ports of the conditional subsystems of a system."""
@@ -227,15 +224,8 @@ class ConnectionResolver:
 
     def _place_access(self, level: SystemInstance, flat: FlatBlock, kind: str, name: str) -> FlatBlock:
         block = ModelBlock(kind, name, "", f"{flat.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
-        access = FlatBlock(
-            kind,
-            block,
-            f"{flat.path}/{name}",
-            level.scope,
-            level.control,
-            priority_path=flat.priority_path,
-            synthetic=True,
-        )
+        path, order = f"{flat.path}/{name}", flat.priority_path
+        access = FlatBlock(kind, block, path, level.scope, level.control, priority_path=order, synthetic=True)
         access.data_store = _store(level, block)
         self.placed.flat_blocks.append(access)
         return access
@@ -248,7 +238,7 @@ class ConnectionResolver:
             sid, level = level.holder.sid, level.parent
         return self.wires.source(level, Endpoint(sid, port))
 
-    def _inputs(self, level: SystemInstance, sid: str, flat: FlatBlock) -> None:
+    def _connect_inputs(self, level: SystemInstance, sid: str, flat: FlatBlock) -> None:
         count = max(level.fed.get(sid, 0), flat.block.ports.inputs if flat.block.ports is not None else 0)
         self._ends += count
         if self._ends > _MAX_INPUTS:

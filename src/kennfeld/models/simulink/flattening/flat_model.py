@@ -97,13 +97,12 @@ class FlatBlock:
 
 @dataclass
 class FlatModel:
-    """All blocks of the imported system; `inports` and `outports` are in port order.
+    """All blocks of the imported system; `outports` are in port order.
 
     `variant_choices` describes the active variants, `counts` are iteration counts by subsystem path.
     """
 
     blocks: list[FlatBlock]
-    inports: list[FlatBlock]
     outports: list[FlatBlock]
     variant_choices: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
@@ -142,11 +141,8 @@ def resets_on_enable(control: FlatBlock) -> bool:
         if port in control.control_ports and (control.control_ports[port].value(key) or "held") == "reset":
             return True
     trigger = control.control_ports.get("trigger")
-    return (
-        trigger is not None
-        and (trigger.value("StatesWhenEnabling") or "inherit") == "reset"
-        and "enable" in control.control_ports
-    )
+    resets = trigger is not None and trigger.value("StatesWhenEnabling") == "reset"
+    return resets and "enable" in control.control_ports
 
 
 def resets_with_subsystem(flat: FlatBlock) -> bool:
@@ -178,7 +174,7 @@ class DataStoreOrder:
     `by_task` returns -1 if the task of the first of two blocks runs first, 1 if that of the second does, else 0.
     """
 
-    def __init__(self, blocks: Iterable[FlatBlock], by_task: Order = lambda one, other: 0) -> None:
+    def __init__(self, blocks: Iterable[FlatBlock], by_task: Order = lambda flat, other: 0) -> None:
         self._by_task = by_task
         self.writers: dict[FlatBlock, list[FlatBlock]] = {}
         readers: list[FlatBlock] = []
@@ -193,15 +189,12 @@ class DataStoreOrder:
             (writer, reader)
             for reader in readers
             for writer in self._writers_of(reader)
-            if self._is_undecided(writer, reader)
+            # code reads a store before it writes it
+            if not self._order(writer, reader) and writer.priority_path != reader.priority_path
         ]
 
     def _order(self, flat: FlatBlock, other: FlatBlock) -> int:
         return self._by_task(flat, other) or _compare_priority(flat, other)
-
-    def _is_undecided(self, writer: FlatBlock, reader: FlatBlock) -> bool:
-        """Return True if nothing orders the two; code reads a store before it writes it."""
-        return not self._order(writer, reader) and writer.priority_path != reader.priority_path
 
     def _writers_of(self, reader: FlatBlock) -> list[FlatBlock]:
         return self.writers.get(reader.data_store, []) if reader.data_store is not None else []

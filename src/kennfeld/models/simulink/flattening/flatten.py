@@ -11,7 +11,6 @@ from types import MappingProxyType
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import (
     active_choice,
-    choice_at,
     choice_labels,
     describe_choice,
     is_variant,
@@ -53,13 +52,11 @@ def flatten(
     """
     placed = FlatteningState()
     system = without_commented_blocks(system)
-    root = _Flattener(placed, cuts, opaque, models or {}, known, counts or {}).level(
-        SystemInstance(system, (), scope, None)
-    )
+    flattener = _Flattener(placed, cuts, opaque, models or {}, known, counts or {})
+    root = flattener.level(SystemInstance(system, (), scope, None))
     ConnectionResolver(placed).connect()
-    ports = {kind: sorted(system.of(kind), key=port_number) for kind in ("Inport", "Outport")}
-    inports, outports = ([root.flat_blocks[b.sid] for b in ports[kind]] for kind in ("Inport", "Outport"))
-    return FlatModel(placed.flat_blocks, inports, outports, placed.variant_choices, placed.built)
+    outports = [root.flat_blocks[block.sid] for block in sorted(system.of("Outport"), key=port_number)]
+    return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
 
 
 class _Flattener:
@@ -121,17 +118,15 @@ class _Flattener:
         try:
             at = active_choice(block, labels, scope)
             if block.type == "SubSystem":
-                choice = choice_at(block, at) if at is not None else None
-                self._place_subsystem(level, block, system_with_choice(block, choice))
+                self._place_subsystem(level, block, system_with_choice(block, at))
                 level.below[block.sid].variant = True
         except EvaluationError as error:
             self.placed.place(level, block, block.type, f"a variant block: {error}").undefined = error.undefined
             return
         if block.type != "SubSystem":
             self._place_variant_port(level, block, at)
-        self.placed.variant_choices.append(
-            f"{join_path(*level.path, block.name)}: {describe_choice(labels, at, scope)}"
-        )
+        path = join_path(*level.path, block.name)
+        self.placed.variant_choices.append(f"{path}: {describe_choice(labels, at, scope)}")
 
     def _place_variant_port(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
         """Connect the active port of a variant source or sink; readers of the others are refused."""
@@ -219,34 +214,31 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
 
 def standalone_system(block: ModelBlock, inside: System) -> System:
     """Return a system that contains one block without inner blocks, with a port for each signal and event."""
-    ports: list[tuple[ModelBlock, SignalLine | None]] = [
-        *_ports(block, inside, "Inport"),
-        *_ports(block, inside, "Outport"),
-    ]
-    if any(True for _ in inside.of("TriggerPort")):
-        ports += _events(block, len([port for port, _ in ports if port.type == "Inport"]))
-    return System((block, *(port for port, _ in ports)), tuple(line for _, line in ports if line is not None))
+    inputs = list(_ports(block, inside, "Inport"))
+    ports = [*inputs, *_ports(block, inside, "Outport")]
+    if any(inside.of("TriggerPort")):
+        ports += _events(block, len(inputs))
+    return System((block, *(port for port, _ in ports)), tuple(line for _, line in ports))
 
 
 def _ports(block: ModelBlock, inside: System, kind: str) -> Iterator[tuple[ModelBlock, SignalLine]]:
     for port in inside.of(kind):
         number = port_number(port)
-        made = _port(kind, port.name.removesuffix("()"), number)
+        outer = _port(kind, port.name.removesuffix("()"), number)
         if kind == "Inport":
-            yield made, SignalLine(Endpoint(made.sid, "out"), (Endpoint(block.sid, "in", number),))
+            yield outer, SignalLine(Endpoint(outer.sid, "out"), (Endpoint(block.sid, "in", number),))
         else:
-            yield made, SignalLine(Endpoint(block.sid, "out", number), (Endpoint(made.sid, "in"),))
+            yield outer, SignalLine(Endpoint(block.sid, "out", number), (Endpoint(outer.sid, "in"),))
 
 
 def _port(kind: str, name: str, number: int) -> ModelBlock:
     return ModelBlock(kind, name, f"{kind} {number}", name, {"Port": str(number)})
 
 
-def _events(block: ModelBlock, before: int) -> Iterator[tuple[ModelBlock, SignalLine | None]]:
+def _events(block: ModelBlock, before: int) -> Iterator[tuple[ModelBlock, SignalLine]]:
     """Yield an input for each event, and the line that joins it to the trigger vector of the chart."""
-    events = (
-        [event.name for event in block.chart.events if event.scope == "INPUT_EVENT"] if block.chart is not None else []
-    )
+    listed = block.chart.events if block.chart is not None else ()
+    events = [event.name for event in listed if event.scope == "INPUT_EVENT"]
     joint = ModelBlock("Mux", "events", "Mux", "events", {"Inputs": str(len(events))})
     yield joint, SignalLine(Endpoint(joint.sid, "out"), (Endpoint(block.sid, "trigger"),))
     for at, name in enumerate(events, 1):

@@ -104,9 +104,8 @@ def block_priority(block: ModelBlock) -> int | None:
     return int(written) if re.fullmatch(r"-?\d{1,9}", written) else None
 
 
-Joint: TypeAlias = tuple[
-    FlatBlock, list[tuple[SystemInstance, Endpoint] | SignalSource]
-]  # a block, and where its inputs come from
+# a block, and where its inputs come from
+Joint: TypeAlias = tuple[FlatBlock, list[tuple[SystemInstance, Endpoint] | SignalSource]]
 
 
 class FlatteningState:
@@ -126,9 +125,8 @@ class FlatteningState:
 
     def place(self, level: SystemInstance, block: ModelBlock, kind: str, why: str = "") -> FlatBlock:
         """Place the flat block of a block; `why` is the reason if it is unsupported."""
-        flat = FlatBlock(
-            kind, block, join_path(*level.path, block.name), level.scope, level.control, unsupported_reason=why
-        )
+        path = join_path(*level.path, block.name)
+        flat = FlatBlock(kind, block, path, level.scope, level.control, unsupported_reason=why)
         flat.passes, flat.element = level.passes, level.element
         self.flat_blocks.append(flat)
         if kind != "ConditionalSubsystem":

@@ -5,6 +5,7 @@ it until the next step. The elements of a For Each subsystem have separate state
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def plan_iterations(
     if (block.value("ExternalIncrement") or "off") == "on":
         raise EvaluationError(f"{block.name} sets its iteration variable externally, which is not supported")
     if (block.value("IterationSource") or "internal") == "external":
-        return IterationPlan(block, _bounded(counts.get(path, 1), path), reset)
+        return IterationPlan(block, _check_count(counts.get(path, 1), path), reset)
     return IterationPlan(block, _number(field + "IterationLimit", block.value("IterationLimit") or "5", scope), reset)
 
 
@@ -69,17 +70,15 @@ def _number(field: str, text: str, scope: Scope) -> int:
     if numbers.size != 1 or not float(numbers.item()).is_integer():
         raise EvaluationError(f"its iteration count must be an integer, got {text[:60]}")
     if numbers.item() < 0 and field.endswith("MaxIters"):
-        raise EvaluationError(
-            f'its number of iterations is unbounded; set "{field}" to the maximum number of iterations'
-        )
-    return _bounded(int(numbers.item()), field)
+        limit = f'set "{field}" to the maximum number of iterations'
+        raise EvaluationError(f"its number of iterations is unbounded; {limit}")
+    return _check_count(int(numbers.item()), field)
 
 
-def _bounded(count: int, field: str) -> int:
+def _check_count(count: int, field: str) -> int:
     if not 1 <= count <= _MAX_ITERATIONS:
-        raise EvaluationError(
-            f"{field} requires {count} iterations in a step; it must be between 1 and {_MAX_ITERATIONS}"
-        )
+        limits = f"it must be between 1 and {_MAX_ITERATIONS}"
+        raise EvaluationError(f"{field} requires {count} iterations in a step; {limits}")
     return count
 
 
@@ -94,7 +93,7 @@ def _elements(block: ModelBlock, holder: ModelBlock, path: str, scope: Scope, co
     stated = (block.value("SpecifiedNumIters") or "-1").strip()
     if stated != "-1":
         return _number(f"{path}:SpecifiedNumIters", stated, scope)
-    return _bounded(parts if parts is not None else counts.get(path, 1), path)
+    return _check_count(parts if parts is not None else counts.get(path, 1), path)
 
 
 def element_scope(block: ModelBlock, holder: ModelBlock, inside: Scope, number: int) -> Scope:
@@ -106,9 +105,7 @@ def element_scope(block: ModelBlock, holder: ModelBlock, inside: Scope, number: 
     for name in parts:
         variable = inside.find(name)
         if isinstance(variable, MaskVariable):
-            scope.masked[name] = MaskVariable(
-                f"({variable.text})({number})", variable.outside, variable.evaluated, variable.field
-            )
+            scope.masked[name] = replace(variable, text=f"({variable.text})({number})", written="")
     return scope
 
 
@@ -126,14 +123,12 @@ def _parts(block: ModelBlock, holder: ModelBlock, inside: Scope) -> int | None:
     for name in partitioned_parameters(block, holder):
         numbers = ParameterExpressions(GraphBuilder(), DeclaredParameters()).numbers(name, inside)
         if widths or 1 not in np.atleast_2d(numbers).shape:
-            raise EvaluationError(
-                f"the parameter {name} is not partitioned into single elements, which is not supported"
-            )
+            problem = "is not partitioned into single elements, which is not supported"
+            raise EvaluationError(f"the parameter {name} {problem}")
         sizes.add(numbers.size)
     if len(sizes) > 1:
-        raise EvaluationError(
-            f"its partitioned parameters have different lengths: {' and '.join(map(str, sorted(sizes)))}"
-        )
+        lengths = " and ".join(map(str, sorted(sizes)))
+        raise EvaluationError(f"its partitioned parameters have different lengths: {lengths}")
     return next(iter(sizes), None)
 
 
@@ -156,9 +151,14 @@ class IterationUnroller:
             inner = self._place_iteration(level, face, plan, number, levels, passing)
             levels.append(inner)
             blocks = self.placed.flat_blocks[start:]
-            (_link_elements if plan.each else _link_iterations)(before, blocks)
+            if plan.each:  # the first element represents the others
+                for flat in blocks if before else ():
+                    flat.hidden = True
+            else:
+                _link_iterations(before, blocks)
             if number == 1 and plan.reset and not plan.each:
-                _mark_resets(blocks)
+                for flat in blocks:
+                    flat.resets_each_step |= flat.previous_pass is None
             before = blocks
         for outport in face.system.of("Outport"):
             self._place_output(face, outport, plan, levels, passing)
@@ -233,16 +233,3 @@ def _link_iterations(before: list[FlatBlock], blocks: list[FlatBlock]) -> None:
             last.next_pass, other.previous_pass = other, last
     for flat in before:
         flat.hidden = True
-
-
-def _link_elements(before: list[FlatBlock], blocks: list[FlatBlock]) -> None:
-    """Mark the blocks of an element as represented by those of the first."""
-    for flat in blocks if before else ():
-        flat.hidden = True
-
-
-def _mark_resets(blocks: list[FlatBlock]) -> None:
-    """Mark the states of a first iteration as reset in each step."""
-    for flat in blocks:
-        if flat.previous_pass is None:
-            flat.resets_each_step = True

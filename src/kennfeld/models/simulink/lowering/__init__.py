@@ -1,1 +1,10 @@
-"""Lowering of flat blocks to graph nodes: order, sample times, execution conditions and states."""
+"""Lowering of flat blocks to graph nodes: order, sample times, execution conditions and states.
+
+This is what block handlers import: the context of a block, its registration, and the error of what is unsupported.
+"""
+
+from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError, evaluating
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, Outputs, block, no_feedthrough
+
+__all__ = ["BLOCK_TYPES", "BlockContext", "Outputs", "UnsupportedError", "block", "evaluating", "no_feedthrough"]

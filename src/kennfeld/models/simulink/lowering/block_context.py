@@ -1,16 +1,17 @@
 """Interface of block handlers: fields, inputs, states, and the graph under construction."""
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+import functools
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers, elementwise, truncate
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 from kennfeld.models.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError, evaluating
+from kennfeld.models.simulink.lowering.lowering_pass import LoweringPass
+from kennfeld.models.simulink.lowering.registry import field_text
 from kennfeld.models.simulink.signals import (
     CONSTANT,
     CONTINUOUS,
@@ -18,19 +19,13 @@ from kennfeld.models.simulink.signals import (
     ExternalBus,
     Signal,
     SignalOrBus,
+    SignalRule,
+    apply,
     as_vector,
-    common_shape,
-    fastest_sample_time,
-    fit_to_shape,
-    scalar,
-    size_text,
+    constant,
+    select,
 )
-
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.lowering.compiler import BlockCompiler
-
-
-Then = Callable[[Signal], Signal]
+from kennfeld.models.simulink.variables.mask_scope import Variable
 
 _REMEDY = "Define its variables in a script, a .mat, .sldd or calibration file given as parameters."
 
@@ -43,11 +38,14 @@ class BlockContext:
     blocks are lowered.
     """
 
-    def __init__(self, compiler: "BlockCompiler", flat: FlatBlock) -> None:
+    def __init__(self, compiler: LoweringPass, flat: FlatBlock) -> None:
         self.compiler = compiler
         self.flat = flat
-        self.type = compiler.block_type(flat)
         self.memories = self.before = 0
+
+    def of(self, flat: FlatBlock) -> "BlockContext":
+        """Return a context in which to read the fields and inputs of another block."""
+        return BlockContext(self.compiler, flat)
 
     @property
     def builder(self) -> GraphBuilder:
@@ -56,13 +54,8 @@ class BlockContext:
 
     def field_text(self, name: str, default: str | None = None) -> str:
         """Return a field as written, or its default."""
-        written = self.flat.block.value(name)
-        if written is None and self.flat.block.mask is not None:
-            written = next((p.expression for p in self.flat.block.mask.parameters if p.name == name), None)
-        if written is None and self.flat.block.reference is not None:
-            written = self.flat.block.reference.parameters.get(name)
-        if written is None:
-            written = self.type.defaults.get(name, default) if self.type is not None else default
+        written = field_text(self.flat, name)
+        written = default if written is None else written
         if written is None:
             raise UnsupportedError(f"the file does not specify its {name}")
         return written.strip()
@@ -74,6 +67,10 @@ class BlockContext:
             raise UnsupportedError(f"{name} {written[:60]!r} is not supported")
         return written
 
+    def field_name(self, *names: str) -> str:
+        """Return the first of several names of one field that the file contains, else the last name."""
+        return next((name for name in names if self.flat.block.value(name) is not None), names[-1])
+
     def is_on(self, name: str) -> bool:
         """Return True if a field is on."""
         return self.field_text(name, "off") == "on"
@@ -83,7 +80,7 @@ class BlockContext:
         nodes = self._array(name, self.field_text(name, default))
         if not nodes.size:
             raise UnsupportedError(f"its {name} is empty")
-        return Signal(as_vector(nodes), CONSTANT)
+        return self.signal(as_vector(nodes), CONSTANT)
 
     def matrix(self, name: str) -> Nodes:
         """Return a field as a matrix of nodes, Int[rows, columns]."""
@@ -91,17 +88,15 @@ class BlockContext:
 
     def _array(self, name: str, text: str) -> Nodes:
         field = f"{self.flat.path}:{name}"
-        try:
-            variable = self.flat.scope.variables.get(field)
+        variable = self.flat.scope.variables.get(field)
+        expressions = self.compiler.expressions
+        with evaluating(f"its {name} ({text[:60]}) has no value", _REMEDY):
             if field in self.compiler.declared.promoted:
-                return self.compiler.promoted_literal(field, text, self.flat.scope, variable)
+                literal = Variable(expressions.numbers(text, self.flat.scope), source="a literal of the block")
+                return self.compiler.declared.array(self.builder, field, variable or literal)
             if variable is not None:
-                return self.compiler.expressions.freeze(variable.value)
-            return self.compiler.expressions.array(text, self.flat.scope)
-        except EvaluationError as error:
-            raise UnsupportedError(
-                f"its {name} ({text[:60]}) has no value: {error}", _REMEDY, error.undefined
-            ) from None
+                return expressions.freeze(variable.value)
+            return expressions.array(text, self.flat.scope)
 
     def numeric_array(self, name: str, default: str | None = None) -> Numbers:
         """Return a field as constants, Float[rows, columns]."""
@@ -109,19 +104,13 @@ class BlockContext:
         variable = self.flat.scope.variables.get(f"{self.flat.path}:{name}")
         if variable is not None and isinstance(variable.value, np.ndarray):
             return np.atleast_2d(variable.value)
-        try:
+        with evaluating(f"its {name} ({text[:60]}) has no value", _REMEDY):
             return self.compiler.expressions.numbers(text, self.flat.scope)
-        except EvaluationError as error:
-            raise UnsupportedError(
-                f"its {name} ({text[:60]}) has no value: {error}", _REMEDY, error.undefined
-            ) from None
 
     def evaluate(self, text: str) -> Numbers:
         """Return the numbers of an expression that is part of a field."""
-        try:
+        with evaluating(f"{text[:60]} has no value", _REMEDY):
             return self.compiler.expressions.numbers(text, self.flat.scope)
-        except EvaluationError as error:
-            raise UnsupportedError(f"{text[:60]} has no value: {error}", _REMEDY, error.undefined) from None
 
     def numeric_field(self, name: str, default: str | None = None) -> float:
         """Return a field as one constant."""
@@ -141,9 +130,9 @@ class BlockContext:
         """Return the initial output, None if the block does not specify one."""
         return None if self.field_text("InitialOutput") in ("[]", "") else self.parameter("InitialOutput")
 
-    def remark(self, sentence: str) -> None:
-        """Add a remark to the import report; the sentence continues the path of the block."""
-        self.compiler.remarks[f"{self.flat.path} {sentence}"] = None
+    def warn(self, sentence: str) -> None:
+        """Add a warning to the import report; the sentence continues the path of the block."""
+        self.compiler.warnings[f"{self.flat.path} {sentence}"] = None
 
     def source(self, index: int = 0) -> SignalSource | None:
         """Return the source of an input, None if it is unconnected."""
@@ -162,13 +151,12 @@ class BlockContext:
         if isinstance(signal, Signal) and index == 0:
             self._check_frame(signal)
         if isinstance(signal, Bus):
-            only = [member for member in signal.members.values() if isinstance(member, Signal)]
-            if len(only) == len(signal.members) == 1:
-                return only[0]
-            raise UnsupportedError(
-                f"its input {index + 1} is a bus", "Select one signal of the bus with a Bus Selector."
-            )
-        return signal
+            members = list(signal.members.values())
+            if len(members) != 1 or not isinstance(members[0], Signal):
+                remedy = "Select one signal of the bus with a Bus Selector."
+                raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
+            signal = members[0]
+        return replace(signal, builder=self.builder)
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""
@@ -196,80 +184,59 @@ class BlockContext:
 
     def constant(self, *values: float) -> Signal:
         """Return a vector of constants."""
-        return Signal(np.array([self.builder.const(value) for value in values], dtype=np.int64), CONSTANT)
+        return constant(self.builder, *values)
 
-    def apply(self, op: str, *args: Signal) -> Signal:
-        """Apply a graph operation element by element; scalars are broadcast."""
-        spread = self.broadcast(*args)
-        period = fastest_sample_time([arg.period for arg in args])
-        return Signal(elementwise(self.builder, op, *(arg.nodes for arg in spread)), period)
-
-    def broadcast(self, *args: Signal) -> list[Signal]:
-        """Return the signals in their common shape; raise `UnsupportedError` if they do not match."""
-        shape = common_shape(*(arg.shape for arg in args))
-        if shape is None:
-            sizes = ", ".join(size_text(arg.shape) for arg in args)
-            raise UnsupportedError(f"its inputs have the sizes {sizes}, which do not match")
-        return [Signal(fit_to_shape(arg.nodes, shape), arg.period) for arg in args]
-
-    def select(self, condition: Signal, yes: Signal, no: Signal) -> Signal:
-        """Return one signal where a condition holds, else the other."""
-        return self.apply("select", condition, yes, no)
+    def signal(
+        self, nodes: Nodes | Sequence[int], period: float = CONTINUOUS, shape: tuple[int, ...] | None = None
+    ) -> Signal:
+        """Return a signal of an array of nodes, or of nodes in the order of the columns of `shape`."""
+        array = np.array(nodes, dtype=np.int64)
+        return Signal(array if shape is None else array.reshape(shape, order="F"), period, builder=self.builder)
 
     def reduce(self, op: str, args: Sequence[Signal]) -> Signal:
         """Reduce signals by a binary operation, from first to last."""
-        result = args[0]
-        for arg in args[1:]:
-            result = self.apply(op, result, arg)
-        return result
-
-    def clip(self, x: Signal, lower: Signal, upper: Signal) -> Signal:
-        """Limit a signal; infinite limits have no effect."""
-        if not self._is_constant(lower, -math.inf):
-            x = self.apply("max", x, lower)
-        return x if self._is_constant(upper, math.inf) else self.apply("min", x, upper)
-
-    def _is_constant(self, signal: Signal, value: float) -> bool:
-        return all(self.builder.value(node) == value for node in signal.flat)
+        return functools.reduce(lambda result, arg: apply(op, result, arg), args)
 
     def truncate(self, x: Signal) -> Signal:
         """Round a signal toward zero."""
-        return Signal(truncate(self.builder, x.nodes), x.period)
+        return self.signal(truncate(self.builder, x.nodes), x.period)
 
     def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
         """Return 1 if a signal equals one of several values, else 0."""
-        equal = [self.apply("eq", x, self.constant(value)) for value in values]
+        equal = [apply("eq", x, value) for value in values]
         return self.reduce("or", equal) if equal else self.constant(0.0)
 
     @property
     def time(self) -> Signal:
         """Time since the start in s."""
-        return scalar(self.builder.input("t"))
+        return self.signal([self.builder.input("t")])
 
     @property
     def base_step(self) -> Signal:
         """Length of a model step in s."""
-        return scalar(self.builder.input("dt"))
+        return self.signal([self.builder.input("dt")])
+
+    def time_tolerance(self, share: float = 1e-6) -> float:
+        """Return a share of the step in s, for rounded times; 0 if the data define the step."""
+        return share * (self.compiler.clock.step or 0.0)
 
     def sample_step(self) -> Signal:
         """Return the sample time of the block in s, specified or inherited."""
-        period = self.period()
-        if period in (CONTINUOUS, CONSTANT):
-            return self.base_step
-        return self.constant(period)
+        return self.base_step if self.period() in (CONTINUOUS, CONSTANT) else self.constant(self.period())
 
     def period(self) -> float:
         """Return the sample time of the block in s: as specified, or inherited as far as it is known in this pass."""
-        stated = self.compiler.timing.specified_period(self.flat)
-        if stated is not None:
-            return stated
-        return self.compiler.timing.inherited_period(self.flat)
+        return self.compiler.timing.period(self.flat)
 
     def hold_in_minor_steps(self, x: Signal) -> Signal:
         """Hold a signal during the minor steps of the solver."""
         return self.compiler.timing.hold_in_minor_steps(x)
 
-    def discrete_state(self, init: Signal, then: Then, latency: int = 1, ported: bool = False) -> Signal:
+    def is_true(self, index: int) -> Signal:
+        """Return 1 if an input, held during minor steps, is not 0."""
+        return apply("ne", self.hold_in_minor_steps(self.input(index)), 0.0)
+
+    def discrete_state(self, init: Signal, then: SignalRule, latency: int = 1, ported: bool = False) -> Signal:
         """Return a discrete state at the start of the step.
 
         Args:
@@ -279,12 +246,27 @@ class BlockContext:
             ported: True for the state at the block's state port.
         """
         self.memories += 1
-        return self.compiler.memories.create(self, STATE_PORT if ported else self.memories, init, then, latency)
+        return self.compiler.memories.create(self.flat, STATE_PORT if ported else self.memories, init, then, latency)
+
+    def feedback(self, init: Signal, rule: SignalRule) -> Signal:
+        """Return y = rule(y'), in which y' is the value of y in the previous sample, at first `init`."""
+        results: list[Signal] = []
+        results.append(rule(self.discrete_state(init, lambda _: results[0])))
+        return results[0]
+
+    def unconditional_feedback(self, init: Signal, rule: SignalRule) -> Signal:
+        """Return the same as `feedback` with the value of the previous step, even if the subsystem does not run."""
+        results: list[Signal] = []
+        self.before += 1
+        number = STATE_PORT - self.before
+        before = self.compiler.memories.delay_unconditionally(self.flat, number, init, lambda: results[0])
+        results.append(rule(before))
+        return results[0]
 
     def continuous_state(
         self,
         init: Signal,
-        slope: Then,
+        slope: SignalRule,
         reset: Signal | None = None,
         limits: tuple[Signal, Signal] | None = None,
         ported: bool = False,
@@ -299,9 +281,8 @@ class BlockContext:
             ported: True for the state at the block's state port.
         """
         self.memories += 1
-        return self.compiler.continuous.integrate(
-            self, STATE_PORT if ported else self.memories, init, slope, reset, limits
-        )
+        number = STATE_PORT if ported else self.memories
+        return self.compiler.continuous.integrate(self.flat, number, init, slope, reset, limits)
 
     def suggest_dimensions(self, index: int, shape: tuple[int, ...]) -> None:
         """Suggest the shape of an input whose memory or inport does not determine it."""
@@ -315,30 +296,25 @@ class BlockContext:
         A signal that reaches zero and stays there has crossed it; leaving zero on the other side later does not count
         again.
         """
-        before = self.discrete_state(self.apply("sign", x), lambda before: self._crossing_sign(before, x))
-        zero, one = self.constant(0.0), self.constant(1.0)
-        rests = self.apply("eq", x, zero)
-        up = self.apply("and", self.apply("le", before, zero), self.apply("gt", x, zero))
-        down = self.apply("and", self.apply("ge", before, zero), self.apply("lt", x, zero))
-        rising = self.apply("or", up, self.apply("and", self.apply("eq", before, self.constant(-1.0)), rests))
-        falling = self.apply("or", down, self.apply("and", self.apply("eq", before, one), rests))
-        return self._select_edge(kind, rising, falling)
+        before = self.discrete_state(apply("sign", x), lambda before: self._crossing_sign(before, x))
+        rests = apply("eq", x, 0.0)
+        rising = (before <= 0.0) & (x > 0.0) | apply("eq", before, -1.0) & rests
+        falling = (before >= 0.0) & (x < 0.0) | apply("eq", before, 1.0) & rests
+        return _select_edge(kind, rising, falling)
 
     def _crossing_sign(self, before: Signal, x: Signal) -> Signal:
         """Return the sign of a signal; at zero, half the sign of the crossing by which it arrived in this step."""
-        half = self.apply("mul", self.constant(-0.5), before)
-        arrived = self.select(self.apply("eq", self.apply("abs", before), self.constant(1.0)), half, self.constant(0.0))
-        return self.select(self.apply("eq", x, self.constant(0.0)), arrived, self.apply("sign", x))
+        arrived = select(apply("eq", abs(before), 1.0), -0.5 * before, 0.0)
+        return select(apply("eq", x, 0.0), arrived, apply("sign", x))
 
     def level_crossing(self, x: Signal, kind: str) -> Signal:
         """Return 1 if a signal becomes positive (rising), ceases to be positive (falling), or either."""
-        before = self.apply("gt", self.discrete_state(x, lambda _: x), self.constant(0.0))
-        now = self.apply("gt", x, self.constant(0.0))
-        rising = self.apply("and", now, self.apply("not", before))
-        falling = self.apply("and", before, self.apply("not", now))
-        return self._select_edge(kind, rising, falling)
+        before = self.discrete_state(x, lambda _: x) > 0.0
+        now = x > 0.0
+        return _select_edge(kind, now & ~before, before & ~now)
 
-    def _select_edge(self, kind: str, rising: Signal, falling: Signal) -> Signal:
-        if kind == "either":
-            return self.apply("or", rising, falling)
-        return rising if kind == "rising" else falling
+
+def _select_edge(kind: str, rising: Signal, falling: Signal) -> Signal:
+    if kind == "either":
+        return rising | falling
+    return rising if kind == "rising" else falling

@@ -6,17 +6,15 @@ loop and broken by a placeholder signal.
 
 from collections.abc import Callable, Iterable
 
-from kennfeld.graph.bounded_builder import BoundedGraphBuilder
+from kennfeld.graph.builder import BoundedGraphBuilder
 from kennfeld.models.simulink.flattening.flat_model import (
     DataStoreOrder,
     FlatBlock,
-    SignalSource,
     resets_with_subsystem,
 )
-from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, placeholder_outputs
 from kennfeld.models.simulink.lowering.pass_state import PendingCompletions
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from kennfeld.models.simulink.lowering.state_ports import is_known_at_step_start
 from kennfeld.models.simulink.signals import SignalOrBus
 
 # these evaluate their own execution condition
@@ -24,19 +22,22 @@ _CONTROLLED = ("ConditionalOutput", "ConditionalSubsystem", "IterationCondition"
 
 
 class BlockDependencies:
-    """Dependencies of blocks; `built` are the outputs so far, `ahead` recognizes sources known at step start."""
+    """Dependencies of blocks; `values` are the outputs so far.
+
+    `feedthrough` returns the inputs of a block that affect its outputs in the same step, `remembers` if it has states.
+    """
 
     def __init__(
         self,
-        block: Callable[[FlatBlock], BlockContext],
+        feedthrough: Callable[[FlatBlock], Iterable[int]],
+        remembers: Callable[[FlatBlock], bool],
         stores: DataStoreOrder,
-        ahead: Callable[[SignalSource], bool],
         failures: BlockFailures,
     ) -> None:
-        self.built: dict[FlatBlock, tuple[SignalOrBus, ...]] = {}
-        self._site = block
+        self.values: dict[FlatBlock, tuple[SignalOrBus, ...]] = {}
+        self._feedthrough = feedthrough
+        self._remembers = remembers
         self._stores = stores
-        self._ahead = ahead
         self._failures = failures
 
     def all_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
@@ -47,31 +48,20 @@ class BlockDependencies:
 
     def step_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
         """Return the blocks that the outputs of a block depend on in the same step."""
-        sources = self._sources(flat)
-        if sources is None:
+        blocks: list[FlatBlock] | None = None
+        with self._failures.note_errors(flat):
+            sources = [flat.inputs[index] for index in self._feedthrough(flat) if index < len(flat.inputs)]
+            blocks = [source.flat for source in sources if source is not None and not is_known_at_step_start(source)]
+        if blocks is None:
             return []
-        blocks = [source.flat for source in sources if not self._ahead(source)]
         if flat.control is not None and (flat.type in _CONTROLLED or resets_with_subsystem(flat)):
             blocks.append(flat.control)
         if flat.previous_pass is not None:
-            blocks += self._iteration_dependencies(flat.previous_pass)
+            # needed before the next iteration can read its state
+            blocks.append(flat.previous_pass)
+            if flat.previous_pass in self.values and self._remembers(flat.previous_pass):
+                blocks += self.all_dependencies(flat.previous_pass)
         return [*blocks, *(self._stores.writers_before(flat) if flat.data_store is not None else ())]
-
-    def _sources(self, flat: FlatBlock) -> list[SignalSource] | None:
-        """Return the sources of the inputs with feedthrough, None if they cannot be determined."""
-        block, kind = self._site(flat), BLOCK_TYPES.get(flat.type)
-        with self._failures.note_errors(flat):
-            every = range(len(flat.inputs)) if kind is not None else ()
-            wanted = every if kind is None or kind.needs is None else kind.needs(block)
-            sources = [flat.inputs[index] for index in wanted if index < len(flat.inputs)]
-            return [source for source in sources if source is not None]
-        return None
-
-    def _iteration_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
-        """Return the blocks needed before the next iteration of a block can read its state."""
-        block = self._site(flat)
-        remembers = flat in self.built and (block.memories or block.before)
-        return [flat, *self.all_dependencies(flat)] if remembers else [flat]
 
 
 class BuildOrder:
@@ -89,7 +79,7 @@ class BuildOrder:
         self.needs = needs
         self.agenda = agenda
         self.failures = failures
-        self.values = needs.built
+        self.values = needs.values
         self.loops: list[tuple[FlatBlock, ...]] = []
         self._build = build
         self._begun: dict[FlatBlock, None] = {}  # blocks waiting for others, outermost first
@@ -98,8 +88,8 @@ class BuildOrder:
         """Lower blocks and everything they depend on, states included."""
         for flat in blocks:
             self.visit(flat)
-        while (left := self.agenda.next()) is not None:
-            flat, complete = left
+        while (pending := self.agenda.next()) is not None:
+            flat, complete = pending
             self.visit(flat)
             for needed in self.needs.all_dependencies(flat):
                 self.visit(needed)
@@ -130,14 +120,10 @@ class BuildOrder:
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:
                 begun = list(self._begun)
-                self._loop(tuple(begun[begun.index(looped) :]))
+                self.loops.append(tuple(begun[begun.index(looped) :]))
+                self.values[looped] = placeholder_outputs(self.builder, looped)  # breaks the algebraic loop
             else:
                 stack.extend(reversed(missing))
-
-    def _loop(self, blocks: tuple[FlatBlock, ...]) -> None:
-        """Record an algebraic loop and give one of its blocks placeholder signals."""
-        self.loops.append(blocks)
-        self.values[blocks[0]] = placeholder_outputs(self.builder, blocks[0])
 
     def build_dependents(
         self, flat: FlatBlock, outputs: tuple[SignalOrBus, ...], goals: Iterable[FlatBlock]

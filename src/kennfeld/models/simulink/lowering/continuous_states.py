@@ -6,7 +6,7 @@ the classic fourth-order method; Dormand and Prince, J. Comput. Appl. Math. 6 (1
 without error control.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -14,12 +14,12 @@ import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.node_arrays import Nodes
-from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.discrete_states import DiscreteStates
 from kennfeld.models.simulink.lowering.pass_state import Key
 from kennfeld.models.simulink.lowering.state_ports import ContinuousState
-from kennfeld.models.simulink.signals import CONTINUOUS, Signal, fit_to_shape
+from kennfeld.models.simulink.signals import Signal, SignalRule, broadcast, clip, fit_to_shape, select
 
 
 class ButcherTableau(NamedTuple):
@@ -63,21 +63,16 @@ def integrate_step(builder: GraphBuilder, states: Sequence[ContinuousState], sol
             stages.append([_limit_slope(builder, state, state.slope, state.seen) for state in states])
             continue
         between = [
-            _advance_state(builder, state.seen, row, [stage[i] for stage in stages], dt)
-            for i, state in enumerate(states)
+            _advance_state(builder, state.seen, row, slopes, dt) for state, *slopes in zip(states, *stages, strict=True)
         ]
-        place = {state.seen: x for state, x in zip(states, between, strict=True)}
-        place[builder.input("t")] = _later(builder, node, dt)
-        new_states = _replace_nodes(builder, [state.slope for state in states], place)
-        stages.append(
-            [_limit_slope(builder, state, f, x) for state, f, x in zip(states, new_states, between, strict=True)]
-        )
-    for i, state in enumerate(states):
-        _close(builder, state, _advance_state(builder, state.seen, tableau.weights, [stage[i] for stage in stages], dt))
-
-
-def _later(builder: GraphBuilder, node: float, dt: int) -> int:
-    return builder.call("add", builder.input("t"), builder.call("mul", builder.const(node), dt))
+        replaced = {state.seen: x for state, x in zip(states, between, strict=True)}
+        t = builder.input("t")
+        replaced[t] = builder.call("add", t, builder.call("mul", builder.const(node), dt))
+        slopes = _replace_nodes(builder, [state.slope for state in states], replaced)
+        parts = zip(states, slopes, between, strict=True)
+        stages.append([_limit_slope(builder, state, slope, x) for state, slope, x in parts])
+    for state, *slopes in zip(states, *stages, strict=True):
+        _close(builder, state, _advance_state(builder, state.seen, tableau.weights, slopes, dt))
 
 
 def _advance_state(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
@@ -146,80 +141,79 @@ class ContinuousStates:
         self.builder = memories.builder
         self.memories = memories
         self.shapes = memories.shapes
-        self._found: list[ContinuousState] = []
+        self._states: list[ContinuousState] = []
 
     def integrate(
         self,
-        block: BlockContext,
+        flat: FlatBlock,
         number: int,
         init: Signal,
-        slope: Callable[[Signal], Signal],
+        slope: SignalRule,
         reset: Signal | None,
         limits: tuple[Signal, Signal] | None,
     ) -> Signal:
         """Return a continuous state as it is now; the solver advances it at the end of the step."""
-        if block.flat.passes:
+        if flat.passes:
             raise UnsupportedError("it integrates over time in an iterated subsystem, which is not supported")
-        key = (block.flat, number)
-        first = self._initial_states(block, key, init, reset, limits)
+        key = (flat, number)
+        first = self._initial_states(key, init, reset, limits)
         states = self.memories.ports.states(key, first)
-        read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), CONTINUOUS)
-        seen = self.memories.reset_with_subsystem(block.flat, read, first)
+        read = Signal(np.array(states, dtype=np.int64).reshape(first.shape), builder=self.builder)
+        seen = self.memories.reset_with_subsystem(flat, read, first)
         if reset is not None:
-            again = block.select(self.memories.timing.hold_in_minor_steps(reset), Signal(first), seen)
+            again = select(self.memories.timing.hold_in_minor_steps(reset), Signal(first), seen)
             seen = replace(seen, nodes=again.nodes)
 
         def complete() -> None:
-            moving = self._slopes(block, key, seen, slope)
-            self._register(block, states, first, seen, moving, limits)
+            self._register(flat, states, first, seen, self._slopes(flat, key, seen, slope), limits)
 
-        self.memories.agenda.add(block.flat, complete)
+        self.memories.agenda.add(flat, complete)
         return seen
 
     def _initial_states(
-        self, block: BlockContext, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
+        self, key: Key, init: Signal, reset: Signal | None, limits: tuple[Signal, Signal] | None
     ) -> Nodes:
         """Return the initial states within limits, as many as there are elements in state, reset or limits."""
-        inside = init if limits is None else block.clip(init, *limits)
-        first = block.broadcast(inside, *(limit for limit in (reset, *(limits or ())) if limit is not None))[0]
+        inside = init if limits is None else clip(init, *limits)
+        first = broadcast(inside, *(limit for limit in (reset, *(limits or ())) if limit is not None))[0]
         shape = self.shapes.state_shape(key, first)
         return fit_to_shape(first.nodes, shape) if first.size in (1, int(np.prod(shape))) else first.nodes
 
-    def _slopes(self, block: BlockContext, key: Key, seen: Signal, slope: Callable[[Signal], Signal]) -> Nodes:
+    def _slopes(self, flat: FlatBlock, key: Key, seen: Signal, slope: SignalRule) -> Nodes:
         """Return the slopes of a block's states; another shape is used in the next pass."""
         rates = replace(seen, nodes=np.full(seen.shape, self.builder.const(0.0), dtype=np.int64))
-        try:
-            if self.memories.is_sound(block):
+        with self.memories.failures.note_errors(flat):
+            if self.memories.is_sound(flat):
                 rates = slope(seen)
-        except UnsupportedError as unsupported:
-            self.memories.failures.note(block.flat, *unsupported.parts)
         if rates.size == 1 < seen.size:
-            self.memories.check_widened(block, key)
+            self.memories.check_widened(flat, key)
         if rates.size > 1 and rates.shape != seen.shape:
-            self.memories.request_shape(block, key, rates.shape, seen.shape)
+            self.memories.request_shape(flat, key, rates.shape, seen.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         return fit_to_shape(rates.nodes, seen.shape)
 
     def _register(
         self,
-        block: BlockContext,
+        flat: FlatBlock,
         states: Sequence[int],
         first: Nodes,
         seen: Signal,
-        moving: Nodes,
+        slopes: Nodes,
         limits: tuple[Signal, Signal] | None,
     ) -> None:
-        low, high = (None, None) if limits is None else tuple(fit_to_shape(x.nodes, seen.shape).ravel() for x in limits)
-        active = self.memories.gates.run_condition(block.flat)
-        parts = zip(states, first.ravel(), seen.nodes.ravel(), moving.ravel(), strict=True)
-        for at, (state, init, now, rate) in enumerate(parts):
-            bounds = (None, None) if low is None or high is None else (int(low[at]), int(high[at]))
-            self._found.append(ContinuousState(state, int(init), int(now), int(rate), bounds, active))
+        bounds: list[tuple[int | None, int | None]] = [(None, None)] * seen.size
+        if limits is not None:
+            low, high = (fit_to_shape(limit.nodes, seen.shape).ravel() for limit in limits)
+            bounds = [(int(lower), int(upper)) for lower, upper in zip(low, high, strict=True)]
+        active = self.memories.gates.run_condition(flat)
+        parts = zip(states, first.ravel(), seen.nodes.ravel(), slopes.ravel(), bounds, strict=True)
+        for state, init, now, slope, bound in parts:
+            self._states.append(ContinuousState(state, int(init), int(now), int(slope), bound, active))
 
     def resolve_initial_values(self) -> None:
         """Make initial values at state ports independent of the states themselves."""
-        self._found = self.memories.ports.resolve_initial_values(self._found)
+        self._states = self.memories.ports.resolve_initial_values(self._states)
 
     def advance(self, solver: str) -> None:
         """Close the states with their values after one solver step."""
-        integrate_step(self.builder, self._found, solver)
+        integrate_step(self.builder, self._states, solver)

@@ -1,18 +1,19 @@
 """Unsupported blocks and their reasons; the first reason of each block is kept."""
 
+import math
 import re
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from types import TracebackType
 from typing import NamedTuple
-
-import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.library_links import is_of_simulink
 from kennfeld.models.simulink.reader.model_tree import split_path
-from kennfeld.models.simulink.signals import CONSTANT, Signal
+from kennfeld.models.simulink.signals import Signal, constant
 
 PARAMETER_ERRORS = (ValueError, IndexError, TypeError, ArithmeticError, EvaluationError)
 
@@ -31,6 +32,15 @@ class UnsupportedError(Exception):
     def parts(self) -> tuple[str, str, str]:
         """Message, remedy and undefined variable."""
         return self.message, self.remedy, self.undefined
+
+
+@contextmanager
+def evaluating(failure: str, remedy: str = "") -> Iterator[None]:
+    """Turn an `EvaluationError` into an `UnsupportedError` that starts with `failure`."""
+    try:
+        yield
+    except EvaluationError as error:
+        raise UnsupportedError(f"{failure}: {error}", remedy, error.undefined) from None
 
 
 class BlockFailure(NamedTuple):
@@ -58,28 +68,20 @@ class _Noting(AbstractContextManager[None, bool]):
     def __init__(self, failures: BlockFailures, flat: FlatBlock) -> None:
         self.failures, self.flat = failures, flat
 
-    def __enter__(self) -> None:
-        return None
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
     ) -> bool:
         if isinstance(error, UnsupportedError):
             self.failures.note(self.flat, *error.parts)
         elif isinstance(error, PARAMETER_ERRORS):
-            self.failures.note(self.flat, _describe_error(error), "", getattr(error, "undefined", ""))
+            cause = "" if isinstance(error, EvaluationError) else "its settings do not match its signals: "
+            self.failures.note(self.flat, cause + str(error)[:200], "", getattr(error, "undefined", ""))
         return isinstance(error, (UnsupportedError, *PARAMETER_ERRORS))
-
-
-def _describe_error(error: BaseException) -> str:
-    """Return the message of an exception caused by settings or signals."""
-    said = str(error)[:200]
-    return said if isinstance(error, EvaluationError) else f"its settings do not match its signals: {said}"
 
 
 def placeholder_signal(builder: GraphBuilder) -> Signal:
     """Return a placeholder for a signal that could not be lowered."""
-    return Signal(np.array([builder.const(float("nan"))], dtype=np.int64), CONSTANT, sound=False)
+    return replace(constant(builder, math.nan), sound=False)
 
 
 def placeholder_outputs(builder: GraphBuilder, flat: FlatBlock) -> tuple[Signal, ...]:
@@ -98,10 +100,8 @@ def unsupported_reason(flat: FlatBlock) -> tuple[str, str]:
         message = f"its content is in the file {elsewhere}, which was not found or does not match"
         return message, f"Put {stem}.slx next to the model, or bind it."
     if flat.block.type == "ModelReference":
-        return (
-            f"it references the model {flat.block.model}, which was not found",
-            "Put that file next to the model, or bind the block.",
-        )
+        message = f"it references the model {flat.block.model}, which was not found"
+        return message, "Put that file next to the model, or bind the block."
     link = flat.block.reference
     if link is not None and not is_of_simulink(link.source):
         library = (split_path(link.source) or ("",))[0]

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from kennfeld.formatting import size_text
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise
-from kennfeld.models.simulink.flattening.flat_model import STATE_PORT, DataStoreOrder, FlatBlock, SignalSource
-from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.flattening.flat_model import DataStoreOrder, FlatBlock, SignalSource
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.pass_state import Key, Shape
 from kennfeld.models.simulink.lowering.scheduling import ExecutionConditions
@@ -22,9 +22,9 @@ from kennfeld.models.simulink.signals import (
     CONTINUOUS,
     Signal,
     SignalOrBus,
+    SignalRule,
     fastest_sample_time,
     fit_to_shape,
-    size_text,
 )
 
 
@@ -46,29 +46,25 @@ class DiscreteStates:
         self._writes: dict[Key, Callable[[], Nodes]] = {}
         self._written: dict[Key, Nodes] = {}
 
-    def create(
-        self, block: BlockContext, number: int, init: Signal, then: Callable[[Signal], Signal], latency: int
-    ) -> Signal:
+    def create(self, flat: FlatBlock, number: int, init: Signal, then: SignalRule, latency: int) -> Signal:
         """Return a state that is read now and written at the end of the step."""
-        flat, key = block.flat, (block.flat.first, number)
+        key = (flat.first, number)
         shape = self.shapes.state_shape(key, init)
         try:
             first = fit_to_shape(init.nodes, shape)
         except EvaluationError:
             first = init.nodes
-        period = block.period()
-        read = Signal(self._read((flat, number), first, latency), period if period else CONTINUOUS)
+        read = Signal(self._read((flat, number), first, latency), self.timing.period(flat), builder=self.builder)
         seen = self.reset_with_subsystem(flat, read, first)
-        self._writes[flat, number] = lambda: self._next_value(block, key, seen, then)
-        return replace(seen, period=period or CONTINUOUS)
+        self._writes[flat, number] = lambda: self._next_value(flat, key, seen, then)
+        return seen
 
-    def delay_unconditionally(self, block: BlockContext, init: Signal, x: Callable[[], Signal]) -> Signal:
+    def delay_unconditionally(self, flat: FlatBlock, number: int, init: Signal, x: Callable[[], Signal]) -> Signal:
         """Return the signal of the previous step, even if an enclosing subsystem does not run."""
-        block.before += 1
-        key, first = (block.flat, STATE_PORT - block.before), init.nodes
-        read = self._read(key, first, 1)
+        key = (flat, number)
+        read = self._read(key, init.nodes, 1)
         self._writes[key] = lambda: fit_to_shape(self.timing.hold_in_minor_steps(x()).nodes, read.shape)
-        return Signal(read, CONTINUOUS)
+        return Signal(read, builder=self.builder)
 
     def reset_with_subsystem(self, flat: FlatBlock, read: Signal, first: Nodes) -> Signal:
         """Return a state that is reset when the enclosing subsystem is."""
@@ -78,15 +74,14 @@ class DiscreteStates:
         runs = np.array([begins], dtype=np.int64)
         return replace(read, nodes=elementwise(self.builder, "select", runs, first, read.nodes))
 
-    def is_sound(self, block: BlockContext) -> bool:
+    def is_sound(self, flat: FlatBlock) -> bool:
         """Return True if no input of a block is a placeholder."""
-        return all(wired.sound for wired in self._arriving(block.flat))
+        return all(wired.sound for wired in self._arriving(flat))
 
-    def check_widened(self, block: BlockContext, key: Key) -> None:
+    def check_widened(self, flat: FlatBlock, key: Key) -> None:
         """Report a state that is a vector because of its readers although its input is a scalar."""
-        message = self.shapes.widening_error(key)
-        if message:
-            self.failures.note(block.flat, message)
+        if (wished := self.guesses.wished.get(key)) is not None:
+            self.failures.note(flat, f"its input must be a vector of {wished}, got a scalar")
 
     def _read(self, key: Key, first: Nodes, latency: int) -> Nodes:
         """Return the state read by a block: of the previous step, or of the previous iteration."""
@@ -113,41 +108,36 @@ class DiscreteStates:
         for state, init, node in zip(states, first.ravel(), new.ravel(), strict=True):
             self.builder.close(state, int(init), int(node))
 
-    def _next_value(self, block: BlockContext, key: Key, seen: Signal, then: Callable[[Signal], Signal]) -> Nodes:
+    def _next_value(self, flat: FlatBlock, key: Key, seen: Signal, then: SignalRule) -> Nodes:
         """Return the next value of a state as its block computes it."""
         new = seen
-        try:
-            if self.is_sound(block):
+        with self.failures.note_errors(flat):
+            if self.is_sound(flat):
                 new = self.timing.hold_in_minor_steps(then(seen))
-        except UnsupportedError as unsupported:
-            self.failures.note(block.flat, *unsupported.parts)
-        self.guesses.period(block.flat, self._inherited_period(block))
-        new = self._fit(block, key, new, seen)
-        written = self.gates.write_condition(block.flat, block.period())
+        inherited = fastest_sample_time([wired.period for wired in self._arriving(flat)])
+        self.guesses.period(flat, CONTINUOUS if inherited == CONSTANT else inherited)
+        new = self._fit(flat, key, new, seen)
+        written = self.gates.write_condition(flat, self.timing.period(flat))
         if written is None:
             return new.nodes
         return elementwise(self.builder, "select", np.array([written], dtype=np.int64), new.nodes, seen.nodes)
 
-    def _fit(self, block: BlockContext, key: Key, new: Signal, seen: Signal) -> Signal:
+    def _fit(self, flat: FlatBlock, key: Key, new: Signal, seen: Signal) -> Signal:
         """Return the next value in the shape of the state; another shape is used in the next pass."""
         if new.shape == seen.shape:
             return new
         if new.size == 1:
-            self.check_widened(block, key)
+            self.check_widened(flat, key)
             return replace(new, nodes=fit_to_shape(new.nodes, seen.shape))
-        self.request_shape(block, key, new.shape, seen.shape)
+        self.request_shape(flat, key, new.shape, seen.shape)
         return seen
 
-    def request_shape(self, block: BlockContext, key: Key, wanted: Shape, there: Shape) -> None:
+    def request_shape(self, flat: FlatBlock, key: Key, wanted: Shape, there: Shape) -> None:
         """Request another shape in the next pass; report a mismatch with the initial value if it was refused."""
         if self.guesses.shapes.get(key) == wanted:
             sizes = [size_text(shape) for shape in (there, wanted)]
-            self.failures.note(block.flat, f"its initial value has size {sizes[0]}, but its input has size {sizes[1]}")
+            self.failures.note(flat, f"its initial value has size {sizes[0]}, but its input has size {sizes[1]}")
         self.guesses.shape(key, wanted)
-
-    def _inherited_period(self, block: BlockContext) -> float:
-        value = fastest_sample_time([wired.period for wired in self._arriving(block.flat)])
-        return CONTINUOUS if value == CONSTANT else value
 
 
 class DataStores:
@@ -182,8 +172,8 @@ class DataStores:
         if end.size != begun.size:
             self.guesses.shape((memory, 1), end.shape)
             end = begun
-        for state, one, node in zip(states, first.ravel(), end.nodes.ravel(), strict=True):
-            self.builder.close(state, int(one), int(node))
+        for state, init, node in zip(states, first.ravel(), end.nodes.ravel(), strict=True):
+            self.builder.close(state, int(init), int(node))
 
     def content_after(self, content: Signal, writers: Iterable[FlatBlock]) -> Signal:
         """Return the content of a data store after some of its writers."""

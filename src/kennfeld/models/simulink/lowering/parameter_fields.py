@@ -12,7 +12,7 @@ from kennfeld.matlab.traversal import field_path
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.lowering.block_context import BlockContext
-from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError, evaluating
 from kennfeld.models.simulink.reader.model_tree import split_arguments
 from kennfeld.models.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable, nested_field
 
@@ -39,20 +39,14 @@ def parameter_field(block: BlockContext, field: str) -> ParameterField:
     values = block.numeric_array(field)
     match = _variable(text, block.flat.scope)
     if match is None:
-        return ParameterField(
-            f"{block.flat.path}:{field}", values, Variable(values, source=_source(text, block.flat.scope)), False
-        )
+        literal = Variable(values, source=_source(text, block.flat.scope))
+        return ParameterField(f"{block.flat.path}:{field}", values, literal, False)
     name, variable, transposed = match
-    if transposed:
-        return ParameterField(f"{name}'", values, _transpose(variable), True)
-    return ParameterField(name, values, variable, True)
-
-
-def _transpose(variable: Variable) -> Variable:
-    """Return the variable of a transposed matrix with its axes and limits swapped."""
-    matrix = np.transpose(np.asarray(variable.value))
-    lower, upper = (np.transpose(bound) for bound in (variable.lower, variable.upper))
-    return replace(variable, value=matrix, axes=variable.axes[::-1], lower=lower, upper=upper)
+    if not transposed:
+        return ParameterField(name, values, variable, True)
+    matrix, lower, upper = (np.transpose(np.asarray(x)) for x in (variable.value, variable.lower, variable.upper))
+    swapped = replace(variable, value=matrix, axes=variable.axes[::-1], lower=lower, upper=upper)
+    return ParameterField(f"{name}'", values, swapped, True)
 
 
 def _source(text: str, scope: Scope) -> str:
@@ -64,16 +58,20 @@ def _source(text: str, scope: Scope) -> str:
 
 def variable_field(block: BlockContext, text: str) -> ParameterField:
     """Return the parameter of an expression that is only a variable, as `parameter_field` does."""
-    match = _variable(text, block.flat.scope)
-    if match is None or match[2] or not isinstance(match[1].value, np.ndarray):
+    if (field := _numeric_variable(block, text)) is None:
         raise UnsupportedError(f"{text[:80]} is not a numeric variable")
-    return ParameterField(match[0], match[1].value, match[1], True)
+    return field
 
 
 def calibrated_table(block: BlockContext, text: str) -> ParameterField | None:
     """Return the table that a calibration file gives in place of a table object, None if there is none."""
+    field = _numeric_variable(block, text)
+    return field if field is not None and field.variable.axes else None
+
+
+def _numeric_variable(block: BlockContext, text: str) -> ParameterField | None:
     match = _variable(text, block.flat.scope)
-    if match is None or match[2] or not isinstance(match[1].value, np.ndarray) or not match[1].axes:
+    if match is None or match[2] or not isinstance(match[1].value, np.ndarray):
         return None
     return ParameterField(match[0], match[1].value, match[1], True)
 
@@ -182,12 +180,10 @@ def case_values(block: BlockContext, field: str) -> list[list[float]]:
     if not isinstance(tree, m.CellArray):
         raise UnsupportedError(f"{field} must be a list of cases in braces, got {text[:60]}")
     parts = [part for row in tree.rows for part in row]
-    try:
+    with evaluating(f"its {field} ({text[:60]}) has no value"):
         cases = [block.compiler.expressions.tree_numbers(case, block.flat.scope).ravel().tolist() for case in parts]
-    except EvaluationError as error:
-        raise UnsupportedError(f"its {field} ({text[:60]}) has no value: {error}", undefined=error.undefined) from None
-    if sum(map(len, cases)) > _MAX_NUMBERS:
-        raise UnsupportedError(f"{field} has {sum(map(len, cases))} numbers; at most {_MAX_NUMBERS} are supported")
+    if (count := sum(map(len, cases))) > _MAX_NUMBERS:
+        raise UnsupportedError(f"{field} has {count} numbers; at most {_MAX_NUMBERS} are supported")
     if not all(cases):
         raise UnsupportedError(f"{field} {text[:60]} has an empty case")
     return cases

@@ -69,11 +69,6 @@ class DimensionInference:
         if flat in self._scalars and int(np.prod(shape)) <= _MAX_SUGGESTED_SIZE:
             self.wishes.setdefault(self._scalars[flat], shape)
 
-    def widening_error(self, key: Key) -> str:
-        """Return the error of a state whose input is a scalar although a reader requires a vector, "" if none does."""
-        wished = self.guesses.wished.get(key)
-        return "" if wished is None else f"its input must be a vector of {wished}, got a scalar"
-
 
 class ModelInputs(dict[str, FlatBlock | None]):
     """Channels of the model by name, each with its port, None if no port has that name."""

@@ -6,15 +6,18 @@ gets a `BlockContext` and returns its output, or a tuple of outputs.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
-from kennfeld.models.simulink.lowering.block_context import BlockContext
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.signals import SignalOrBus
 
-BlockHandler: TypeAlias = Callable[[BlockContext], SignalOrBus | tuple[SignalOrBus, ...]]
-FeedthroughRule: TypeAlias = Callable[[BlockContext], Iterable[int]] | None
+Outputs: TypeAlias = SignalOrBus | tuple[SignalOrBus, ...]
+# the argument of handlers and rules is a `BlockContext`, a type of the layer above
+BlockHandler: TypeAlias = Callable[[Any], Outputs]
+FeedthroughRule: TypeAlias = Callable[[Any], Iterable[int]] | None
 Sample: TypeAlias = str | Callable[[ModelBlock], str]
+Handler = TypeVar("Handler", bound=BlockHandler)
 _ONE_WORD = ("Difference", "DocBlock", "EnumeratedConstant", "Ramp")
 
 
@@ -48,7 +51,19 @@ class BlockType:
 BLOCK_TYPES: dict[str, BlockType] = {}
 
 
-def no_feedthrough(_: BlockContext) -> Iterable[int]:
+def field_text(flat: FlatBlock, name: str) -> str | None:
+    """Return a field as written, else its default, None if there is none."""
+    written = flat.block.value(name)
+    if written is None and flat.block.mask is not None:
+        written = next((p.expression for p in flat.block.mask.parameters if p.name == name), None)
+    if written is None and flat.block.reference is not None:
+        written = flat.block.reference.parameters.get(name)
+    if written is None and flat.type in BLOCK_TYPES:
+        written = BLOCK_TYPES[flat.type].defaults.get(name)
+    return written
+
+
+def no_feedthrough(_: Any) -> Iterable[int]:
     """Return no inputs: the output depends only on previous steps."""
     return ()
 
@@ -79,10 +94,10 @@ def block(
     refused: bool = False,
     held: bool = True,
     **defaults: str,
-) -> Callable[[BlockHandler], BlockHandler]:
+) -> Callable[[Handler], Handler]:
     """Register a function as the handler of block types."""
 
-    def enter(rule: BlockHandler) -> BlockHandler:
+    def enter(rule: Handler) -> Handler:
         for name in names:
             BLOCK_TYPES[name] = BlockType(name, rule, defaults, needs, sink, sample, linked, refused, held)
         return rule

@@ -125,16 +125,16 @@ class SampleTimes:
 
     def sample_time(self, flat: FlatBlock) -> SampleTime:
         """Return the sample time of a block, specified or inherited."""
-        return self.specified_sample_time(flat) or SampleTime(self.inherited_period(flat))
+        return self.specified_sample_time(flat) or SampleTime(self.guesses.periods.get(flat, CONTINUOUS))
 
     def specified_period(self, flat: FlatBlock) -> float | None:
         """Return the specified period of a block in s, None if inherited."""
         rate = self.specified_sample_time(flat)
         return None if rate is None else rate.period
 
-    def inherited_period(self, flat: FlatBlock) -> float:
-        """Return the period inherited from the inputs, as found in an earlier pass."""
-        return self.guesses.periods.get(flat, CONTINUOUS)
+    def period(self, flat: FlatBlock) -> float:
+        """Return the period of a block in s, specified or inherited."""
+        return self.sample_time(flat).period
 
     def task_order(self, block: FlatBlock, other: FlatBlock) -> int:
         """Return -1 if the first of two blocks is in a faster task, 1 if in a slower one, 0 if they may share one."""
@@ -152,7 +152,7 @@ class SampleTimes:
     def hits(self, period: float) -> Signal:
         """Return 1 at the hits of a sample time."""
         node = self.clock.hit(self.builder, SampleTime(period)) if period > 0 else None
-        return scalar(self.builder.const(1.0) if node is None else node, max(period, 0.0))
+        return scalar(self.builder.const(1.0) if node is None else node, max(period, 0.0), self.builder)
 
     def sample(self, flat: FlatBlock, wired: SignalOrBus, remembers: bool) -> SignalOrBus:
         """Return an output at the block's sample time, held between hits."""
@@ -174,9 +174,8 @@ class SampleTimes:
         if flat.passes:
             message = "it has its own sample time in an iterated subsystem, which is not supported"
             self.failures.note(flat, message)
-        held = [self._hold_node(hit, node) for node in wired.flat]
-        nodes = np.array(held, dtype=np.int64).reshape(wired.shape, order="F")
-        return Signal(nodes, rate.period)
+        nodes = np.array([self._hold_node(hit, node) for node in wired.flat], dtype=np.int64)
+        return replace(wired, nodes=nodes.reshape(wired.shape, order="F"), period=rate.period)
 
     def _hold_node(self, hit: int, node: int) -> int:
         before = self.builder.state()
@@ -188,14 +187,11 @@ class SampleTimes:
         """Hold a signal during the minor steps of the solver."""
         if x.period != CONTINUOUS or not self.clock.continuous:
             return x
-        nodes = [self.hold_node_in_minor_steps(int(node)) for node in x.nodes.ravel()]
+        nodes = [
+            node if self.builder.nodes[node].op in ("const", "major") else self.builder.node("major", (node,))
+            for node in map(int, x.nodes.ravel())
+        ]
         return replace(x, nodes=np.array(nodes, dtype=np.int64).reshape(x.shape))
-
-    def hold_node_in_minor_steps(self, node: int) -> int:
-        """Hold a node during the minor steps of the solver."""
-        if not self.clock.continuous or self.builder.nodes[node].op in ("const", "major"):
-            return node
-        return self.builder.node("major", (node,))
 
 
 class ExecutionConditions:

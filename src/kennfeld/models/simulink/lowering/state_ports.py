@@ -5,18 +5,19 @@ In the first step the `IC` block outputs its constant, so the initial value can 
 the way by their initial values.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.graph.traversal import ancestors
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
-from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import placeholder_signal
 from kennfeld.models.simulink.lowering.pass_state import DimensionInference, Key, PendingCompletions
+from kennfeld.models.simulink.lowering.registry import field_text
 from kennfeld.models.simulink.lowering.scheduling import SampleTimes
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal
 
@@ -30,7 +31,7 @@ def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int,
     """
     node = inits[state]
     for _ in range(_MAX_ROUNDS):
-        behind = _dependencies(builder, node)
+        behind = set(ancestors(builder.nodes, [node]))
         if state not in behind:
             return node
         known = {at: inits[at] for at in behind if at in inits and at != state}
@@ -38,16 +39,6 @@ def resolve_initial_value(builder: GraphBuilder, state: int, inits: Mapping[int,
             return None
         node = _replace_states(builder, node, behind, known)
     return None
-
-
-def _dependencies(builder: GraphBuilder, root: int) -> set[int]:
-    """Return a node and all nodes it depends on in the same step."""
-    seen, stack = {root}, [root]
-    while stack:
-        args = [a for a in builder.nodes[stack.pop()].args if a not in seen]
-        seen.update(args)
-        stack += args
-    return seen
 
 
 def _replace_states(builder: GraphBuilder, root: int, behind: set[int], known: Mapping[int, int]) -> int:
@@ -73,11 +64,11 @@ class ContinuousState(NamedTuple):
     active: int | None = None
 
 
-def is_known_at_step_start(source: SignalSource, block: Callable[[FlatBlock], BlockContext]) -> bool:
+def is_known_at_step_start(source: SignalSource) -> bool:
     """Return True if a source is a state port whose state is known at the start of the step."""
     if source.port != STATE_PORT or source.flat.type not in ("Integrator", "DiscreteIntegrator"):
         return False
-    return source.flat.type == "Integrator" or "Forward" in block(source.flat).field_text("IntegratorMethod")
+    return source.flat.type == "Integrator" or "Forward" in (field_text(source.flat, "IntegratorMethod") or "")
 
 
 class StatePorts:
@@ -102,7 +93,7 @@ class StatePorts:
                 shape = self.shapes.guesses.shapes.get((flat, STATE_PORT), (1,))
                 self._states[flat] = np.array([self.builder.state() for _ in range(int(np.prod(shape)))]).reshape(shape)
             rate = self.timing.sample_time(flat)
-            port = Signal(self._states[flat], rate.period)
+            port = Signal(self._states[flat], rate.period, builder=self.builder)
             slow = flat.type == "DiscreteIntegrator" and rate.period not in (CONTINUOUS, CONSTANT)
             self._shown[flat] = self.timing.hold(flat, port, rate) if slow else port
             self.agenda.add(flat)

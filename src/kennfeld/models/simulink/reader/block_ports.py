@@ -1,62 +1,8 @@
-"""Port counts of block types, port numbers, and bus element ports (In Bus Element, Out Bus Element)."""
+"""Port numbers, and bus element ports (In Bus Element, Out Bus Element)."""
 
 import re
 
-from kennfeld.models.simulink.reader.model_tree import ModelBlock, Ports, System
-
-# Files omit the ports of a block that has as many as a new one of its type: one input and one output, except for
-_SOURCES = (
-    "BandLimitedWhiteNoise",
-    "Clock",
-    "Constant",
-    "DataStoreRead",
-    "DigitalClock",
-    "DiscretePulseGenerator",
-    "EnumeratedConstant",
-    "ForIterator",
-    "From",
-    "FromFile",
-    "FromWorkspace",
-    "Ground",
-    "InportShadow",
-    "Inport",
-    "RandomNumber",
-    "SignalGenerator",
-    "Sin",
-    "StateReader",
-    "Step",
-    "UniformRandomNumber",
-)
-_SINKS = (
-    "DataStoreWrite",
-    "Display",
-    "Goto",
-    "Outport",
-    "Record",
-    "Scope",
-    "StateWriter",
-    "Stop",
-    "Terminator",
-    "ToFile",
-    "ToWorkspace",
-)
-_LOOSE = (
-    "ActionPort",
-    "DataStoreMemory",
-    "EnablePort",
-    "EventListener",
-    "GotoTagVisibility",
-    "ResetPort",
-    "TriggerPort",
-)
-_USUAL = (
-    dict.fromkeys(_SOURCES, Ports(0, 1))
-    | dict.fromkeys(_SINKS, Ports(1, 0))
-    | dict.fromkeys(_LOOSE, Ports(0, 0))
-    | {"Lookup2D": Ports(2, 1), "Merge": Ports(2, 1), "Switch": Ports(3, 1)}
-    | dict.fromkeys(("SubSystem", "ModelReference"), Ports(0, 0))
-)
-_ONE_AND_ONE = Ports(1, 1)
+from kennfeld.models.simulink.reader.model_tree import ModelBlock, System
 
 
 def port_number(block: ModelBlock) -> int:
@@ -67,15 +13,6 @@ def port_number(block: ModelBlock) -> int:
     """
     written = (block.value("Port") or "1").strip()
     return int(written) if re.fullmatch(r"\d{1,9}", written) else 1
-
-
-def ports_of(block: ModelBlock) -> Ports:
-    """Return the port counts in the file, else those of a new block of the type.
-
-    >>> ports_of(ModelBlock("Switch", "S", "1", "S")).inputs
-    3
-    """
-    return block.ports if block.ports is not None else _USUAL.get(block.type, _ONE_AND_ONE)
 
 
 def element_of(block: ModelBlock) -> str | None:

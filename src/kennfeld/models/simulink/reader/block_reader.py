@@ -19,6 +19,7 @@ from kennfeld.models.simulink.reader.model_tree import (
     StoredChart,
     System,
     join_path,
+    split_arguments,
 )
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, normalize_name
 
@@ -27,28 +28,17 @@ _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
 
 _MAX_DEPTH = 60  # nested subsystems
 _NAMING = frozenset({"BlockType", "Name", "SID", "Ports", "ClassName", "PropName", "ObjectID"})
-_LINKING = frozenset(
-    {
-        "AncestorBlock",
-        "ContentPreviewEnabled",
-        "LibraryVersion",
-        "LinkData",
-        "Position",
-        "SourceBlock",
-        "SourceProductBaseCode",
-        "SourceProductName",
-        "SourceType",
-        "ZOrder",
-    }
-)
+_LINKING = frozenset({
+    "AncestorBlock", "ContentPreviewEnabled", "LibraryVersion", "LinkData", "Position", "SourceBlock",
+    "SourceProductBaseCode", "SourceProductName", "SourceType", "ZOrder",
+})  # fmt: skip
 _LOOKS = re.compile(
     r"(Font|Show|Name(Placement|Location)|(Fore|Back)groundColor|DropShadow|Block(Mirror|Rotation)|Mask)"
 )
-_KINDS = ("inputs", "outputs", "enable", "trigger", "state", "lconn", "rconn", "ifaction", "reset")
-_COUNTED = {"in": "inputs", "out": "outputs"} | {kind: kind for kind in _KINDS[2:]}
 _ADDRESS = re.compile(r"(.*)#([A-Za-z]+)(?::(\d{1,9}))?\s*\Z", re.DOTALL)
 _PORT = re.compile(r"\s*(?:([A-Za-z]+):?)?(\d{0,9})\s*\Z")
 _NUMBER = re.compile(r"\d{1,6}")
+_MODEL_KEYS = ("ModelNameDialog", "ModelFile", "ModelName")
 _SPECIAL = {"stateport": "state", "action": "ifaction"}
 _MAX_PORTS = 10_000  # of a block
 
@@ -66,8 +56,7 @@ def read_mask(block: SectionNode) -> Mask | None:
 
 
 def _mask(section: SectionNode, parameters: Iterable[SectionNode]) -> Mask:
-    found = tuple(_parameter(part) for part in parameters)
-    return Mask(section.get("Type"), found, section.get("Initialization"))
+    return Mask(section.get("Type"), tuple(map(_parameter, parameters)), section.get("Initialization"))
 
 
 def _parameter_objects(mask: SectionNode) -> list[SectionNode]:
@@ -85,7 +74,6 @@ def _parameter(section: SectionNode) -> MaskParameter:
         section.get("Value"),
         section.get("Type", "edit"),
         section.get("Evaluate", "on") != "off",
-        section.get("Prompt"),
         _options(section),
     )
 
@@ -99,25 +87,13 @@ def _options(section: SectionNode) -> tuple[str, ...]:
 
 def _flat(block: SectionNode) -> Mask:
     keys = block.keys
-    values = _split(keys.get("MaskValueString", ""))
-    styles, choices = _styles(keys.get("MaskStyleString", ""))
-    prompts = _split(keys.get("MaskPromptString", ""))
+    values = dict(enumerate(_split(keys.get("MaskValueString", "")), 1))
+    styles = dict(enumerate(map(_style, split_arguments(keys.get("MaskStyleString", ""))), 1))
     parameters = []
-    for variable in keys.get("MaskVariables", "").split(";"):
-        match = _VARIABLE.match(variable)
-        if match is None:
-            continue
-        at = int(match[3][:6]) - 1
-        parameters.append(
-            MaskParameter(
-                match[1],
-                _at(values, at),
-                _at(styles, at) or "edit",
-                match[2] == "@",
-                _at(prompts, at),
-                tuple(_split(_at(choices, at))) if _at(choices, at) else (),
-            )
-        )
+    for match in filter(None, map(_VARIABLE.match, keys.get("MaskVariables", "").split(";"))):
+        at = int(match[3][:6])
+        style, choices = styles.get(at, ("", ()))
+        parameters.append(MaskParameter(match[1], values.get(at, ""), style or "edit", match[2] == "@", choices))
     return Mask(keys.get("MaskType", ""), tuple(parameters), keys.get("MaskInitialization", ""))
 
 
@@ -125,25 +101,15 @@ def _split(text: str) -> list[str]:
     return [value.replace("\\|", "|") for value in _BAR.split(text)]
 
 
-def _styles(text: str) -> tuple[list[str], list[str]]:
-    """Return the styles of the dialog fields, and popup choices given in brackets after the style.
+def _style(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return the style of a dialog field, and the choices of a popup in brackets after it.
 
-    >>> _styles("edit,popup(slow|fast),checkbox")
-    (['edit', 'popup', 'checkbox'], ['', 'slow|fast', ''])
+    >>> _style("popup(slow|fast)")
+    ('popup', ('slow', 'fast'))
     """
-    fields, depth = [""], 0
-    for character in text:
-        depth += (character == "(") - (character == ")")
-        if character == "," and depth == 0:
-            fields.append("")
-        else:
-            fields[-1] += character
-    parts = [field.partition("(") for field in fields]
-    return [kind.strip() for kind, _, _ in parts], [rest.removesuffix(")") for _, _, rest in parts]
-
-
-def _at(texts: list[str], at: int) -> str:
-    return texts[at] if 0 <= at < len(texts) else ""
+    kind, _, rest = text.partition("(")
+    choices = rest.removesuffix(")")
+    return kind.strip(), tuple(_split(choices)) if choices else ()
 
 
 class BlockReader:
@@ -173,14 +139,13 @@ class BlockReader:
         if name is not None:
             return self._separate(name, path)
         if len(path) > _MAX_DEPTH:
-            where = join_path(*path)[:80]
-            raise self.diagnostics.refuse(f"({where})", f"has subsystems more than {_MAX_DEPTH} levels deep")
-        blocks = [self._block(part, number, path) for number, part in enumerate(section.all("Block"))]
-        blocks = self._distinct(blocks, path)
+            raise self.diagnostics.refuse(join_path(*path)[:80], f"has subsystems more than {_MAX_DEPTH} levels deep")
+        parts = enumerate(section.all("Block"))
+        blocks = self._distinct([self._block(part, number, path) for number, part in parts], path)
         return System(tuple(blocks), self._lines(section, blocks, path))
 
     def _separate(self, name: str, path: tuple[str, ...]) -> System:
-        place = f"({join_path(*path)[:80] or 'the root'})"
+        place = _short_path(path)
         if name in self._used:
             raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which is used twice")
         self._used.add(name)
@@ -203,7 +168,8 @@ class BlockReader:
         if instance is not None:
             parameters |= instance.keys
         parameters |= _bus_element(section)
-        self._enumerations(parameters)
+        if parameters.get("OutDataTypeStr", "").startswith("Enum:"):
+            self.enumerations[parameters["OutDataTypeStr"][5:].strip()] = None
         inner = section.first("System")
         chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
         return ModelBlock(
@@ -213,39 +179,31 @@ class BlockReader:
             path=path,
             parameters=parameters,
             defaults=self.defaults.get(kind, {}),
-            ports=self._counted(section, path),
+            ports=self._checked_ports(section, path),
             mask=read_mask(section),
             reference=_reference(kind, parameters, instance),
             system=self.system(inner, names) if inner is not None else None,
             script=chart.script if chart is not None else "",
             chart=chart,
-            model=_model(keys) if kind == "ModelReference" else "",
+            model=next((keys[key] for key in _MODEL_KEYS if keys.get(key)), "") if kind == "ModelReference" else "",
             signals=_signals(section),
-            attached=dict(section.links),
             lists=_lists(section),
         )
 
-    def _counted(self, section: SectionNode, path: str) -> Ports | None:
+    def _checked_ports(self, section: SectionNode, path: str) -> Ports | None:
         counted = _ports(section)
         most = max(counted.inputs, counted.outputs) if counted is not None else 0
         if most > _MAX_PORTS:
-            raise self.diagnostics.refuse(f"({path[:80]})", f"has {most} ports; at most {_MAX_PORTS} are supported")
+            raise self.diagnostics.refuse(path[:80], f"has {most} ports; at most {_MAX_PORTS} are supported")
         return counted
-
-    def _enumerations(self, parameters: Mapping[str, str]) -> None:
-        written = parameters.get("OutDataTypeStr", "")
-        if written.startswith("Enum:"):
-            self.enumerations[written[5:].strip()] = None
 
     def _distinct(self, blocks: list[ModelBlock], path: tuple[str, ...]) -> list[ModelBlock]:
         """Return the blocks, each with a unique SID, as lines that use names need it."""
         seen: set[str] = set()
         for number, block in enumerate(blocks):
             if block.sid in seen:
-                message = (
-                    f"has two blocks with the SID {block.sid[:40]}; lines with that SID are connected to the first"
-                )
-                self.diagnostics.remark(f"{join_path(*path)[:80] or 'the root'} {message}")
+                message = f"{_short_path(path)} has two blocks with the SID {block.sid[:40]}"
+                self.diagnostics.warn(f"{message}; lines with that SID are connected to the first")
                 blocks[number] = block = replace(block, sid=f"{number + 1}@{block.path}")
             seen.add(block.sid)
         return blocks
@@ -254,11 +212,13 @@ class BlockReader:
         addresses = _Addresses(blocks)
         lines = [_line(part, addresses) for part in section.all("Line")]
         for unknown in addresses.unknown:
-            place = join_path(*path)[:80] or "the root"
-            self.diagnostics.remark(
-                f"{place} has a line to the unknown block or port {unknown[:80]}; it is treated as unconnected"
-            )
+            message = f"has a line to the unknown block or port {unknown[:80]}; it is treated as unconnected"
+            self.diagnostics.warn(f"{_short_path(path)} {message}")
         return tuple(lines)
+
+
+def _short_path(path: tuple[str, ...]) -> str:
+    return join_path(*path)[:80] or "the root"
 
 
 class _Addresses:
@@ -316,11 +276,10 @@ def _ports(block: SectionNode) -> Ports | None:
     """Return the port counts in `<PortCounts in="2" out="1"/>` or `Ports [2, 1]`."""
     counted = block.first("PortCounts")
     if counted is not None:
-        counts = {_COUNTED[key]: _count(value) for key, value in counted.keys.items() if key in _COUNTED}
-        return Ports(**counts)
+        return Ports(_count(counted.keys.get("in", "0")), _count(counted.keys.get("out", "0")))
     if "Ports" not in block.keys:
         return None
-    return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[: len(_KINDS)]))
+    return Ports(*map(_count, _NUMBER.findall(block.keys["Ports"])[:2]))
 
 
 def _count(written: str) -> int:
@@ -331,9 +290,8 @@ def _count(written: str) -> int:
 def _signals(block: SectionNode) -> dict[int, str]:
     """Return the signal names at the output ports."""
     properties = block.first("PortProperties")
-    given = [*block.all("Port"), *(properties.all("Port") if properties else ())]
     names = {}
-    for port in given:
+    for port in (*block.all("Port"), *(properties.all("Port") if properties else ())):
         name = normalize_name(port.keys.get("Name", ""))
         if name and port.keys.get("Type", "out") == "out":
             names[_count(port.keys.get("Index") or port.keys.get("PortNumber", "1"))] = name
@@ -361,11 +319,7 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
     source = parameters.get("SourceBlock")
     if kind != "Reference" or source is None:
         return None
-    given = instance.keys if instance is not None else {}
-    rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | given
+    specific = instance.keys if instance is not None else {}
+    rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | specific
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
     return LibraryLink(normalize_name(source), parameters.get("SourceType", ""), rest)
-
-
-def _model(keys: Mapping[str, str]) -> str:
-    return next((keys[key] for key in ("ModelNameDialog", "ModelFile", "ModelName") if keys.get(key)), "")

@@ -31,23 +31,19 @@ def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None
     """Return the charts of a machine by block path; `load` returns a chart stored in a part of its own."""
     machine = stateflow.first("machine")
     children = machine.first("Children") if machine is not None else None
-    found = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]
-    sections = [section for written in found for section in [_resolved(written, load)] if section is not None]
+    written = [*stateflow.all("chart"), *(children.all("chart") if children is not None else ())]
+    sections = [load(chart.keys["Ref"]) if "Ref" in chart.keys else chart for chart in written]
     names = {instance.keys.get("chart", ""): instance.keys.get("name", "") for instance in stateflow.all("instance")}
     flat = _Flat(stateflow) if any(stateflow.all(*_TABLES)) else None
     charts = {}
-    for section in sections:
+    for section in filter(None, sections):
         number = section.keys.get("id", "")
         name = normalize_name(names.get(number) or section.keys.get("name", ""))
-        charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _nested(section))
+        charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _content_of(section))
     return charts
 
 
-def _resolved(chart: SectionNode, load: Callable[[str], SectionNode | None]) -> SectionNode | None:
-    return load(chart.keys["Ref"]) if "Ref" in chart.keys else chart
-
-
-def _nested(chart: SectionNode) -> Content:
+def _content_of(chart: SectionNode) -> Content:
     """Return the content of an XML chart, each object with its parent state."""
     content: Content = []
     waiting: deque[tuple[SectionNode, str]] = deque([(chart, "")])
@@ -149,13 +145,8 @@ def _special(section: SectionNode) -> str:
         return "a Simulink function" if block.get("isSimulinkFcn") == "1" else "a state made of Simulink blocks"
     if table is not None and table.get("isTruthTable") == "1":
         return "a truth table"
-    if (
-        section.first("subchart") is not None
-        or section.keys.get("superState") == "ATOMIC"
-        or section.first("component")
-    ):
-        return "an atomic subchart"
-    return ""
+    parts = section.first("subchart", "component")
+    return "an atomic subchart" if parts is not None or section.keys.get("superState") == "ATOMIC" else ""
 
 
 def _output(section: SectionNode) -> str:
@@ -194,8 +185,8 @@ def _data(section: SectionNode, parent: str) -> StoredData:
 
 
 def _event(section: SectionNode, parent: str) -> StoredEvent:
-    keys = section.keys
-    return StoredEvent(keys.get("name", ""), keys.get("scope", "LOCAL_EVENT"), keys.get("trigger", ""), parent)
+    get = section.keys.get
+    return StoredEvent(get("name", ""), get("scope", "LOCAL_EVENT"), get("trigger", ""), parent)
 
 
 def _whole(written: str) -> int:

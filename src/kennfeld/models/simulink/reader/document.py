@@ -6,14 +6,15 @@ defaults.
 
 import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.models.simulink.reader.block_reader import BlockReader, read_mask
 from kennfeld.models.simulink.reader.chart_reader import read_charts
 from kennfeld.models.simulink.reader.model_package import (
@@ -23,7 +24,7 @@ from kennfeld.models.simulink.reader.model_package import (
     text_package,
     zip_package,
 )
-from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredChart, StoredSolver, StoredWorkspace, System
+from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver, StoredWorkspace, System
 from kennfeld.models.simulink.reader.section_tree import (
     FileRejectedError,
     ReadDiagnostics,
@@ -33,24 +34,17 @@ from kennfeld.models.simulink.reader.section_tree import (
 )
 
 _CALLBACKS = (
-    "PreLoadFcn",
-    "PostLoadFcn",
-    "InitFcn",
-    "StartFcn",
-    "PauseFcn",
-    "ContinueFcn",
-    "StopFcn",
-    "PreSaveFcn",
-    "PostSaveFcn",
-    "CloseFcn",
-    "SetupFcn",
-    "CleanupFcn",
-)
+    "PreLoadFcn", "PostLoadFcn", "InitFcn", "StartFcn", "PauseFcn", "ContinueFcn", "StopFcn", "PreSaveFcn",
+    "PostSaveFcn", "CloseFcn", "SetupFcn", "CleanupFcn",
+)  # fmt: skip
 _SOLVER = "Simulink.SolverCC"
 _ELSEWHERE = "Simulink.ConfigSetRef"
 
-_MXARRAYS = ("simulink/modelWorkspace.mxarray", "simulink/modelworkspace.mxarray")
-_MATS = ("simulink/modelWorkspace.mat", "simulink/modelworkspace.mat")
+# parts with the model workspace, and their kinds
+_WORKSPACES: tuple[tuple[str, Literal["mxarray", "mat"]], ...] = (
+    ("simulink/modelWorkspace.mxarray", "mxarray"), ("simulink/modelworkspace.mxarray", "mxarray"),
+    ("simulink/modelWorkspace.mat", "mat"), ("simulink/modelworkspace.mat", "mat"),
+)  # fmt: skip
 
 _DIAGRAMS = ("Model", "Library", "Subsystem")
 _HEAD = 65536
@@ -66,7 +60,8 @@ _MAX_BYTES = 1_000_000_000  # bytes
 
 def setting(model: SectionNode, key: str) -> str:
     """Return a setting of the model or of one of its groups of settings, "" if there is none."""
-    return next((group.keys[key] for group in _groups(model) if key in group.keys), "")
+    groups = (model, *(part for part in model.parts if part.kind not in ("System", "Object", "Array")))
+    return next((group.keys[key] for group in groups if key in group.keys), "")
 
 
 def callbacks_of(model: SectionNode) -> dict[str, str]:
@@ -88,11 +83,11 @@ def read_block_defaults(*holders: SectionNode | None) -> dict[str, dict[str, str
 
 def active_configuration(model: SectionNode) -> SectionNode | None:
     """Return the active configuration stored in the model's section, else the first."""
-    sets = [part for part in model.every() if _class(part) in ("Simulink.ConfigSet", _ELSEWHERE)]
-    named = next((part for part in sets if part.keys.get("PropName") == "ActiveConfigurationSet"), None)
+    classes = ("Simulink.ConfigSet", _ELSEWHERE)
+    sets = [part for part in model.every() if (part.keys.get("ClassName") or part.kind) in classes]
+    properties = (p for p in (*sets, *model.every()) if p.keys.get("PropName") == "ActiveConfigurationSet")
+    named = next(properties, None)
     full = [part for part in sets if part is not named or part.parts]
-    if named is None:
-        named = next((p for p in model.every() if p.keys.get("PropName") == "ActiveConfigurationSet"), None)
     number = named.keys.get("ObjectID") if named is not None else None
     active = next((part for part in full if number and part.keys.get("ObjectID") == number), None)
     return active or next(iter(full), None)
@@ -101,48 +96,35 @@ def active_configuration(model: SectionNode) -> SectionNode | None:
 def read_solver(configuration: SectionNode | None, model: SectionNode) -> StoredSolver:
     """Return the solver of a configuration, or the model's own settings if there is none."""
     if configuration is None:
-        return _solver(model) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
+        return _solver(model.get) if any(key in model.keys for key in ("Solver", "StopTime")) else StoredSolver()
     elsewhere = next(configuration.classed(_ELSEWHERE), None)
     if elsewhere is not None:
         return StoredSolver(reference=elsewhere.get("SourceName") or elsewhere.get("WSVarName"))
     section = next(configuration.classed(_SOLVER), None)
-    return _solver(section if section is not None else model)
+    return _solver((section if section is not None else model).get)
 
 
 def solver_from(entry: SectionNode) -> StoredSolver:
     """Return the solver of a configuration in a data dictionary, whose properties are sections."""
     section = next((part for part in entry.every() if part.keys.get("Class") in (_SOLVER, _ELSEWHERE)), entry)
     said = {part.keys.get("Name", ""): part.text for part in section.all("P")}
-    name = said.get("SolverName") or said.get("Solver", "")
-    step, start, stop, largest = (said.get(key, "") for key in ("FixedStep", "StartTime", "StopTime", "MaxStep"))
-    tasks = said.get("EnableMultiTasking") or said.get("SolverMode", "")
-    return StoredSolver(name, step, start, stop, largest, said.get("SourceName") or said.get("WSVarName", ""), tasks)
+    reference = said.get("SourceName") or said.get("WSVarName", "")
+    return replace(_solver(lambda key: said.get(key, "")), reference=reference)
 
 
-def _solver(section: SectionNode) -> StoredSolver:
+def _solver(get: Callable[[str], str]) -> StoredSolver:
     return StoredSolver(
-        name=section.get("SolverName") or section.get("Solver"),
-        fixed_step=section.get("FixedStep"),
-        start=section.get("StartTime"),
-        stop=section.get("StopTime"),
-        max_step=section.get("MaxStep"),
-        tasks=section.get("EnableMultiTasking") or section.get("SolverMode"),
+        name=get("SolverName") or get("Solver"),
+        fixed_step=get("FixedStep"),
+        start=get("StartTime"),
+        stop=get("StopTime"),
+        max_step=get("MaxStep"),
+        tasks=get("EnableMultiTasking") or get("SolverMode"),
     )
 
 
-def _class(section: SectionNode) -> str:
-    return section.keys.get("ClassName") or section.kind
-
-
-def _groups(model: SectionNode) -> Iterator[SectionNode]:
-    yield model
-    yield from (part for part in model.parts if part.kind not in ("System", "Object", "Array"))
-
-
-def read_workspace(
-    model: SectionNode, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics
-) -> StoredWorkspace:
-    """Return the model workspace: a part of the package, a section of the file, code, or another file."""
+def read_workspace(model: SectionNode, stored: Callable[[], StoredWorkspace]) -> StoredWorkspace:
+    """Return the model workspace: code, another file, or what is `stored` in this one."""
     source = setting(model, "WSDataSource")
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
@@ -150,18 +132,13 @@ def read_workspace(
     name = setting(model, "WSSourceFileName") or setting(model, "WSDataSourceFile")
     if "MAT" in source and "Code" not in source and name:
         return StoredWorkspace("file", text=name)
-    return _workspace_package(package) if package is not None else _encoded(model, sections, diagnostics)
+    return stored()
 
 
 def _workspace_package(package: ModelPackage) -> StoredWorkspace:
-    for name in _MXARRAYS:
-        raw = package.raw(name)
-        if raw:
-            return StoredWorkspace("mxarray", raw)
-    for name in _MATS:
-        raw = package.raw(name)
-        if raw:
-            return StoredWorkspace("mat", raw)
+    for name, kind in _WORKSPACES:
+        if raw := package.raw(name):
+            return StoredWorkspace(kind, raw)
     return StoredWorkspace()
 
 
@@ -173,7 +150,7 @@ def _encoded(model: SectionNode, sections: list[SectionNode], diagnostics: ReadD
     records = [part for section in sections if section.kind == "MatData" for part in section.all("DataRecord")]
     record = next((part for part in records if part.keys.get("Tag") == tag), None)
     if record is None:
-        diagnostics.remark(f"the model workspace is in {tag[:60]}, which the file does not contain")
+        diagnostics.warn(f"the model workspace is in {tag[:60]}, which the file does not contain")
         return StoredWorkspace()
     return StoredWorkspace("mxarray", _workspace_bytes(record.keys.get("Data", "")))
 
@@ -207,28 +184,23 @@ def read_document(path: str | Path) -> ModelDocument:
 def document(raw: bytes, path: Path) -> ModelDocument:
     """Read a model from bytes; `path` is only its name. Raises `InputError` like `read_document`."""
     diagnostics = ReadDiagnostics(path.name)
-    read = None
+    read, parse = None, _packed if is_zip(raw) or is_text_package(raw) else _classic
     with contextlib.suppress(FileRejectedError):
-        read = (
-            _packed(raw, path, diagnostics) if is_zip(raw) or is_text_package(raw) else _classic(raw, path, diagnostics)
-        )
-    remarks = diagnostics.raise_if_errors()
+        read = parse(raw, path, diagnostics)
+    diagnostics.raise_if_errors()
     if read is None:
-        raise InputError.of(path.name, "is not a Simulink file", _EXTENSION_REMEDY)
-    return replace(read, remarks=remarks) if remarks else read
+        raise InputError.of(Location(path.name), "is not a Simulink file", _EXTENSION_REMEDY)
+    return replace(read, warnings=tuple(diagnostics.warnings))
 
 
 def _bytes(path: Path) -> bytes:
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError.of(
-                str(path),
-                f"is larger than {_MAX_BYTES / 1e6:.0f} MB, the limit for a model file",
-                "Check that this is the model file.",
-            )
+            message = f"is larger than {_MAX_BYTES / 1e6:.0f} MB, the limit for a model file"
+            raise InputError.of(Location(str(path)), message, "Check that this is the model file.")
         return path.read_bytes()
     except OSError as error:
-        raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
@@ -243,9 +215,8 @@ def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocum
     builder = BlockReader(diagnostics, _no_part, charts, read_block_defaults(model))
     solver = read_solver(active_configuration(model), model)
     version = model.get("Version")
-    return _document(
-        model, path, version, builder, solver, model.get("Name") or path.stem, AuxiliaryParts(None, top, diagnostics)
-    )
+    name = model.get("Name") or path.stem
+    return _document(model, path, version, builder, solver, name, lambda: _encoded(model, top, diagnostics))
 
 
 def _no_part(_: str) -> SectionNode | None:
@@ -262,16 +233,10 @@ def _packed(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocume
     root = package.section(name)
     if root is None:
         return None
-    model = next(_diagrams(root), None)
+    model = root if root.kind in (*_DIAGRAMS, _NEW_DIAGRAM) else root.first(*_DIAGRAMS)
     if model is None:
         raise diagnostics.refuse(name, f"has no {', '.join(_DIAGRAMS[:-1])} or {_DIAGRAMS[-1]}", _EXTENSION_REMEDY)
     return _of_package(package, model, path, diagnostics)
-
-
-def _diagrams(root: SectionNode) -> Iterator[SectionNode]:
-    if root.kind in (*_DIAGRAMS, _NEW_DIAGRAM):
-        yield root
-    yield from root.all(*_DIAGRAMS)
 
 
 def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileRejectedError:
@@ -286,32 +251,33 @@ def _no_diagram(package: ModelPackage, diagnostics: ReadDiagnostics) -> FileReje
 
 
 def _of_package(package: ModelPackage, model: SectionNode, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument:
-    def system(name: str) -> SectionNode | None:
-        return package.section(f"simulink/systems/{name.removesuffix('.xml')}.xml")
-
     defaults = read_block_defaults(package.section("simulink/bddefaults.xml"), model)
-    builder = BlockReader(diagnostics, system, _charts(package), defaults)
+    stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
+    charts = read_charts(stateflow, partial(_part, package, "stateflow")) if stateflow is not None else {}
+    builder = BlockReader(diagnostics, partial(_part, package, "systems"), charts, defaults)
     configuration = _configuration(package)
     solver = read_solver(configuration if configuration is not None else active_configuration(model), model)
-    parts = AuxiliaryParts(package, [], diagnostics)
-    return _document(model, path, _release(package), builder, solver, path.stem, parts)
+    stored = partial(_workspace_package, package)
+    document = _document(model, path, _release(package), builder, solver, path.stem, stored)
+    return document if model.kind != _NEW_DIAGRAM else replace(document, kind=_kind_of(package))
 
 
-def _charts(package: ModelPackage) -> dict[str, StoredChart]:
-    def chart(name: str) -> SectionNode | None:
-        return package.section(f"simulink/stateflow/{name.removesuffix('.xml')}.xml")
+def _kind_of(package: ModelPackage) -> Literal["model", "library", "subsystem"]:
+    """Return the kind of file that the package specifies if the diagram does not."""
+    core = package.section(_RELEASES[0])
+    content = core.get("contentType").lower() if core is not None else ""
+    return "library" if "library" in content else "subsystem" if "subsystem" in content else "model"
 
-    stateflow = package.section("simulink/stateflow/machine.xml") or package.section("simulink/stateflow.xml")
-    return read_charts(stateflow, chart) if stateflow is not None else {}
+
+def _part(package: ModelPackage, folder: str, name: str) -> SectionNode | None:
+    return package.section(f"simulink/{folder}/{name.removesuffix('.xml')}.xml")
 
 
 def _configuration(package: ModelPackage) -> SectionNode | None:
     """Return the part of the active configuration, else the first."""
     info = package.section("simulink/configSetInfo.xml") or package.section("simulink/configSetInfo.json")
     named = list(info.all("ConfigSet", "ConfigSetInfo")) if info is not None else []
-    active = next((part for part in named if part.keys.get("Active") in ("true", "on")), None) or next(
-        iter(named), None
-    )
+    active = next((part for part in named if part.keys.get("Active") in ("true", "on")), named[0] if named else None)
     name = active.keys.get("PartName", "").lstrip("/") if active is not None else _FIRST_CONFIGURATION
     return package.section(name)
 
@@ -325,21 +291,6 @@ def _release(package: ModelPackage) -> str:
     return package.release
 
 
-class AuxiliaryParts:
-    """Content outside of the diagram: parts of a package, or sections next to the model."""
-
-    def __init__(self, package: ModelPackage | None, sections: list[SectionNode], diagnostics: ReadDiagnostics) -> None:
-        self.package = package
-        self.sections = sections
-        self.diagnostics = diagnostics
-
-    def kind(self) -> Literal["model", "library", "subsystem"]:
-        """Return the kind of file that the package specifies if the diagram does not."""
-        core = self.package.section(_RELEASES[0]) if self.package is not None else None
-        content = core.get("contentType").lower() if core is not None else ""
-        return "library" if "library" in content else "subsystem" if "subsystem" in content else "model"
-
-
 def _document(
     model: SectionNode,
     path: Path,
@@ -347,7 +298,7 @@ def _document(
     builder: BlockReader,
     solver: StoredSolver,
     name: str,
-    parts: AuxiliaryParts,
+    stored: Callable[[], StoredWorkspace],
 ) -> ModelDocument:
     kinds: dict[str, Literal["model", "library", "subsystem"]] = {"Library": "library", "Subsystem": "subsystem"}
     inner = model.first("System")
@@ -355,17 +306,14 @@ def _document(
     dictionary = setting(model, "DataDictionary")
     return ModelDocument(
         name=name,
-        kind=kinds.get(model.kind) or (parts.kind() if model.kind == _NEW_DIAGRAM else "model"),
+        kind=kinds.get(model.kind, "model"),
         version=version,
         path=path,
         root=root,
         solver=solver,
         callbacks=callbacks_of(model),
-        workspace=read_workspace(model, parts.package, parts.sections, parts.diagnostics),
+        workspace=read_workspace(model, stored),
         dictionaries=(dictionary,) if dictionary else (),
-        defaults=builder.defaults,
         enumerations=tuple(builder.enumerations),
-        charts=tuple(builder.charts.values()),
-        parameters=dict(model.keys),
         mask=read_mask(model) or (read_mask(inner) if inner is not None else None),
     )

@@ -4,9 +4,8 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location, Severity
 from kennfeld.formatting import nearest
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.model_tree import Mask, ModelBlock, ModelDocument, System, split_path
@@ -54,7 +53,9 @@ class LibraryResolver:
     def __init__(self, folders: Iterable[str | Path] = ()) -> None:
         self.folders = tuple(Path(folder) for folder in folders)
         if missing := [folder for folder in self.folders if not folder.is_dir()]:
-            raise InputError(Finding(str(folder), "folder not found", "Check the path.") for folder in missing)
+            raise InputError(
+                Finding(Location(str(folder)), "folder not found", "Check the path.") for folder in missing
+            )
         self._read: dict[Path, ModelDocument | InputError] = {}
 
     def find(self, name: str, beside: Path) -> Path | None:
@@ -131,7 +132,7 @@ class _LinkCopier:
     def _block(self, block: ModelBlock, place: _Place) -> ModelBlock:
         path = place.path(block)
         if block.reference is not None and not is_of_simulink(block.reference.source):
-            return self._linked(block, path, place)
+            return self._link(block, path, place)
         if block.model:
             return self._model(block, path, place)
         if block.elsewhere:
@@ -141,12 +142,12 @@ class _LinkCopier:
             return replace(block, path=path, system=self.system(block.system, inner))
         return block if path == block.path else replace(block, path=path)
 
-    def _linked(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
+    def _link(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         assert block.reference is not None
         source, names = block.reference.source, split_path(block.reference.source)
         alone = replace(block, path=path)
         library = self._document(names[0] if names else "", source, path, place)
-        if library is None or self._closed(source, path, place):
+        if library is None or self._is_cyclic(source, path, place):
             return alone
         target = library.root.at(source.partition("/")[2])
         if target is None:
@@ -163,7 +164,7 @@ class _LinkCopier:
     def _below(self, linked: ModelBlock, target: ModelBlock, there: _Place) -> ModelBlock:
         """Return the content behind a link: that of the library block, or of what that links to in turn."""
         if target.reference is not None and not is_of_simulink(target.reference.source):
-            further = self._linked(replace(linked, reference=target.reference), linked.path, there)
+            further = self._link(replace(linked, reference=target.reference), linked.path, there)
             return replace(further, reference=linked.reference) if further.type != "Reference" else linked
         if target.system is not None:
             return replace(linked, system=self.system(target.system, there))
@@ -172,13 +173,12 @@ class _LinkCopier:
     def _instance(self, block: ModelBlock, target: ModelBlock, path: str, library: ModelDocument) -> ModelBlock:
         """Return the library block in place of the link, with the fields of the link."""
         assert block.reference is not None
-        given = block.reference.parameters
+        fields = block.reference.parameters
         masked = {parameter.name for parameter in target.mask.parameters} if target.mask is not None else set()
-        parameters = dict(target.parameters) | {key: given[key] for key in given if key not in masked}
+        parameters = dict(target.parameters) | {key: fields[key] for key in fields if key not in masked}
         if block.mask is not None and block.mask.parameters and masked:
-            self._problem(
-                path, "has a mask in addition to that of the library; only the library's is read", severity="warning"
-            )
+            message = "has a mask in addition to that of the library; only the library's is read"
+            self._problem(path, message, severity="warning")
         return replace(
             target,
             name=block.name,
@@ -186,14 +186,14 @@ class _LinkCopier:
             path=path,
             parameters=parameters,
             ports=block.ports or target.ports,
-            mask=_set_mask(target.mask, given) if target.mask is not None else block.mask,
-            reference=replace(block.reference, file=library.path.name),
+            mask=_set_mask(target.mask, fields) if target.mask is not None else block.mask,
+            reference=block.reference,
             signals=block.signals,
         )
 
     def _model(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         document = self._document(block.model, block.model, path, place)
-        if document is None or self._closed(block.model, path, place):
+        if document is None or self._is_cyclic(block.model, path, place):
             return replace(block, path=path)
         self.models[block.model] = document
         inner = _Place(document, path, "", (*place.chain, block.model), place.depth + 1)
@@ -203,7 +203,7 @@ class _LinkCopier:
         """Return a subsystem with the content of its file, whose mask it takes if it has none."""
         name, alone = block.elsewhere, replace(block, path=path)
         document = self._document(name, name, path, place)
-        if document is None or self._closed(name, path, place):
+        if document is None or self._is_cyclic(name, path, place):
             return alone
         if document.kind != "subsystem":
             remedy = f"Save its content as the subsystem file {name}.slx."
@@ -230,7 +230,7 @@ class _LinkCopier:
         self.files[name] = file
         return document
 
-    def _closed(self, source: str, path: str, place: _Place) -> bool:
+    def _is_cyclic(self, source: str, path: str, place: _Place) -> bool:
         """Return True if a link is part of a cycle or of a chain that is too long."""
         if source in place.chain:
             loop = " -> ".join((*place.chain[place.chain.index(source) :], source))
@@ -241,13 +241,10 @@ class _LinkCopier:
             return True
         return False
 
-    def _problem(
-        self, path: str, message: str, remedy: str = "", severity: Literal["error", "warning"] = "error"
-    ) -> None:
-        place = f"{self.file} ({path[:120]})" if path else self.file
-        finding = Finding(place, message, remedy, severity=severity)
+    def _problem(self, path: str, message: str, remedy: str = "", severity: Severity = "error") -> None:
         if len(self.problems) < 100:
-            self.problems.setdefault(message, finding)
+            location = Location(self.file, path=path[:120])
+            self.problems.setdefault(message, Finding(location, message, remedy, severity=severity))
 
 
 def _set_mask(mask: Mask, expressions: Mapping[str, str]) -> Mask:

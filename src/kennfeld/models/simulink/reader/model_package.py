@@ -57,9 +57,8 @@ class ModelPackage:
             raw = stream.read(self.room + 1)
         self.room -= len(raw)
         if self.room < 0:
-            self.diagnostics.error(
-                member.filename[:80], "expands to far more data than a model of this size contains", _REMEDY
-            )
+            message = "expands to far more data than a model of this size contains"
+            self.diagnostics.error(member.filename[:80], message, _REMEDY)
             self.room = 0
             return None
         return raw
@@ -69,11 +68,9 @@ class ModelPackage:
         raw = self.raw(name)
         if raw is None:
             return None
-        return (
-            json_section(raw, name, self.diagnostics)
-            if name.endswith(".json")
-            else xml_section(raw, name, self.diagnostics, fold)
-        )
+        if name.endswith(".json"):
+            return json_section(raw, name, self.diagnostics)
+        return xml_section(raw, name, self.diagnostics, fold)
 
 
 def is_zip(raw: bytes) -> bool:
@@ -93,16 +90,14 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
         members = {member.filename.lstrip("/"): member for member in archive.infolist()}
         too_much = find_oversized(archive)
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
-        diagnostics.error(
-            "", f"is a damaged zip archive: {error}", "The file may be truncated: " + _REMEDY[0].lower() + _REMEDY[1:]
-        )
+        remedy = "The file may be truncated: use a complete copy of the file."
+        diagnostics.error("", f"is a damaged zip archive: {error}", remedy)
         return ModelPackage(diagnostics)
     if too_much:
         diagnostics.error("", f"expands to far more data than a model contains: {too_much}", _REMEDY)
         return ModelPackage(diagnostics)
-    return ModelPackage(
-        diagnostics, members, archive, room=max(_BASE_UNPACKED_BYTES, _MAX_COMPRESSION_RATIO * len(raw))
-    )
+    room = max(_BASE_UNPACKED_BYTES, _MAX_COMPRESSION_RATIO * len(raw))
+    return ModelPackage(diagnostics, members, archive, room=room)
 
 
 def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
@@ -127,5 +122,5 @@ def _content(raw: bytes, encoded: bool, name: str, diagnostics: ReadDiagnostics)
     try:
         return base64.b64decode(raw)
     except (binascii.Error, ValueError) as error:
-        diagnostics.remark(f"{name[:80]} cannot be decoded: {error}")
+        diagnostics.warn(f"{name[:80]} cannot be decoded: {error}")
         return b""

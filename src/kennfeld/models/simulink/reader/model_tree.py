@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+from kennfeld.errors import Finding
 from kennfeld.models.simulink.reader.section_tree import normalize_name
 
 
@@ -189,17 +190,10 @@ class SignalLine:
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Number of ports of each kind."""
+    """Number of input and output ports."""
 
     inputs: int = 0
     outputs: int = 0
-    enable: int = 0
-    trigger: int = 0
-    state: int = 0
-    lconn: int = 0
-    rconn: int = 0
-    ifaction: int = 0
-    reset: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +207,6 @@ class MaskParameter:
     expression: str
     type: str = "edit"
     evaluated: bool = True
-    prompt: str = ""
     options: tuple[str, ...] = ()
 
     @property
@@ -245,13 +238,12 @@ class LibraryLink:
     """A link to a library block.
 
     `source` is the path "library/Block", `type` the mask type there (SourceType), `parameters` the fields of this
-    instance; `file` is the library file once its content is copied in.
+    instance.
     """
 
     source: str
     type: str = ""
     parameters: Mapping[str, str] = field(default_factory=dict)
-    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -260,10 +252,9 @@ class ModelBlock:
 
     `sid` is unique within its system, derived from the position if the file gives none. `path` leads from the root,
     without the model name. `parameters` are the fields specified for this block, `defaults` those for all blocks of the
-    type. `ports` is None if the file leaves them to the type (see `ports_of`). `script` is the code of a MATLAB
+    type. `ports` is None if the file leaves them to the type. `script` is the code of a MATLAB
     Function, `chart` that of any Stateflow block; `model` is the file name of a referenced model. `signals` are names
-    of output ports; `attached` names parts of the file that contain a field's value; `lists` are the fields that are
-    lists of texts.
+    of output ports; `lists` are the fields that are lists of texts.
     """
 
     type: str
@@ -280,7 +271,6 @@ class ModelBlock:
     chart: StoredChart | None = None
     model: str = ""
     signals: Mapping[int, str] = field(default_factory=dict)
-    attached: Mapping[str, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def listed(self, name: str) -> tuple[str, ...]:
@@ -298,17 +288,9 @@ class ModelBlock:
         """Name of the subsystem file that contains the content, "" if there is none."""
         return (self.parameters.get("ReferencedSubsystem") or "").strip() if self.type == "SubSystem" else ""
 
-    def value(self, name: str, table: Mapping[str, Mapping[str, str]] | None = None) -> str | None:
-        """Return a field as text: of the block, else of its type in the file, else from a table of defaults; or None.
-
-        >>> ModelBlock("Gain", "K", "1", "K").value("Gain", {"Gain": {"Gain": "1"}})
-        '1'
-        """
-        if name in self.parameters:
-            return self.parameters[name]
-        if name in self.defaults:
-            return self.defaults[name]
-        return (table or {}).get(self.type, {}).get(name)
+    def value(self, name: str) -> str | None:
+        """Return a field as text: of the block, else of its type in the file; or None."""
+        return self.parameters.get(name, self.defaults.get(name))
 
 
 @dataclass(frozen=True)
@@ -391,9 +373,9 @@ class ModelDocument:
     """A Simulink file.
 
     `version` is a release ("R2017b") or, in older files, the Simulink version number. `callbacks` is the code of
-    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `defaults` are by block type;
-    `enumerations` are the enumerated types that blocks name; `charts` are all charts of the file; `mask` is that of a
-    subsystem file for the blocks that reference it; `remarks` are sentences on what could not be read.
+    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `enumerations` are the
+    enumerated types that blocks name; `mask` is that of a subsystem file for the blocks that reference it; `warnings`
+    are findings on what could not be read.
     """
 
     name: str
@@ -405,9 +387,6 @@ class ModelDocument:
     callbacks: Mapping[str, str] = field(default_factory=dict)
     workspace: StoredWorkspace = StoredWorkspace()
     dictionaries: tuple[str, ...] = ()
-    defaults: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     enumerations: tuple[str, ...] = ()
-    charts: tuple[StoredChart, ...] = ()
-    parameters: Mapping[str, str] = field(default_factory=dict)
     mask: Mask | None = None
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()

@@ -7,6 +7,7 @@ the line; a matrix may span lines; lines starting with `#` are comments. The syn
 those of files written by Simulink 2 to R2021a.
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from xml.parsers import expat
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 
 MAX_DEPTH = 200  # nested sections; a subsystem takes two, and models nest about ten subsystems
 MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has about 30 000
@@ -22,6 +23,7 @@ MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has 
 _MAX_FINDINGS = 50  # of each kind; a garbled file has thousands
 
 _DAMAGED = "The file may be truncated or damaged: use a complete copy."
+_COMPLETE = "Use a complete copy of the file."
 
 _LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
@@ -29,23 +31,11 @@ _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r"}
 _ENCODING = re.compile(rb'^[ \t]*+SavedCharacterEncoding[ \t]++"([^"\n]{1,40})"', re.MULTILINE)
 _ENCODINGS = {
-    "utf-8": "utf-8",
-    "us-ascii": "utf-8",
-    "windows-1252": "cp1252",
-    "windows-1250": "cp1250",
-    "windows-1251": "cp1251",
-    "iso-8859-1": "latin-1",
-    "iso-8859-15": "iso8859-15",
-    "shift_jis": "cp932",
-    "windows-31j": "cp932",
-    "gbk": "gbk",
-    "gb2312": "gb18030",
-    "gb18030": "gb18030",
-    "big5": "big5",
-    "euc-jp": "euc_jp",
-    "euc-kr": "cp949",
-    "windows-949": "cp949",
-}
+    "utf-8": "utf-8", "us-ascii": "utf-8", "windows-1252": "cp1252", "windows-1250": "cp1250",
+    "windows-1251": "cp1251", "iso-8859-1": "latin-1", "iso-8859-15": "iso8859-15", "shift_jis": "cp932",
+    "windows-31j": "cp932", "gbk": "gbk", "gb2312": "gb18030", "gb18030": "gb18030", "big5": "big5",
+    "euc-jp": "euc_jp", "euc-kr": "cp949", "windows-949": "cp949",
+}  # fmt: skip
 _HEAD = 65536
 _BRACE_ELEMENTS = ("Cell", "String")
 _MAX_MATRIX_LINES = 2000  # lines
@@ -57,15 +47,14 @@ _CLASS, _NUMBER, _PROPERTIES, _ELEMENTS, _VALUE = "_object_class", "_id", "_prop
 class SectionNode:
     """One section: an XML element, or braces and their content.
 
-    `keys` are attributes, `<P Name="key">value</P>`, or lines `key value`, without a leading `$`; `links` are keys
-    whose value is stored in another part of the file, with the name of that part.
+    `keys` are attributes, `<P Name="key">value</P>`, or lines `key value`, without a leading `$`; keys whose value is
+    stored in another part of the file are left out.
     """
 
     kind: str
     line: int
     keys: dict[str, str] = field(default_factory=dict)
     parts: list["SectionNode"] = field(default_factory=list)
-    links: dict[str, str] = field(default_factory=dict)
     text: str = ""
 
     def all(self, *kinds: str) -> Iterator["SectionNode"]:
@@ -102,32 +91,32 @@ class FileRejectedError(Exception):
 
 @dataclass
 class ReadDiagnostics:
-    """Findings and remarks of one file."""
+    """Errors of one file, and warnings about skipped content; of a garbled file, the first ones."""
 
     file: str
     errors: list[Finding] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    warnings: list[Finding] = field(default_factory=list)
 
-    def error(self, place: str, message: str, remedy: str = "") -> None:
-        """Record an error; `place` is within the file and may be empty."""
+    def error(self, part: str, message: str, remedy: str = "", line: int = 0) -> None:
+        """Record an error at a line of the file or of a part of it, or at a block; `part` may be empty."""
+        location = Location(f"{self.file} {part}".rstrip(), line) if line else Location(self.file, path=part)
         if len(self.errors) < _MAX_FINDINGS:
-            self.errors.append(Finding(f"{self.file} {place}".rstrip(), message, remedy))
+            self.errors.append(Finding(location, message, remedy))
 
-    def refuse(self, place: str, message: str, remedy: str = "") -> FileRejectedError:
+    def refuse(self, part: str, message: str, remedy: str = "", line: int = 0) -> FileRejectedError:
         """Record an error and return the exception that ends the reading."""
-        self.error(place, message, remedy)
+        self.error(part, message, remedy, line)
         return FileRejectedError()
 
-    def remark(self, sentence: str) -> None:
-        """Record a remark on skipped content."""
-        if len(self.remarks) < _MAX_FINDINGS:
-            self.remarks.append(sentence)
+    def warn(self, sentence: str) -> None:
+        """Record a sentence on skipped content."""
+        if len(self.warnings) < _MAX_FINDINGS:
+            self.warnings.append(Finding(Location(), sentence, severity="warning"))
 
-    def raise_if_errors(self) -> tuple[str, ...]:
-        """Return the remarks; raise `InputError` with all findings if there was an error."""
+    def raise_if_errors(self) -> None:
+        """Raise `InputError` with all errors if there is one."""
         if self.errors:
             raise InputError(self.errors)
-        return tuple(self.remarks)
 
 
 def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool = True) -> SectionNode | None:
@@ -142,8 +131,7 @@ def xml_section(raw: bytes, part: str, diagnostics: ReadDiagnostics, fold: bool 
         return None
     except (expat.ExpatError, ValueError, LookupError) as error:
         message = expat.errors.messages.get(getattr(error, "code", 0), str(error))
-        place = f"{part} line {getattr(error, 'lineno', 1)}"
-        diagnostics.error(place, f"is not well-formed XML: {message}", _DAMAGED)
+        diagnostics.error(part, f"is not well-formed XML: {message}", _DAMAGED, getattr(error, "lineno", 1))
         return None
     return builder.root
 
@@ -156,6 +144,7 @@ class _XmlSectionBuilder:
         self.root: SectionNode | None = None
         self.open: list[SectionNode] = []
         self.key: str | None = None
+        self.stored = True  # False if the value of the key is in another part
         self.pieces: list[str] = []
         self.count = 0
         self.parser = expat.ParserCreate()
@@ -168,10 +157,10 @@ class _XmlSectionBuilder:
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         self.count += 1
-        if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
-            self._key(attributes)
-            return
         self.pieces.clear()
+        if self.fold and name == "P" and "Name" in attributes and self.open and self.key is None:
+            self.key, self.stored = attributes["Name"], "Ref" not in attributes
+            return
         section = SectionNode(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes)
         if self.open:
             self.open[-1].parts.append(section)
@@ -183,18 +172,10 @@ class _XmlSectionBuilder:
         if self.count > MAX_SECTIONS:
             raise self._refused(f"has more than {MAX_SECTIONS} elements")
 
-    def _key(self, attributes: dict[str, str]) -> None:
-        self.pieces.clear()
-        key = attributes["Name"]
-        if "Ref" in attributes:
-            self.open[-1].links[key] = attributes["Ref"]
-        self.key = key
-
     def _end(self, name: str) -> None:
         if self.key is not None and name == "P":
-            section = self.open[-1]
-            if self.key not in section.links:
-                section.keys[self.key] = "".join(self.pieces)
+            if self.stored:
+                self.open[-1].keys[self.key] = "".join(self.pieces)
             self.key = None
             self.pieces.clear()
             return
@@ -210,7 +191,7 @@ class _XmlSectionBuilder:
         raise self._refused(f"uses the undeclared entity {name[:60]}", "Replace it by its characters.")
 
     def _refused(self, message: str, remedy: str = "") -> FileRejectedError:
-        return self.diagnostics.refuse(f"{self.part} line {self.parser.CurrentLineNumber}", message, remedy)
+        return self.diagnostics.refuse(self.part, message, remedy, self.parser.CurrentLineNumber)
 
 
 def normalize_name(name: str) -> str:
@@ -226,11 +207,9 @@ def brace_text(raw: bytes) -> str:
     """Decode a classic file in the encoding it names; undecodable characters are replaced."""
     named = _ENCODING.search(raw[:_HEAD])
     encoding = _ENCODINGS.get(named[1].decode("ascii", "replace").lower(), "") if named else ""
-    for candidate in (encoding, "utf-8", "cp1252"):
-        try:
-            return raw.decode(candidate) if candidate else raw.decode("utf-8")
-        except UnicodeDecodeError:
-            continue
+    for candidate in (encoding or "utf-8", "utf-8", "cp1252"):
+        with contextlib.suppress(UnicodeDecodeError):
+            return raw.decode(candidate)
     return raw.decode("latin-1")
 
 
@@ -260,14 +239,16 @@ class _BraceParser:
             self.at += 1
             if not line or line[0] == "#":
                 continue
-            if line == "}":
-                self._close()
-            else:
+            if line != "}":
                 self._line(line)
+            elif not self.open:
+                raise self._refused("has an unmatched }", _COMPLETE)
+            else:
+                self.open.pop()
         if self.open:
             first = self.open[-1]
             message = f"is truncated: {first.kind[:60]} of line {first.line} is never closed"
-            self.diagnostics.error(f"line {len(self.lines)}", message, "Use a complete copy of the file.")
+            self.diagnostics.error("", message, _COMPLETE, len(self.lines))
 
     def _line(self, line: str) -> None:
         match = _LINE.match(line)
@@ -279,9 +260,9 @@ class _BraceParser:
         elif not self.open:
             raise self._wrong(line)
         else:
-            self._key(key.removeprefix("$"), self._value(value))
+            self._add(key.removeprefix("$"), self._value(value))
 
-    def _key(self, key: str, value: str) -> None:
+    def _add(self, key: str, value: str) -> None:
         """Add a key; all elements of an array have the same key."""
         if key in _BRACE_ELEMENTS and self.open[-1].kind == "Array":
             self.open[-1].parts.append(SectionNode(key, self.at, text=value))
@@ -294,14 +275,9 @@ class _BraceParser:
         self.open.append(section)
         self.count += 1
         if len(self.open) > MAX_DEPTH:
-            raise self.diagnostics.refuse(f"line {self.at}", f"has sections more than {MAX_DEPTH} levels deep")
+            raise self._refused(f"has sections more than {MAX_DEPTH} levels deep")
         if self.count > MAX_SECTIONS:
-            raise self.diagnostics.refuse(f"line {self.at}", f"has more than {MAX_SECTIONS} sections")
-
-    def _close(self) -> None:
-        if not self.open:
-            raise self.diagnostics.refuse(f"line {self.at}", "has an unmatched }", "Use a complete copy of the file.")
-        self.open.pop()
+            raise self._refused(f"has more than {MAX_SECTIONS} sections")
 
     def _value(self, value: str) -> str:
         if value.startswith('"'):
@@ -335,8 +311,10 @@ class _BraceParser:
         return " ".join(pieces)
 
     def _wrong(self, line: str) -> FileRejectedError:
-        message = f"is neither a key with its value nor a section: {line[:60]}"
-        return self.diagnostics.refuse(f"line {self.at}", message, "Use a complete copy of the file.")
+        return self._refused(f"is neither a key with its value nor a section: {line[:60]}", _COMPLETE)
+
+    def _refused(self, message: str, remedy: str = "") -> FileRejectedError:
+        return self.diagnostics.refuse("", message, remedy, self.at)
 
 
 def _piece(value: str) -> str:
@@ -392,22 +370,15 @@ class _Converter:
         elif isinstance(value, dict):
             elements = value.get(_ELEMENTS)
             if isinstance(elements, list):
-                section.parts.append(self._array(key, elements, depth))
-            else:
-                section.parts.append(self._named(key, value, depth))
+                objects = [self.section("Object", inner, depth + 1) for inner in elements if isinstance(inner, dict)]
+                section.parts.append(SectionNode("Array", 0, {"PropName": key}, objects))
+                return
+            section.parts.append(self.section(key, value, depth + 1))
+            section.parts[-1].keys.setdefault("PropName", key)
         elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
             section.parts += [self.section(key, inner, depth + 1) for inner in value if isinstance(inner, dict)]
         else:
             section.keys[key] = _text(value)
-
-    def _named(self, key: str, value: dict[str, Any], depth: int) -> SectionNode:
-        section = self.section(key, value, depth + 1)
-        section.keys.setdefault("PropName", key)
-        return section
-
-    def _array(self, key: str, elements: list[Any], depth: int) -> SectionNode:
-        objects = [self.section("Object", inner, depth + 1) for inner in elements if isinstance(inner, dict)]
-        return SectionNode("Array", 0, {"PropName": key}, objects)
 
 
 def _text(value: Any) -> str:

@@ -30,7 +30,7 @@ _LEVELS = (
     ("+", "-"),
     ("*", "/", "%%"),
 )
-_BINARY = frozenset({one for level in _LEVELS for one in level} | {"^", "=", "+=", "-=", "*=", "/="})
+_BINARY = frozenset({item for level in _LEVELS for item in level} | {"^", "=", "+=", "-=", "*=", "/="})
 _WRITTEN = {"|": "||", "&": "&&", "!=": "~=", "<>": "~="}
 _BITS = frozenset({"&", "|", "^", "~", "<<", ">>", "&=", "|=", "^="})
 _CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
@@ -61,7 +61,7 @@ def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
     return tree
 
 
-def parse_c_statements(text: str, bits: bool = False) -> tuple[m.Statement, ...]:
+def parse_c_statements(text: str, bits: bool = False) -> m.Statements:
     """Parse the statements of an action, separated by `;`, `,` or line ends; raises `ActionSyntaxError`."""
     return _ActionParser(text, bits).statements()
 
@@ -108,7 +108,7 @@ class _ActionParser:
 
     # statements
 
-    def statements(self) -> tuple[m.Statement, ...]:
+    def statements(self) -> m.Statements:
         statements: list[m.Statement] = []
         while True:
             while self.token.kind == "line" or self.next_is(";", ","):
@@ -160,7 +160,7 @@ class _ActionParser:
             at += 1
         return self.tokens[min(at + 1, len(self.tokens) - 1)].text == "="
 
-    def _targets(self) -> tuple[m.Expression, ...]:
+    def _targets(self) -> m.Expressions:
         self.at += 1
         targets: list[m.Expression] = []
         while not self.next_is("]"):
@@ -194,7 +194,9 @@ class _ActionParser:
             self.pass_lines()
             right = self._binary(level + 1)
             left = (
-                _remainder(left, right) if operator == "%%" else m.Binary(_WRITTEN.get(operator, operator), left, right)
+                m.Call(m.Name("rem"), (left, right))
+                if operator == "%%"
+                else m.Binary(_WRITTEN.get(operator, operator), left, right)
             )
         self._reject_bitwise()
         return left
@@ -238,7 +240,7 @@ class _ActionParser:
             raise ActionSyntaxError(f"{name} is not supported")
         return m.Call(m.Name(_FUNCTIONS[name]) if name in _FUNCTIONS else of, arguments)
 
-    def _arguments(self) -> tuple[m.Expression, ...]:
+    def _arguments(self) -> m.Expressions:
         self.at += 1
         arguments: list[m.Expression] = []
         self.pass_lines()
@@ -253,7 +255,7 @@ class _ActionParser:
         self.at += 1
         return tuple(arguments)
 
-    def _indices(self) -> tuple[m.Expression, ...]:
+    def _indices(self) -> m.Expressions:
         indices: list[m.Expression] = []
         while self.next_is("["):
             self.at += 1
@@ -279,7 +281,3 @@ class _ActionParser:
                 self.expect(")")
                 return tree
         raise ActionSyntaxError(f"unexpected {token.text!r} in {self.text.strip()[:60]}")
-
-
-def _remainder(left: m.Expression, right: m.Expression) -> m.Expression:
-    return m.Call(m.Name("rem"), (left, right))

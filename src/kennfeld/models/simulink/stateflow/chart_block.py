@@ -10,13 +10,14 @@ import numpy as np
 
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.symbolic_values import constants
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.scheduling import SampleTime
 from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.model_tree import StoredChart
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, as_vector, scalar
+from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, apply, as_vector, scalar
 from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, ChartModel, ChartVariable
 from kennfeld.models.simulink.stateflow.guarded_variables import Guard, GuardLogic, SizeChangedError
@@ -92,7 +93,7 @@ class _Chart:
         self.sized: set[str] = set()
         self.ports = {kind: chart_port_names(block.flat, kind) for kind in ("Inport", "Outport")}
         self.hit = self._hit()
-        self._found: dict[str, Signal] = {}
+        self._after: Signal | None = None  # the memories after the step
         self._late: dict[int, Nodes] = {}  # values at the end of the previous step
 
     def _hit(self) -> int | None:
@@ -108,13 +109,13 @@ class _Chart:
     def outputs(self) -> tuple[SignalOrBus, ...]:
         first = self._initial()
         keys = [key for key in first if not key.startswith(("before ", "active "))]
-        after = self._remember(keys, first)
+        after = self.block.discrete_state(self._join(keys, first), lambda read: self._after or read)
         values = {**first, **self._split(keys, first, after), **self._inputs()}
         machine = self._machine(values)
         self._activate_parallel(machine)
         before = dict(machine.variables.values)
         self._run(machine)
-        self._found["after"] = self._join(keys, machine.variables.values)
+        self._after = self._join(keys, machine.variables.values)
         self.calls.check(machine)
         return tuple(self._output(name, machine, before) for name in self.ports["Outport"])
 
@@ -133,8 +134,8 @@ class _Chart:
         begun.called = _called_too_early
         self._activate_parallel(begun)
         begun.begin(self.logic.always)
-        found = {key: begun.variables.values[key] for key in values}
-        return {**found, **self._watched_values({**found, **self._inputs()})}
+        result = {key: begun.variables.values[key] for key in values}
+        return {**result, **self._watched_values({**result, **self._inputs()})}
 
     def _watched_values(self, values: Mapping[str, Nodes]) -> dict[str, Nodes]:
         return {f"{when} {key}": values[key] for key in self.timers.watched for when in ("now", "before")}
@@ -164,7 +165,7 @@ class _Chart:
         written = data.written
         text = written.name if written.from_workspace else written.initial.strip()
         try:
-            value = self.block.compiler.expressions.array(text, self.scope) if text else self._array(0.0)
+            value = self.block.compiler.expressions.array(text, self.scope) if text else constants(self.builder, 0.0)
         except EvaluationError as error:
             raise UnsupportedError(f"the initial value of data {written.name} ({text[:60]}): {error}") from None
         shape = self._shape(data)
@@ -180,17 +181,15 @@ class _Chart:
         text = data.written.size.strip()
         if text in ("", "-1"):
             return self.sizes.get(data.key)
+        listed = text if text.startswith("[") else f"[{text}]"
         try:
-            sizes = [int(n) for n in self.block.compiler.expressions.numbers(_listed(text), self.scope).ravel()]
+            sizes = [int(n) for n in self.block.compiler.expressions.numbers(listed, self.scope).ravel()]
         except EvaluationError as error:
             raise UnsupportedError(f"the size of data {data.written.name} ({text[:60]}): {error}") from None
         if not sizes or min(sizes) < 1 or np.prod(sizes) > 100_000 or len(sizes) > 2:
             raise UnsupportedError(f"data {data.written.name} has the invalid size {text[:60]}")
         self.sized.add(data.key)
         return (sizes[0], 1) if len(sizes) == 1 else (sizes[0], sizes[1])
-
-    def _array(self, value: float) -> Nodes:
-        return np.array([[self.builder.const(value)]], dtype=np.int64)
 
     def _inputs(self, before: bool = False) -> dict[str, Nodes]:
         """Return the inputs as matrices; before the first step only constants are known."""
@@ -209,10 +208,6 @@ class _Chart:
         return inputs
 
     # memory
-
-    def _remember(self, kept: list[str], first: Mapping[str, Nodes]) -> Signal:
-        init = self._join(kept, first)
-        return self.block.discrete_state(init, lambda seen: self._found.get("after", seen))
 
     def _join(self, kept: list[str], values: Mapping[str, Nodes]) -> Signal:
         return Signal(np.concatenate([values[key].ravel() for key in kept]), self.block.period())
@@ -280,9 +275,9 @@ class _Chart:
         return wakings
 
     def _trigger_node(self, event: ChartEvent, node: int, period: float) -> int:
-        signal = scalar(node, period)
+        signal = scalar(node, period, self.block.builder)
         if event.written.trigger == "FUNCTION_CALL_EVENT":
-            return int(self.block.apply("ne", signal, self.block.constant(0.0)).nodes[0])
+            return int(apply("ne", signal, 0.0).nodes[0])
         kind = _EDGES.get(event.written.trigger)
         if kind is None:
             raise UnsupportedError(
@@ -305,7 +300,8 @@ class _Chart:
         if event is not None and event.written.scope == "OUTPUT_EVENT":
             key = f"output {event.key}"
             if event.written.trigger == "FUNCTION_CALL_EVENT":
-                return scalar(self._at_hit(self.calls.node(name)), period)
+                node = self.calls.node(name)
+                return scalar(node if self.hit is None else self.builder.call("and", self.hit, node), period)
             return Signal(as_vector(self._hold_between_hits(key, machine, before)), period)
         state = next((candidate for candidate in self.chart.states if candidate.output == name), None)
         if state is None or state.id not in self.diagram.states:
@@ -318,19 +314,12 @@ class _Chart:
         if self.hit is None or key not in before:
             return now
         pairs = zip(now.ravel(), before[key].ravel(), strict=True)
-        held = [self.builder.call("select", self.hit, int(new), int(old)) for new, old in pairs]
-        return np.array(held, dtype=np.int64).reshape(now.shape)
-
-    def _at_hit(self, node: int) -> int:
-        return node if self.hit is None else self.builder.call("and", self.hit, node)
+        value = [self.builder.call("select", self.hit, int(new), int(old)) for new, old in pairs]
+        return np.array(value, dtype=np.int64).reshape(now.shape)
 
 
 def _called_too_early(event: ChartEvent, guard: Guard) -> None:
     raise UnsupportedError(f"{event.written.name} is called before the first step", DEFAULT_REMEDY)
-
-
-def _listed(text: str) -> str:
-    return text if text.startswith("[") else f"[{text}]"
 
 
 class FunctionCallSubsystems:
@@ -377,7 +366,7 @@ class FunctionCallSubsystems:
             if atom in self._controls:
                 events.add(self._controls[atom])
             if atom.type == "Chart":  # the inputs it requires are determined from it in turn
-                waiting += [one.flat for one in atom.inputs if one is not None]
+                waiting += [item.flat for item in atom.inputs if item is not None]
             else:
                 waiting += self.block.compiler.needs.step_dependencies(atom)
         return frozenset(events)
@@ -386,9 +375,7 @@ class FunctionCallSubsystems:
         """Return the value of a late input before the first call."""
         source = self.block.flat.inputs[at]
         is_held = source is not None and source.flat.type == "ConditionalOutput"
-        stated = (
-            self.block.compiler.block_context(source.flat).initial_output() if source is not None and is_held else None
-        )
+        stated = self.block.of(source.flat).initial_output() if source is not None and is_held else None
         return (stated or self.block.constant(0.0)).nodes.reshape(-1, 1)
 
     def node(self, name: str) -> int:

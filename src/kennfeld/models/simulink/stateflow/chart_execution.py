@@ -1,24 +1,22 @@
 """One step of a chart: states are executed, entered and exited, and transitions taken, each under a guard."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_expressions import ChartExpressions
+from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, ChartPart
 from kennfeld.models.simulink.stateflow.chart_model import (
     ChartEvent,
     ChartModel,
-    JunctionNode,
     StateAction,
     StateNode,
     TransitionEdge,
 )
 from kennfeld.models.simulink.stateflow.guarded_statements import ChartFunctionCalls, GuardedStatements
-from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard, GuardedVariables, GuardLogic
+from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.models.simulink.stateflow.temporal_logic import ChartTimers, TemporalLogic
 from kennfeld.models.simulink.stateflow.transition_search import (
     EventDispatch,
@@ -30,17 +28,11 @@ from kennfeld.models.simulink.variables.mask_scope import Scope
 
 _MAX_SHARED_CHILDREN = 12  # beyond, each child is followed from a copy of the variables
 
-_MAX_WORK = 30_000
-_MAX_DEPTH = 12  # nested events and calls
 
-Called = Callable[[ChartEvent, Guard], None]
-
-
-class ChartExecution:
+class ChartExecution(ChartMachine):
     """Follows one step of a chart.
 
-    `variables` hold the values at the beginning of the step and, after it, those at its end. `time` and `dt` are nodes
-    in s. `called` receives the output events that call functions.
+    `variables` hold the values at the beginning of the step and, after it, those at its end.
     """
 
     def __init__(
@@ -52,42 +44,18 @@ class ChartExecution:
         values: Mapping[str, Nodes],
         sized: frozenset[str],
         clock: tuple[int, int],
-        called: Called,
+        called: Callable[[ChartEvent, Guard], None],
     ) -> None:
-        self.diagram = diagram
+        super().__init__(diagram, expressions.builder, values, sized, clock, called)
         self.timers = timers
-        self.logic = GuardLogic(expressions.builder)
-        self.builder = expressions.builder
-        self.variables = GuardedVariables(self.logic, values, sized)
-        self.values = ChartExpressions(self, expressions, scope)
-        self.statements = GuardedStatements(self, self.values)
-        self.time, self.dt = clock
-        self.called = called
+        chart_expressions = ChartExpressions(self, expressions, scope)
+        self.values = chart_expressions
+        self.statements = GuardedStatements(self, chart_expressions)
         self.activity = StateExecution(self)
         self.transitions = TransitionExecution(self)
         self.events = EventDispatch(self)
-        self.counting = TemporalLogic(self)
+        self.counting = TemporalLogic(self, timers)
         self.functions = ChartFunctionCalls(self)
-        self._done = 0
-        self._depth = 0
-        junctions = list(diagram.junctions)
-        self.committed = committed_junctions(junctions)
-        self.reach = {junction: _reachable(junction) for junction in junctions}
-
-    def work(self) -> None:
-        """Count an action; reject charts that expand endlessly."""
-        self._done += 1
-        if self._done > _MAX_WORK:
-            raise UnsupportedError(f"the chart expands to more than {_MAX_WORK} actions", DEFAULT_REMEDY)
-
-    @contextmanager
-    def nested(self, message: str) -> Iterator[None]:
-        """Count nested calls and events; reject endless recursion."""
-        self._depth += 1
-        if self._depth > _MAX_DEPTH:
-            raise UnsupportedError(f"{message}, without end or more than {_MAX_DEPTH} levels deep", DEFAULT_REMEDY)
-        yield
-        self._depth -= 1
 
     def wake(self, guard: Guard, event: str = "") -> None:
         """Execute the chart once."""
@@ -100,7 +68,7 @@ class ChartExecution:
         self.variables.put("active", self.builder.const(1.0), guard)
         self._watch(first, guard)
         if not root.children:
-            self.run_flow_chart(root, context, guard)
+            self.transitions.run_flow_chart(root, context, guard)
             return
         if first is not None:
             self.activity.clear(root, first)
@@ -127,30 +95,11 @@ class ChartExecution:
             self.activity.clear(root, guard)
             self.activity.enter_children(root, context, guard)
         else:
-            self.run_flow_chart(root, context, guard)
-
-    def run_flow_chart(self, root: StateNode, context: ActionContext, guard: Guard) -> None:
-        """Run the flow chart of a chart without states, or of a function."""
-        search = JunctionSearch(self, context)
-        search.run(root.defaults, guard)
-        if search.fired:
-            raise UnsupportedError(f"{context.place}: a flow chart leads into a state")
-
-    def check_writable(self, key: str, context: ActionContext) -> None:
-        """Reject an assignment to a read-only variable."""
-        data = next((variable for variable in self.diagram.data.values() if variable.key == key), None)
-        if data is not None and data.written.scope in ("INPUT_DATA", "CONSTANT_DATA"):
-            raise UnsupportedError(f"{context.place}: {key} is read-only")
+            self.transitions.run_flow_chart(root, context, guard)
 
 
-class StateExecution:
+class StateExecution(ChartPart):
     """Execution, entry and exit of the states of a chart."""
-
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.logic = machine.logic
-        self.builder = machine.builder
-        self.variables = machine.variables
 
     def active(self, state: StateNode, guard: Guard) -> int:
         """Return the node that is 1 if a state is active."""
@@ -290,7 +239,10 @@ class StateExecution:
         """Exit the active children of a state, the last of parallel ones first."""
         if not state.parallel:
             paths = [self._leave(child, context, where) for child, where in self.each_child(state, guard)]
-            return self._after(state, guard, paths)
+            if None not in paths:
+                return guard
+            # an event sent by the children may have exited the state too
+            return self.logic.narrow(guard, self.active(state, guard))
         remaining: Guard | None = guard
         for child in reversed(state.children):
             if remaining is None:
@@ -299,10 +251,6 @@ class StateExecution:
             if where is not None:
                 self._leave(child, context, where)
         return remaining
-
-    def _after(self, state: StateNode, guard: Guard, paths: list[Guard | None]) -> Guard | None:
-        """Return the guard after the children were exited, unless an event sent by them exited the state too."""
-        return guard if None not in paths else self.logic.narrow(guard, self.active(state, guard))
 
     def _leave(self, state: StateNode, context: ActionContext, guard: Guard) -> Guard | None:
         self.machine.work()
@@ -317,14 +265,19 @@ class StateExecution:
         return self.while_active(state.parent)(after)
 
 
-class TransitionExecution:
+class TransitionExecution(ChartPart):
     """The transitions between the states of a chart."""
 
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.logic = machine.logic
-        self.builder = machine.builder
-        self.variables = machine.variables
+    def __init__(self, machine: ChartMachine) -> None:
+        super().__init__(machine)
+        self._committed = committed_junctions(list(machine.diagram.junctions))
+
+    def run_flow_chart(self, root: StateNode, context: ActionContext, guard: Guard) -> None:
+        """Run the flow chart of a chart without states, or of a function."""
+        search = JunctionSearch(self.machine, context, self._committed)
+        search.run(root.defaults, guard)
+        if search.fired:
+            raise UnsupportedError(f"{context.place}: a flow chart leads into a state")
 
     def take(
         self, state: StateNode, transitions: list[TransitionEdge], context: ActionContext, guard: Guard
@@ -332,7 +285,7 @@ class TransitionExecution:
         """Take the first valid transition; return the guard where none is valid."""
         if not transitions:
             return guard
-        search = JunctionSearch(self.machine, context)
+        search = JunctionSearch(self.machine, context, self._committed)
         remaining = search.run(transitions, guard)
         for fired in search.fired:
             self._fire(fired, state, context)
@@ -340,7 +293,7 @@ class TransitionExecution:
 
     def _fire(self, fired: Fired, source: StateNode, context: ActionContext) -> None:
         """Exit the states up to the one that contains the path, run the transition actions, enter the target."""
-        top = _outermost(fired.path.holders)
+        top = min(fired.path.holders, key=lambda state: len(list(state.ancestors)))
         if top.parallel and top is not source:
             message = f"a transition from state {source.path} to {fired.target.path} crosses parallel states"
             raise UnsupportedError(message)
@@ -375,19 +328,3 @@ class TransitionExecution:
         if path[0].parent is None:
             raise UnsupportedError(f"a transition into state {target.path} is drawn in the wrong state")
         self.machine.activity.enter(path, context, guard)
-
-
-def _outermost(holders: frozenset[StateNode]) -> StateNode:
-    return min(holders, key=lambda state: len(list(state.ancestors)))
-
-
-def _reachable(junction: JunctionNode) -> frozenset[JunctionNode]:
-    """Return the junctions that are reachable from one."""
-    seen: set[JunctionNode] = set()
-    waiting = [junction]
-    while waiting:
-        for transition in waiting.pop().transitions:
-            if isinstance(transition.target, JunctionNode) and transition.target not in seen:
-                seen.add(transition.target)
-                waiting.append(transition.target)
-    return frozenset(seen)

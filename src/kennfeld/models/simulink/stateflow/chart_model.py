@@ -27,8 +27,8 @@ class StateAction:
     """Statements of a state; `kind` is "entry", "during", "exit" or "on", the latter with its `event`."""
 
     kind: str
-    body: tuple[m.Statement, ...]
-    event: tuple[m.Expression, ...] = ()
+    body: m.Statements
+    event: m.Expressions = ()
 
 
 @dataclass(eq=False)
@@ -106,10 +106,10 @@ class TransitionEdge:
     target: StateNode | JunctionNode
     holder: StateNode
     order: int
-    events: tuple[m.Expression, ...] = ()
+    events: m.Expressions = ()
     condition: m.Expression | None = None
-    before: tuple[m.Statement, ...] = ()
-    after: tuple[m.Statement, ...] = ()
+    before: m.Statements = ()
+    after: m.Statements = ()
 
     @property
     def free(self) -> bool:
@@ -160,7 +160,7 @@ class ChartModel:
         self.events: dict[tuple[str, str], ChartEvent] = {}
         self._drawn = {state.id: state for state in chart.states}
         self._states()
-        self._junctions = {one.id: self._junction(one.id, one.type, one.parent) for one in chart.junctions}
+        self._junctions = {item.id: self._junction(item.id, item.type, item.parent) for item in chart.junctions}
         self._add_transitions()
         self._names()
 
@@ -209,7 +209,7 @@ class ChartModel:
             orders = [child.order for child in state.children]
             if len(set(orders)) < len(orders):
                 raise UnsupportedError(
-                    f"the execution order of the parallel states of {_describe(state)} is not stated"
+                    f"the execution order of the parallel states of {state.path or 'the chart'} is not stated"
                 )
             state.children.sort(key=lambda child: child.order)
         for number, child in enumerate(state.children, 1):
@@ -348,10 +348,6 @@ def _down(state: StateNode, path: list[str]) -> StateNode | None:
     for name in path:
         here = next((child for child in here.children if child.name == name), None) if here is not None else None
     return here
-
-
-def _describe(state: StateNode) -> str:
-    return state.path or "the chart"
 
 
 def _sort(transitions: list[TransitionEdge]) -> None:

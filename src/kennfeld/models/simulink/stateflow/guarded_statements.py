@@ -6,7 +6,7 @@ Both sides of a decision are built, loops are unrolled, and each function call h
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,12 +17,9 @@ from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_expressions import ChartExpressions
+from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, ChartPart
 from kennfeld.models.simulink.stateflow.chart_model import ChartFunction
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
-
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
-
 
 Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # returns the node of a condition under a guard
 
@@ -33,20 +30,19 @@ _OUTPUT_FUNCTIONS = frozenset({"disp", "display", "printf", "fprintf", "sprintf"
 class _Jumps:
     """The guards of `break` and `continue` in a loop."""
 
-    found: dict[str, list[Guard | None]] = field(default_factory=lambda: {"break": [], "continue": []})
+    guards: dict[str, list[Guard | None]] = field(default_factory=lambda: {"break": [], "continue": []})
 
 
-class GuardedStatements:
+class GuardedStatements(ChartPart):
     """Runs the statements of a chart."""
 
-    def __init__(self, machine: "ChartExecution", values: ChartExpressions) -> None:
-        self.machine = machine
+    def __init__(self, machine: ChartMachine, values: ChartExpressions) -> None:
+        super().__init__(machine)
         self.values = values
-        self.logic = machine.logic
         self._loops: list[_Jumps] = []
         self._returns: list[list[Guard | None]] = []
 
-    def run(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None) -> Guard | None:
+    def run(self, body: m.Statements, context: ActionContext, guard: Guard | None) -> Guard | None:
         """Run statements; return the guard at their end, None if they never reach it."""
         for statement in body:
             if guard is None:
@@ -58,7 +54,7 @@ class GuardedStatements:
                 guard = context.alive(guard)
         return guard
 
-    def function(self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard) -> Guard | None:
+    def function(self, body: m.Statements, context: ActionContext, guard: Guard) -> Guard | None:
         """Run the body of a function; return the guard after it."""
         self._returns.append([])
         loops, self._loops = self._loops, []
@@ -75,7 +71,8 @@ class GuardedStatements:
             case m.Command(name, ()):
                 return self._evaluate(m.Name(name), context, guard)
             case m.If(branches, otherwise):
-                return self._if(branches, otherwise, context, guard)
+                conditions = [(partial(self.values.scalar, branch.condition), branch.body) for branch in branches]
+                return self._decide(conditions, otherwise, context, guard)
             case m.Switch(subject, cases, otherwise):
                 return self._switch(subject, cases, otherwise, context, guard)
             case m.For(m.Name(name), values, body):
@@ -107,10 +104,10 @@ class GuardedStatements:
         return after
 
     def _results(
-        self, name: str, arguments: tuple[m.Expression, ...], wanted: int, context: ActionContext, guard: Guard
+        self, name: str, arguments: m.Expressions, wanted: int, context: ActionContext, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
         """Return the results of a function of the chart or of MATLAB, and the guard after the call."""
-        function = self.values.diagram.function(name, context.scope)
+        function = self.diagram.function(name, context.scope)
         if function is not None:
             values = self.values.evaluate_arguments(arguments, context, guard)
             return self.machine.functions.call(function, values, context, guard)
@@ -129,12 +126,13 @@ class GuardedStatements:
             key = f"{context.frame}.{base.name}"
         if key is None:
             raise UnsupportedError(f"{context.place}: assignment to an unknown variable")
-        self.machine.check_writable(key, context)
-        old = self.values.variables.values.get(key)
+        data = next((variable for variable in self.diagram.data.values() if variable.key == key), None)
+        if data is not None and data.written.scope in ("INPUT_DATA", "CONSTANT_DATA"):
+            raise UnsupportedError(f"{context.place}: {key} is read-only")
+        old = self.variables.values.get(key)
         if indices is not None:
-            self.values.elements.set(key, indices, new, context, guard)
-        else:
-            self.values.variables.set(key, new, guard)
+            new = self.values.with_elements(key, indices, new, context, guard)
+        self.variables.set(key, new, guard)
         if old is not None:
             self.machine.events.notify_change(key, old, guard)
 
@@ -144,7 +142,7 @@ class GuardedStatements:
             self.machine.events.send(sent[0], sent[1], context, guard)
             return guard
         name = tree.of.name if isinstance(tree, m.Call) and isinstance(tree.of, m.Name) else ""
-        function = self.values.diagram.function(name, context.scope)
+        function = self.diagram.function(name, context.scope)
         if function is not None and isinstance(tree, m.Call):
             values = self.values.evaluate_arguments(tree.arguments, context, guard)
             return self.machine.functions.call(function, values, context, guard)[1]
@@ -155,21 +153,11 @@ class GuardedStatements:
 
     # decisions
 
-    def _if(
-        self,
-        branches: tuple[m.Branch, ...],
-        otherwise: tuple[m.Statement, ...],
-        context: ActionContext,
-        guard: Guard,
-    ) -> Guard | None:
-        conditions = [(partial(self.values.scalar, branch.condition), branch.body) for branch in branches]
-        return self._decide(conditions, otherwise, context, guard)
-
     def _switch(
         self,
         subject: m.Expression,
         cases: tuple[m.Branch, ...],
-        otherwise: tuple[m.Statement, ...],
+        otherwise: m.Statements,
         context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
@@ -180,19 +168,19 @@ class GuardedStatements:
     def _matches(self, subject: Nodes, case: m.Expression, context: ActionContext, guard: Guard) -> int:
         """Return the node that is 1 if a case, or one of several in braces, matches."""
         options = case.rows if isinstance(case, m.CellArray) else ((case,),)
-        matches = self.values.builder.const(0.0)
+        matches = self.builder.const(0.0)
         for option in (option for row in options for option in row):
             value = self.values.nodes(option, context, guard)
             if subject.size != 1 or value.size != 1:
                 raise UnsupportedError(f"{context.place}: switch requires scalars")
-            equal = self.values.builder.call("eq", int(subject.item()), int(value.item()))
-            matches = self.values.builder.call("or", matches, equal)
+            equal = self.builder.call("eq", int(subject.item()), int(value.item()))
+            matches = self.builder.call("or", matches, equal)
         return matches
 
     def _decide(
         self,
-        paths: Sequence[tuple[Condition, tuple[m.Statement, ...]]],
-        otherwise: tuple[m.Statement, ...],
+        paths: Sequence[tuple[Condition, m.Statements]],
+        otherwise: m.Statements,
         context: ActionContext,
         guard: Guard,
     ) -> Guard | None:
@@ -214,7 +202,7 @@ class GuardedStatements:
     # loops
 
     def _for(
-        self, name: str, values: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
+        self, name: str, values: m.Expression, body: m.Statements, context: ActionContext, guard: Guard
     ) -> Guard | None:
         remaining: Guard | None = guard
         jumps = _Jumps()
@@ -225,11 +213,9 @@ class GuardedStatements:
             self._store(m.Name(name), np.asarray(column).reshape(-1, 1), context, remaining)
             remaining = self._turn(body, context, remaining, jumps)
         self._loops.pop()
-        return self.logic.any_of([remaining, *jumps.found["break"]])
+        return self.logic.any_of([remaining, *jumps.guards["break"]])
 
-    def _while(
-        self, condition: m.Expression, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard
-    ) -> Guard | None:
+    def _while(self, condition: m.Expression, body: m.Statements, context: ActionContext, guard: Guard) -> Guard | None:
         remaining: Guard | None = guard
         jumps, over = _Jumps(), list[Guard | None]()
         self._loops.append(jumps)
@@ -239,35 +225,31 @@ class GuardedStatements:
             over.append(self.logic.narrow(remaining, holds, holds=False))
             remaining = self._turn(body, context, self.logic.narrow(remaining, holds), jumps)
         self._loops.pop()
-        return self.logic.any_of([*over, *jumps.found["break"]])
+        return self.logic.any_of([*over, *jumps.guards["break"]])
 
-    def _turn(
-        self, body: tuple[m.Statement, ...], context: ActionContext, guard: Guard | None, jumps: _Jumps
-    ) -> Guard | None:
+    def _turn(self, body: m.Statements, context: ActionContext, guard: Guard | None, jumps: _Jumps) -> Guard | None:
         end = self.run(body, context, guard)
-        continued, jumps.found["continue"] = jumps.found["continue"], []
+        continued, jumps.guards["continue"] = jumps.guards["continue"], []
         return self.logic.any_of([end, *continued])
 
     def _jump(self, kind: str, context: ActionContext, guard: Guard) -> None:
         if kind == "return" and self._returns:
             self._returns[-1].append(guard)
-        elif self._loops and kind in self._loops[-1].found:
-            self._loops[-1].found[kind].append(guard)
+        elif self._loops and kind in self._loops[-1].guards:
+            self._loops[-1].guards[kind].append(guard)
         else:
             raise UnsupportedError(f"{context.place}: {kind} outside of a loop or function")
 
 
-class ChartFunctionCalls:
+class ChartFunctionCalls(ChartPart):
     """Calls of the functions of a chart, drawn as flow charts or written as code."""
 
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.diagram = machine.diagram
-        self.variables = machine.variables
+    def __init__(self, machine: ChartMachine) -> None:
+        super().__init__(machine)
         self._frames = 0
 
     def call(
-        self, function: ChartFunction, arguments: list[Nodes | None], context: ActionContext, guard: Guard
+        self, function: ChartFunction, arguments: Sequence[Nodes | None], context: ActionContext, guard: Guard
     ) -> tuple[list[Nodes], Guard | None]:
         """Call a function of the chart; return its results, and the guard after it."""
         if function.refused:
@@ -283,7 +265,7 @@ class ChartFunctionCalls:
         return [self.variables.values[name] for name in results], after
 
     def _run(
-        self, function: ChartFunction, arguments: list[Nodes | None], context: ActionContext, guard: Guard
+        self, function: ChartFunction, arguments: Sequence[Nodes | None], context: ActionContext, guard: Guard
     ) -> tuple[str, Guard | None]:
         """Run a function; return the frame of its variables, and the guard after it."""
         self._frames += 1
@@ -291,10 +273,12 @@ class ChartFunctionCalls:
         here = replace(context, scope=function.state, frame=frame, place=f"function {function.name}")
         here = replace(here, alive=lambda inner: inner)
         self._bind(function, frame, arguments)
-        after = self._run_code(function, here, guard) if function.script else self._run_drawn(function, here, guard)
-        return frame, after
+        if function.script:
+            return frame, self._run_code(function, here, guard)
+        self.machine.transitions.run_flow_chart(function.state, here, guard)
+        return frame, guard
 
-    def _bind(self, function: ChartFunction, frame: str, arguments: list[Nodes | None]) -> None:
+    def _bind(self, function: ChartFunction, frame: str, arguments: Sequence[Nodes | None]) -> None:
         for name, nodes in zip(function.parameters, arguments, strict=False):
             if nodes is not None:
                 self.variables.values[f"{frame}.{name}"] = nodes
@@ -305,10 +289,6 @@ class ChartFunctionCalls:
             if is_local and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
                 start = self.variables.values[data.key]
                 self.variables.values[f"{frame}.{data.written.name}"] = start
-
-    def _run_drawn(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
-        self.machine.run_flow_chart(function.state, context, guard)
-        return guard
 
     def _run_code(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
         try:

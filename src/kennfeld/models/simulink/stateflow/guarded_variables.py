@@ -173,8 +173,8 @@ class GuardLogic:
     def _learn_value(self, args: tuple[int, ...], guard: Guard) -> list[tuple[int, bool]]:
         """Record the value of a memory and implied decisions; other nodes stay, to keep their derivatives."""
         follows: list[tuple[int, bool]] = []
-        for one, constant in (args, args[::-1]):
-            number, node = self.builder.value(constant), one
+        for item, constant in (args, args[::-1]):
+            number, node = self.builder.value(constant), item
             while number is not None and self.builder.nodes[node].op in ("state", "select"):
                 guard.values[node] = constant
                 op, parts, _ = self.builder.nodes[node]
@@ -240,13 +240,13 @@ class GuardLogic:
         if len(known) < 2:
             return known[0] if known else None
         node = known[0].node
-        for one in known[1:]:
-            node = self.builder.call("or", node, one.node)
+        for item in known[1:]:
+            node = self.builder.call("or", node, item.node)
         first, *rest = known
-        facts = {k: v for k, v in first.facts.items() if all(one.facts.get(k) == v for one in rest)}
-        values = {k: v for k, v in first.values.items() if all(one.values.get(k) == v for one in rest)}
-        clauses = [one for one in first.clauses if all(one in other.clauses for other in rest)]
-        ranges = {k: v for k, v in first.ranges.items() if all(one.ranges.get(k) == v for one in rest)}
+        facts = {k: v for k, v in first.facts.items() if all(item.facts.get(k) == v for item in rest)}
+        values = {k: v for k, v in first.values.items() if all(item.values.get(k) == v for item in rest)}
+        clauses = [item for item in first.clauses if all(item in other.clauses for other in rest)]
+        ranges = {k: v for k, v in first.ranges.items() if all(item.ranges.get(k) == v for item in rest)}
         return Guard(node, {**facts, node: True}, values, ranges, clauses)
 
     def select(self, guard: Guard, new: Nodes, old: Nodes) -> Nodes:
@@ -308,7 +308,7 @@ class GuardedVariables:
         if new.size == np.prod(shape) and 1 in new.shape and 1 in shape:
             return new.reshape(shape)
         if key in self.sized:
-            sizes = " and ".join("x".join(map(str, one)) for one in (shape, new.shape))
+            sizes = " and ".join("x".join(map(str, item)) for item in (shape, new.shape))
             raise UnsupportedError(f"variable {key} has the sizes {sizes}")
         raise SizeChangedError(key, new.shape)
 

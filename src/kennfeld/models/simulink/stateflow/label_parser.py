@@ -91,7 +91,9 @@ def parse_state_label(label: str, language: str = "C") -> StateLabel:
     ends = [*(head.start() for head in heads), len(rest)][1:]
     for head, end in zip(heads, ends, strict=True):
         code = rest[head.end() : end].strip()
-        actions += [_action(word.strip(), code) for word in _ONE.split(head[1]) if code]
+        for word in map(str.strip, _ONE.split(head[1])) if code else ():
+            event = "" if word in _KINDS else word[2:].strip()
+            actions.append(ActionText(_KINDS.get(word, "on"), code, event))
     return StateLabel(name[1], tuple(actions), bare)
 
 
@@ -136,7 +138,7 @@ class ActionLanguage:
         self.name = name
         self.bits = bits
 
-    def statements(self, code: str, place: str) -> tuple[m.Statement, ...]:
+    def statements(self, code: str, place: str) -> m.Statements:
         """Parse the statements of an action."""
         if not code.strip():
             return ()
@@ -161,7 +163,7 @@ class ActionLanguage:
         except InputError as error:
             raise UnsupportedError(f"{place}: {error.findings[0].message}") from None
 
-    def events(self, code: str, place: str) -> tuple[m.Expression, ...]:
+    def events(self, code: str, place: str) -> m.Expressions:
         """Parse a list of alternative events."""
         return tuple(self.expression(part, place) for part in _OR.split(code)) if code.strip() else ()
 
@@ -174,10 +176,6 @@ def _expand_updates(code: str) -> str:
 
 def _clean(label: str, language: str) -> str:
     return strip_comments(label.replace("\r\n", "\n").replace("\r", "\n"), language)
-
-
-def _action(word: str, code: str) -> ActionText:
-    return ActionText(_KINDS[word], code) if word in _KINDS else ActionText("on", code, word[2:].strip())
 
 
 def _bracketed(text: str, at: int, language: str) -> tuple[str, str, int, str]:

@@ -6,11 +6,12 @@ state counts from its entry.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.traversal import calls_in
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, ChartPart
 from kennfeld.models.simulink.stateflow.chart_model import (
     ChartEvent,
     ChartModel,
@@ -19,10 +20,6 @@ from kennfeld.models.simulink.stateflow.chart_model import (
     TransitionEdge,
 )
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
-
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
-
 
 TEMPORAL = frozenset({"after", "before", "at", "every", "temporalCount", "elapsed", "et", "duration", "count"})
 CHANGES = frozenset({"hasChanged", "hasChangedFrom", "hasChangedTo"})
@@ -47,7 +44,7 @@ class Timer(NamedTuple):
         return f"{self.kind} {self.state.id} {more}".rstrip()
 
 
-def temporal_unit(name: str, arguments: tuple[m.Expression, ...]) -> str:
+def temporal_unit(name: str, arguments: m.Expressions) -> str:
     """Return the event or the unit of time that a temporal operator counts."""
     if name in ("elapsed", "et") and not arguments:
         return "sec"
@@ -72,7 +69,7 @@ class ChartTimers:
         """Return the timers of a state."""
         return (timer for timer in self.all.values() if timer.state is state)
 
-    def timer(self, name: str, arguments: tuple[m.Expression, ...], state: StateNode) -> Timer:
+    def timer(self, name: str, arguments: m.Expressions, state: StateNode) -> Timer:
         """Return the timer that a temporal operator in a state reads."""
         if name == "count":
             raise UnsupportedError("count is not supported")
@@ -119,15 +116,12 @@ def _trees(state: StateNode) -> Iterator[object]:
             waiting += transition.target.transitions
 
 
-class TemporalLogic:
+class TemporalLogic(ChartPart):
     """Counts and evaluates the timers of a chart."""
 
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.timers = machine.timers
-        self.logic = machine.logic
-        self.builder = machine.builder
-        self.variables = machine.variables
+    def __init__(self, machine: ChartMachine, timers: ChartTimers) -> None:
+        super().__init__(machine)
+        self.timers = timers
 
     def count(self, event: str, guard: Guard) -> None:
         """Count an event, or a wake-up of the chart."""
@@ -160,7 +154,7 @@ class TemporalLogic:
             self.variables.put(f"since {key}", self.builder.call("select", begun, self.machine.time, since), where)
             self.variables.put(key, self.builder.call("ne", holds, self.builder.const(0.0)), where)
 
-    def evaluate(self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> int:
+    def evaluate(self, name: str, arguments: m.Expressions, context: ActionContext, guard: Guard) -> int:
         """Return the value of a temporal operator: a truth value for `after`, a number for `temporalCount`."""
         timer = self.timers.timer(name, arguments, context.owner)
         if timer.key not in self.variables:

@@ -5,12 +5,13 @@ backtracking are merged there, so that a flow chart is built once, and a loop is
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
+from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, ChartPart
 from kennfeld.models.simulink.stateflow.chart_model import (
     ChartEvent,
     ChartModel,
@@ -21,10 +22,6 @@ from kennfeld.models.simulink.stateflow.chart_model import (
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.models.simulink.stateflow.temporal_logic import SECONDS, TEMPORAL, TICKS, temporal_unit
 
-if TYPE_CHECKING:
-    from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
-
-
 _IMPLICIT = {"en": "entry", "enter": "entry", "entry": "entry", "ex": "exit", "exit": "exit"}
 _CHANGED = ("change", "chg")
 
@@ -32,19 +29,15 @@ _MAX_PASSES = 400  # through a junction
 _MAX_DEPTH = 150  # junctions on a path with backtracking
 
 
-class EventDispatch:
+class EventDispatch(ChartPart):
     """The events of a chart; `sent` counts those it has sent to itself."""
 
-    def __init__(self, machine: "ChartExecution") -> None:
-        self.machine = machine
-        self.diagram = machine.diagram
-        self.logic = machine.logic
-        self.builder = machine.builder
-        self.variables = machine.variables
+    def __init__(self, machine: ChartMachine) -> None:
+        super().__init__(machine)
         self.sent = 0
         self._implicit = _implicit(machine.diagram)
 
-    def match(self, events: tuple[m.Expression, ...], context: ActionContext, guard: Guard) -> Guard | None:
+    def match(self, events: m.Expressions, context: ActionContext, guard: Guard) -> Guard | None:
         """Return the guard where one of several events is being processed."""
         return self.logic.any_of([self._match_event(event, context, guard) for event in events])
 
@@ -65,9 +58,7 @@ class EventDispatch:
         """Return True if an event comes from outside of the chart."""
         return not event or any(known.key == event for known in self.diagram.inputs)
 
-    def _timed(
-        self, name: str, arguments: tuple[m.Expression, ...], context: ActionContext, guard: Guard
-    ) -> Guard | None:
+    def _timed(self, name: str, arguments: m.Expressions, context: ActionContext, guard: Guard) -> Guard | None:
         unit = temporal_unit(name, arguments) if name != "duration" else "sec"
         if unit in TICKS and not self.is_waking(context.event):
             return None
@@ -147,7 +138,7 @@ def _implicit(diagram: ChartModel) -> frozenset[tuple[str, str]]:
 class _Path(NamedTuple):
     """The part of a path passed so far: transition actions to run, and the states that contain the transitions."""
 
-    actions: tuple[tuple[tuple[m.Statement, ...], str], ...] = ()
+    actions: tuple[tuple[m.Statements, str], ...] = ()
     holders: frozenset[StateNode] = frozenset()
 
 
@@ -164,8 +155,9 @@ class Fired:
 class JunctionSearch:
     """Follows the transitions from one source."""
 
-    machine: "ChartExecution"
+    machine: ChartMachine
     context: ActionContext
+    committed: frozenset[JunctionNode]
     fired: list[Fired] = field(default_factory=list)
     _waiting: "dict[tuple[JunctionNode | StateNode, _Path], list[Guard]]" = field(default_factory=dict)
     _ended: list[Guard] = field(default_factory=list)
@@ -230,7 +222,7 @@ class JunctionSearch:
         target = transition.target
         if isinstance(target, JunctionNode) and target.history:
             target = target.holder
-        if isinstance(target, StateNode) or target in self.machine.committed:
+        if isinstance(target, StateNode) or target in self.committed:
             if isinstance(target, JunctionNode) and not target.transitions:
                 self._ended.append(guard)
             else:

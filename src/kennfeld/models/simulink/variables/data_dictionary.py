@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import readonly
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.matlab.mat_nodes import MatFileError
 from kennfeld.models.simulink.reader.document import solver_from
 from kennfeld.models.simulink.reader.model_package import is_zip, zip_package
@@ -51,13 +51,7 @@ _EXTENSION_REMEDY = "The extension of data dictionaries is .sldd."
 
 _ENUMERATION = "Simulink.data.dictionary.EnumTypeDefinition"
 _TYPE_CLASSES = frozenset(
-    {
-        "Simulink.AliasType",
-        "Simulink.Bus",
-        "Simulink.NumericType",
-        "Simulink.ValueType",
-        _ENUMERATION,
-    }
+    {"Simulink.AliasType", "Simulink.Bus", "Simulink.NumericType", "Simulink.ValueType", _ENUMERATION}
 )
 
 
@@ -250,9 +244,9 @@ def _read_file(path: Path) -> Dictionary:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise InputError.of(str(path), f"cannot be read: {error.strerror or error}") from None
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
     if not is_zip(raw) and not is_text_dictionary(raw):
-        raise InputError.of(path.name, "is not a data dictionary", _EXTENSION_REMEDY)
+        raise InputError.of(Location(path.name), "is not a data dictionary", _EXTENSION_REMEDY)
     roots = _packed(raw, diagnostics) if is_zip(raw) else text_chunks(raw, diagnostics)
     diagnostics.raise_if_errors()
     return _dictionary(path, roots)
@@ -282,8 +276,8 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
             references += [said[key].text for key in ("Subdictionary", "Name") if key in said][:1]
         if kind != "DD.ENTRY" or "Value" not in said:
             continue
-        name, section = _stated(said, "Name"), said["Value"]
-        classes = _classes(section)
+        name, section = said["Name"].text if "Name" in said else "", said["Value"]
+        classes = {part.keys.get("Class", "") for part in (section, *section.all("Element"))}
         if not classes.isdisjoint(_NOT_DATA):
             solvers[name] = solver_from(section)
         elif not classes.isdisjoint(_TYPE_CLASSES):
@@ -311,14 +305,6 @@ def _add(name: str, section: SectionNode, entries: dict[str, StoredVariable], un
 
 def _properties(section: SectionNode) -> dict[str, SectionNode]:
     return {part.keys["Name"]: part for part in section.all("P") if "Name" in part.keys}
-
-
-def _stated(said: Mapping[str, SectionNode], key: str) -> str:
-    return said[key].text if key in said else ""
-
-
-def _classes(value: SectionNode) -> set[str]:
-    return {part.keys.get("Class", "") for part in (value, *value.all("Element"))}
 
 
 def _value(section: SectionNode, depth: int = 0) -> Value:

@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location, Severity
 from kennfeld.formatting import nearest
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
@@ -25,7 +25,7 @@ from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibr
 from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, text
 from kennfeld.matlab.values import Value as MatlabValue
-from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.simulink.reader.section_tree import SectionNode
 from kennfeld.models.simulink.variables.mask_scope import (
     USER_SOURCE,
@@ -124,10 +124,10 @@ def enumeration_file(folder: Path, name: str) -> Variable | None:
 
 
 class FunctionFiles:
-    """Functions and enumerations by file name; `given` are individually named files."""
+    """Functions and enumerations by file name; `files` are individually named ones."""
 
-    def __init__(self, folders: Iterable[Path], given: Iterable[Path] = ()) -> None:
-        self._given = {path.stem: path for path in given if path.suffix == ".m"}
+    def __init__(self, folders: Iterable[Path], files: Iterable[Path] = ()) -> None:
+        self._files = {path.stem: path for path in files if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
         self._enumerations: dict[str, Variable | None] = {}
@@ -149,7 +149,7 @@ class FunctionFiles:
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
             return None
-        places = [self._given[name]] if name in self._given else [folder / f"{name}.m" for folder in self._folders]
+        places = [self._files[name]] if name in self._files else [folder / f"{name}.m" for folder in self._folders]
         return next((path for path in places if path.is_file()), None)
 
 
@@ -170,35 +170,23 @@ def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
     return {**{function.name: function for function in script.functions}, path.stem: script.functions[0]}
 
 
-class Evaluated(NamedTuple):
-    """The value of an expression, and the variables it uses."""
-
-    value: ParameterValue
-    names: tuple[str, ...]
-
-
-class EvaluationFailure(NamedTuple):
-    """The reason why an expression has no value, and the undefined variable if there is one."""
-
-    why: str
-    undefined: str = ""
-
-
 def evaluate_numerically(
     tree: m.Expression, variable: Callable[[str], ParameterValue | None]
-) -> Evaluated | EvaluationFailure:
-    """Evaluate an expression over the variables that `variable` returns, or return why it has no value."""
+) -> tuple[ParameterValue, tuple[str, ...]]:
+    """Return the value of an expression and the variables it uses, over those that `variable` returns.
+
+    Raises:
+        EvaluationError: if the expression has no value.
+    """
     values = {name: value for name in sorted(names_read(tree)) if (value := variable(name)) is not None}
     try:
         result = supported_value(evaluate(tree, values, {"get_param": _get_param, "eval": _evaluate_text}))
     except MatlabError as error:
         missing = [name for name in sorted(names_read(tree)) if name not in values and name not in NUMERIC_FUNCTIONS]
-        return EvaluationFailure(error.findings[0].message, missing[0] if missing else "")
-    return (
-        Evaluated(result, tuple(values))
-        if result is not None
-        else EvaluationFailure("its value is neither numeric nor text")
-    )
+        raise EvaluationError(error.findings[0].message, missing[0] if missing else "") from None
+    if result is None:
+        raise EvaluationError("its value is neither numeric nor text")
+    return result, tuple(values)
 
 
 def run_mask_code(code: str, variable: Callable[[str], ParameterValue | None]) -> dict[str, ParameterValue]:
@@ -284,7 +272,7 @@ def _enumeration(variables: VariableTable, text: str, path: Path) -> None:
     enumeration = enumeration_of(text)
     if enumeration is None:
         raise InputError.of(
-            path.name, "is a class, but not an enumeration of integers", "Use scripts and enumerations."
+            Location(path.name), "is a class, but not an enumeration of integers", "Use scripts and enumerations."
         )
     variables[enumeration[0]] = variable_of(enumeration[1], path.name)
 
@@ -297,23 +285,24 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
     """
     values = {key: variable.value for key, variable in variables.items()}
     outcome = run_script(text, name, values, _file_loader(folder))
-    variables.findings += [replace(finding, severity="warning") for finding in outcome.findings]
+    for finding in outcome.findings:  # a script skips plots, and what follows an error
+        severity: Severity = "warning" if finding.severity == "warning" else "remark"
+        variables.findings.append(replace(finding, severity=severity))
     for key, value in outcome.variables.items():
-        made = to_variable(value, name)
-        if made is None:
-            variables.findings.append(Finding(f"{name} {key}", "its type is not supported", severity="warning"))
+        result = to_variable(value, name)
+        if result is None:
+            variables.findings.append(
+                Finding(Location(name, path=key), "its type is not supported", severity="warning")
+            )
             continue
         before = variables.get(key)
-        if before is None or not equal_values(before.value, made.value):
-            variables[key] = _add_comment(made, outcome.comments.get(key, ""))
+        if before is None or not equal_values(before.value, result.value):
+            comment = result.description or outcome.comments.get(key, "")
+            variables[key] = replace(result, description=comment)
     for key, why in outcome.undefined.items():
         variables.undefined[key] = why
         if key in variables and variables[key].source != USER_SOURCE:
             del variables[key]
-
-
-def _add_comment(variable: Variable, comment: str) -> Variable:
-    return variable if variable.description or not comment else replace(variable, description=comment)
 
 
 def _file_loader(folder: Path) -> Files:
@@ -331,6 +320,6 @@ def read_file(path: Path) -> bytes:
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
         remedy = nearest(path.name, siblings) or "Check the path."
-        raise InputError.of(str(path), "file not found", remedy) from None
+        raise InputError.of(Location(str(path)), "file not found", remedy) from None
     except OSError as error:
-        raise InputError.of(str(path), f"the file cannot be read: {error.strerror or error}") from None
+        raise InputError.of(Location(str(path)), f"the file cannot be read: {error.strerror or error}") from None

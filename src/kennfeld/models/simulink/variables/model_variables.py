@@ -6,7 +6,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
@@ -42,26 +42,28 @@ _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
 _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 
-def collect_variables(document: ModelDocument, given: Iterable[ParameterSource]) -> VariableTable:
+def collect_variables(document: ModelDocument, sources: Iterable[ParameterSource]) -> VariableTable:
     """Collect the variables that a model's expressions may use.
 
     In increasing precedence: enumerations whose class files are next to the model, data dictionaries, callback code,
-    `given` in order, the model workspace, and values of calibration files and parameter sets. The findings list what
+    `sources` in order, the model workspace, and values of calibration files and parameter sets. The findings list what
     could not be read.
     """
     variables = VariableTable()
     _add_adjacent_files(variables, document)
-    over: list[ParameterSet] = []
-    _callbacks(variables, document)
-    for parameter_set in given:
-        if isinstance(parameter_set, ParameterSet):
-            over.append(parameter_set)
-        elif isinstance(parameter_set, Mapping):
+    parameter_sets: list[ParameterSet] = []
+    for name in _CALLBACKS:
+        if name in document.callbacks:
+            run_text(variables, document.callbacks[name], f"{document.name} {name}", document.path.parent)
+    for source in sources:
+        if isinstance(source, ParameterSet):
+            parameter_sets.append(source)
+        elif isinstance(source, Mapping):
             variables.update(
-                {name: Variable(value, source=USER_SOURCE) for name, value in _given_values(parameter_set).items()}
+                {name: Variable(value, source=USER_SOURCE) for name, value in _values_by_name(source).items()}
             )
         else:
-            over += _add_file(variables, Path(parameter_set))
+            parameter_sets += _add_file(variables, Path(source))
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
     _workspace(variables, document)
     variables.findings += [
@@ -69,18 +71,18 @@ def collect_variables(document: ModelDocument, given: Iterable[ParameterSource])
         for name, variable in by_name.items()
         if not equal_values(variable.value, variables[name].value)
     ]
-    given_over = {parameter.name: parameter for values in over for parameter in values.values()}
+    overriding = {parameter.name: parameter for values in parameter_sets for parameter in values.values()}
     variables.strangers = ParameterSet(
-        parameter for name, parameter in given_over.items() if name.partition(".")[0] not in variables
+        parameter for name, parameter in overriding.items() if name.partition(".")[0] not in variables
     )
-    variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in given_over.items()})
+    variables.update({name: _with_parameter(variables.get(name), parameter) for name, parameter in overriding.items()})
     return variables
 
 
 def _hidden(document: ModelDocument, name: str) -> Finding:
     message = "is also defined in the model workspace, which overrides the given value"
     remedy = "Give it in a ParameterSet or a calibration file: these override the workspace."
-    return Finding(f"{document.name} {name}", message, remedy, severity="warning")
+    return Finding(Location(document.name, path=name), message, remedy, severity="warning")
 
 
 def _add_adjacent_files(variables: VariableTable, document: ModelDocument) -> None:
@@ -91,20 +93,26 @@ def _add_adjacent_files(variables: VariableTable, document: ModelDocument) -> No
         variables.update({name: enumeration} if enumeration is not None else {})
     for name in document.dictionaries:
         if Path(name).name == name:
-            _add_dictionary(variables, folder / name)
+            try:
+                _entries(variables, folder / name)
+            except InputError as error:
+                variables.findings += error.findings
         else:
-            place = f"{document.name} {name[:80]}"
-            variables.findings.append(Finding(place, "the data dictionary was not found next to the model"))
+            location = Location(document.name, path=name[:80])
+            variables.findings.append(Finding(location, "the data dictionary was not found next to the model"))
 
 
-def _given_values(given: Mapping[str, object]) -> dict[str, ParameterValue]:
+def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, ParameterValue]:
     """Return values given by name; raise `InputError` for all unsupported ones."""
-    values = {name: to_parameter_value(value) for name, value in given.items()}
+    values = {name: to_parameter_value(value) for name, value in values_by_name.items()}
     wrong = [name for name, value in values.items() if value is None]
     if wrong:
         remedy = "Use numbers, texts, lists or dictionaries of them, or Parameters in a ParameterSet."
         raise InputError(
-            [Finding("parameters", f"{name}={given[name]!r:.60} is not a supported value", remedy) for name in wrong]
+            [
+                Finding(Location("parameters"), f"{name}={values_by_name[name]!r:.60} is not a supported value", remedy)
+                for name in wrong
+            ]
         )
     return {name: value for name, value in values.items() if value is not None}
 
@@ -126,25 +134,11 @@ def _add_file(variables: VariableTable, path: Path) -> list[ParameterSet]:
     return []
 
 
-def _add_dictionary(variables: VariableTable, path: Path) -> None:
-    """Add the variables of the model's own dictionary; errors become findings."""
-    try:
-        _entries(variables, path)
-    except InputError as error:
-        variables.findings += error.findings
-
-
 def _entries(variables: VariableTable, path: Path) -> None:
     read = read_dictionary(path)
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
     variables.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
-
-
-def _callbacks(variables: VariableTable, document: ModelDocument) -> None:
-    for name in _CALLBACKS:
-        if name in document.callbacks:
-            run_text(variables, document.callbacks[name], f"{document.name} {name}", document.path.parent)
 
 
 def _workspace(variables: VariableTable, document: ModelDocument) -> None:
@@ -160,7 +154,9 @@ def _workspace(variables: VariableTable, document: ModelDocument) -> None:
         if path.is_file():
             _add_file(variables, path)
         else:
-            variables.findings.append(Finding(document.name, f"its workspace is in {path.name}, which was not found"))
+            variables.findings.append(
+                Finding(Location(document.name), f"its workspace is in {path.name}, which was not found")
+            )
     else:
         _add(variables, workspace_variables(document.workspace), "model workspace")
 
@@ -171,8 +167,7 @@ def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
         if variable is not None:
             variables[name] = variable
     for name, why in data.unreadable.items():
-        place = f"{source} {name}".strip()
-        variables.findings.append(Finding(place, why, severity="warning"))
+        variables.findings.append(Finding(Location(source, path=name), why, severity="warning"))
 
 
 def _variable(entry: StoredVariable, source: str) -> Variable | None:

@@ -7,17 +7,7 @@ from typing import TypeAlias, Union
 import numpy as np
 
 from kennfeld.arrays import Float, readonly
-from kennfeld.matlab.mat_nodes import (
-    MatCells,
-    MatFileContent,
-    MatFileError,
-    MatNumbers,
-    MatStruct,
-    MatStructArray,
-    MatText,
-    MatUnreadable,
-    Node,
-)
+from kennfeld.matlab import mat_nodes as n
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mcos import read_array, read_workspace
 from kennfeld.models.simulink.reader.model_tree import StoredWorkspace
@@ -69,37 +59,15 @@ def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> St
     """Return an object by its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
-        return _lookup(name, kind, properties, _part(table), tuple(map(_part, _several(axes))))
+        breakpoints = tuple(
+            _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
+            for number, axis in enumerate(map(_part, _several(axes)), 1)
+        )
+        return replace(_plain(name, kind, _part(table)), breakpoints=breakpoints, properties=properties)
     inner = _several(axes)
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
     return _plain(name, kind, properties)
-
-
-def _lookup(
-    name: str,
-    kind: str,
-    properties: Mapping[str, Value],
-    table: Mapping[str, Value],
-    axes: tuple[Mapping[str, Value], ...],
-) -> StoredVariable:
-    variable = _plain(name, kind, table)
-    named = [
-        _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
-        for number, axis in enumerate(axes, 1)
-    ]
-    return StoredVariable(
-        name,
-        variable.value,
-        kind,
-        variable.type,
-        variable.unit,
-        variable.minimum,
-        variable.maximum,
-        variable.description,
-        tuple(named),
-        properties,
-    )
 
 
 def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
@@ -156,14 +124,14 @@ def mxarray_value(raw: bytes) -> Value:
     try:
         return _NodeDecoder().value(read_array(raw, _MAX_BYTES), "")
     except _UnreadError as why:
-        raise MatFileError(str(why)) from None
+        raise n.MatFileError(str(why)) from None
 
 
 def mxarray_variables(raw: bytes) -> StoredVariables:
     """Return the variables in the bytes of a `.mxarray` part."""
     try:
         return _data(read_workspace(raw, _MAX_BYTES), "the model workspace cannot be read")
-    except MatFileError as error:
+    except n.MatFileError as error:
         return StoredVariables(unreadable={"": f"the model workspace has an unknown format: {error}"})
 
 
@@ -172,7 +140,7 @@ def mat_variables(raw: bytes) -> StoredVariables:
     return _data(load_nodes(raw, _MAX_BYTES, _MAX_ARRAYS), "the MAT-file cannot be read")
 
 
-def _data(loaded: MatFileContent, message: str) -> StoredVariables:
+def _data(loaded: n.MatFileContent, message: str) -> StoredVariables:
     """Return the usable variables; losses without a name are recorded for the file."""
     reader, entries = _NodeDecoder(), {}
     for name, node in loaded.variables.items():
@@ -186,14 +154,14 @@ def _data(loaded: MatFileContent, message: str) -> StoredVariables:
     return StoredVariables(entries, reader.unreadable)
 
 
-def _entry(name: str, node: Node, value: Value) -> StoredVariable:
+def _entry(name: str, node: n.Node, value: Value) -> StoredVariable:
     """Return a variable; an object keeps its properties."""
     if isinstance(value, StoredVariable):
         return replace(value, name=name)
-    if isinstance(node, MatNumbers):
+    if isinstance(node, n.MatNumbers):
         return StoredVariable(name, value, node.kind or "double")
-    kind = node.elements[0].kind if isinstance(node, MatStructArray) and node.elements else ""
-    word = "char" if isinstance(node, MatText) else "cell" if isinstance(node, MatCells) else "struct"
+    kind = node.elements[0].kind if isinstance(node, n.MatStructArray) and node.elements else ""
+    word = "char" if isinstance(node, n.MatText) else "cell" if isinstance(node, n.MatCells) else "struct"
     return StoredVariable(name, value, kind or word)
 
 
@@ -207,23 +175,26 @@ class _NodeDecoder:
 
     unreadable: dict[str, str] = field(default_factory=dict)
 
-    def value(self, node: Node, path: str) -> Value:
+    def value(self, node: n.Node, path: str) -> Value:
         """Return the value of a node; raise `_UnreadError` if it is unsupported."""
         match node:
-            case MatNumbers():
-                return _numbers(node)
-            case MatText():
+            case n.MatNumbers():
+                with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
+                    return readonly(node.values)
+            case n.MatText():
                 return node.rows or node.text
-            case MatStruct():
+            case n.MatStruct():
                 return stored_variable("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
-            case MatStructArray():
-                return tuple(self.value(element, f"{path}({n})") for n, element in enumerate(node.elements, 1))
-            case MatCells():
-                return tuple(self.value(element, f"{path}{{{n}}}") for n, element in enumerate(node.cells, 1))
-            case MatUnreadable():
-                raise _UnreadError(_why(node))
+            case n.MatStructArray():
+                return tuple(self.value(element, f"{path}({at})") for at, element in enumerate(node.elements, 1))
+            case n.MatCells():
+                return tuple(self.value(element, f"{path}{{{at}}}") for at, element in enumerate(node.cells, 1))
+            case n.MatUnreadable():
+                if node.kind in _WHY or node.kind == "damaged value":
+                    raise _UnreadError(node.why or _WHY[node.kind])
+                raise _UnreadError(f"{node.kind}: {node.why or 'it can only be read by MATLAB'}")
 
-    def _fields(self, node: MatStruct, path: str) -> Mapping[str, Value]:
+    def _fields(self, node: n.MatStruct, path: str) -> Mapping[str, Value]:
         """Return the fields of a struct; unreadable ones are recorded and skipped."""
         fields = {}
         for name, inner in node.fields.items():
@@ -233,7 +204,7 @@ class _NodeDecoder:
                 self.unreadable[f"{path}.{name}"] = str(why)
         return fields
 
-    def _properties(self, node: MatStruct) -> Mapping[str, Value]:
+    def _properties(self, node: n.MatStruct) -> Mapping[str, Value]:
         """Return the properties of an object; unreadable ones are skipped unless they are its value."""
         properties = {}
         for name, inner in node.fields.items():
@@ -243,14 +214,3 @@ class _NodeDecoder:
                 if name in _NEEDED:
                     raise
         return properties
-
-
-def _numbers(node: MatNumbers) -> Float:
-    with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
-        return readonly(node.values)
-
-
-def _why(node: MatUnreadable) -> str:
-    if node.kind in _WHY or node.kind == "damaged value":
-        return node.why or _WHY[node.kind]
-    return f"{node.kind}: {node.why or 'it can only be read by MATLAB'}"

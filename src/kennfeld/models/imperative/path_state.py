@@ -1,0 +1,168 @@
+"""The state of code along one path, the merging of two paths after a decision, and the interpreter that follows them.
+
+After a decision each variable is selected by its condition.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.matlab import syntax as m
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import EvaluationContext
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
+from kennfeld.models.imperative.path_facts import assume, known_truth, logical_and, logical_not, logical_or
+
+Key = TypeVar("Key")
+_SAME_TYPE_REMEDY = "Give it the same type and size on both sides of the decision."
+
+
+@dataclass(eq=False)
+class CallFrame:
+    """A function being followed: how it was called, and which of its variables are persistent."""
+
+    name: str = ""
+    arguments: int = 0
+    wanted: int = 1
+    persistent: list[str] = field(default_factory=list)
+    functions: Mapping[str, m.FunctionDefinition] = field(default_factory=dict)
+    shared: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class PathState:
+    """The state of code along one path: variables, persistent variables by function, jumps and known conditions.
+
+    `jumps` are the conditions under which a break, continue or return was executed; `facts` are the conditions known on
+    this path.
+    """
+
+    names: dict[str, s.SymbolicValue] = field(default_factory=dict)
+    kept: dict[tuple[str, str], s.SymbolicValue] = field(default_factory=dict)
+    jumps: dict[str, int] = field(default_factory=dict)
+    facts: Mapping[int, bool] = field(default_factory=dict)
+
+    def under(self, builder: GraphBuilder, condition: int, holds: bool) -> "PathState":
+        """Return a copy for one side of a decision, which may be changed."""
+        facts = assume(builder, self.facts, condition, holds)
+        return PathState(dict(self.names), dict(self.kept), dict(self.jumps), facts)
+
+
+def merge_states(builder: GraphBuilder, condition: int, yes: PathState, no: PathState, before: PathState) -> PathState:
+    """Return the state after a decision."""
+    work = _StateMerge(builder, condition, yes.facts, no.facts)
+    jumps = {kind: work.jump(yes.jumps.get(kind), no.jumps.get(kind)) for kind in {**yes.jumps, **no.jumps}}
+    return replace(before, names=work.mapping(yes.names, no.names), kept=work.mapping(yes.kept, no.kept), jumps=jumps)
+
+
+class _StateMerge:
+    def __init__(self, builder: GraphBuilder, condition: int, yes: Mapping[int, bool], no: Mapping[int, bool]) -> None:
+        self.builder, self.condition = builder, condition
+        self.yes, self.no = yes, no
+        self.choice = np.array([[condition]], dtype=np.int64)
+
+    def jump(self, yes: int | None, no: int | None) -> int:
+        builder, never = self.builder, self.builder.const(0.0)
+        item = logical_and(builder, self.condition, never if yes is None else yes)
+        other = logical_and(builder, logical_not(builder, self.condition), never if no is None else no)
+        return logical_or(builder, item, other)
+
+    def mapping(
+        self, yes: Mapping[Key, s.SymbolicValue], no: Mapping[Key, s.SymbolicValue]
+    ) -> dict[Key, s.SymbolicValue]:
+        return {key: self.held(str(key), yes.get(key), no.get(key)) for key in {**no, **yes}}
+
+    def held(self, name: str, yes: s.SymbolicValue | None, no: s.SymbolicValue | None) -> s.SymbolicValue:
+        if yes is no and yes is not None:
+            return yes
+        yes, no = self._whole(yes, self.yes), self._whole(no, self.no)
+        if yes is None or no is None or isinstance(yes, s.ConditionalValue) or isinstance(no, s.ConditionalValue):
+            return self._partial(name, yes, no)
+        if isinstance(yes, s.InvalidValue) or isinstance(no, s.InvalidValue):
+            return yes if isinstance(yes, s.InvalidValue) else no
+        return self._both(name, yes, no)
+
+    def _whole(self, value: s.SymbolicValue | None, facts: Mapping[int, bool]) -> s.SymbolicValue | None:
+        if isinstance(value, s.DeferredValue):
+            return s.force(value)
+        if isinstance(value, s.ConditionalValue):
+            truth = known_truth(self.builder, facts, value.defined)
+            return value if truth is None else value.value if truth else None
+        return value
+
+    def _partial(self, name: str, yes: s.SymbolicValue | None, no: s.SymbolicValue | None) -> s.SymbolicValue:
+        """Merge a variable that is certainly defined on at most one side."""
+        values = [item.value if isinstance(item, s.ConditionalValue) else item for item in (yes, no)]
+        if values[0] is None or values[1] is None:
+            value = values[0] if values[0] is not None else values[1]
+            if value is None:
+                return s.InvalidValue(f"{name} is not assigned")
+        else:
+            value = self.held(name, *values)
+        return (
+            value
+            if isinstance(value, s.InvalidValue)
+            else s.ConditionalValue(value, self.jump(self._defined(yes), self._defined(no)))
+        )
+
+    def _defined(self, value: s.SymbolicValue | None) -> int:
+        return value.defined if isinstance(value, s.ConditionalValue) else self.builder.const(float(value is not None))
+
+    def _both(self, name: str, yes: s.SymbolicValue, no: s.SymbolicValue) -> s.SymbolicValue:
+        match yes, no:
+            case np.ndarray(), np.ndarray():
+                return self._arrays(name, yes, no)
+            case s.SymbolicStruct(), s.SymbolicStruct() if set(yes.fields) == set(no.fields):
+                return s.SymbolicStruct(
+                    {key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields}
+                )
+            case s.SymbolicCell(), s.SymbolicCell() if yes.shape == no.shape:
+                pairs = zip(yes.cells, no.cells, strict=True)
+                return s.SymbolicCell(tuple(self.held(name, *pair) for pair in pairs), yes.shape)
+            case str(), str() if yes == no:
+                return yes
+            case s.FunctionHandleValue(), s.FunctionHandleValue() if yes.function == no.function and not (
+                yes.names or no.names
+            ):
+                return yes
+        return s.InvalidValue(f"{name} has different types on the two sides of a condition", _SAME_TYPE_REMEDY)
+
+    def _arrays(self, name: str, yes: Nodes, no: Nodes) -> s.SymbolicValue:
+        if yes.shape != no.shape:
+            sizes = " or ".join("x".join(map(str, item.shape)) for item in (yes, no))
+            return s.InvalidValue(f"the size of {name} depends on a condition ({sizes})", _SAME_TYPE_REMEDY)
+        result = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", self.choice, yes, no)
+        if isinstance(yes, s.LogicalNodes) and isinstance(no, s.LogicalNodes):
+            return s.as_logical(result)
+        return s.integers(result, s.word_of(yes) if s.word_of(yes) == s.word_of(no) else None)
+
+
+class SymbolicInterpreter(Protocol):
+    """Interpreter of statements, as expressions and loops use it.
+
+    `questions` counts isempty queries of persistent variables that have no value yet.
+    """
+
+    context: EvaluationContext
+    builder: GraphBuilder
+    state: PathState
+    frame: CallFrame
+    questions: int
+
+    @property
+    def names(self) -> dict[str, s.SymbolicValue]: ...
+    def value(self, tree: m.Expression) -> s.SymbolicValue: ...
+    def nodes(self, tree: m.Expression, message: str = ...) -> Nodes: ...
+    def read(self, name: str) -> s.SymbolicValue: ...
+    def truth(self, value: s.SymbolicValue) -> int: ...
+    def assign(self, target: m.Expression | None, value: s.SymbolicValue) -> None: ...
+    def run(self, statements: Sequence[m.Statement]) -> None: ...
+    def going(self) -> int | None: ...
+    def decide(self, condition: int, yes: Callable[[], None], no: Callable[[], None] = ...) -> None: ...
+    def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue: ...
+    def call(
+        self, function: m.FunctionDefinition, arguments: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]: ...
