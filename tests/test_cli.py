@@ -60,6 +60,7 @@ class TestHelp:
         names = [line.split()[0] for line in commands if line.strip()]
         assert names == [
             "demo",
+            "app",
             "check",
             "calibrate",
             "simulate",

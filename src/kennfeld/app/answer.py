@@ -1,0 +1,31 @@
+"""Answers to the questions of a page."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float
+
+Given = Mapping[str, Any]  # the details of a question
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to a question: a head that JSON can hold, and arrays that are drawn."""
+
+    head: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Arrays = field(default_factory=dict)
+
+
+def finite(value: float) -> float | None:
+    """Return a number for JSON: None if it is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def finite_list(values: Float) -> list[float | None]:
+    """Return numbers for JSON in C order: None for those that are not finite."""
+    return [finite(value) for value in values.ravel().tolist()]

@@ -1,0 +1,37 @@
+"""Start of the app: serve a project and open the page in the browser."""
+
+import webbrowser
+from pathlib import Path
+
+from kennfeld.app.server.server import serve
+from kennfeld.app.workspace import AppWorkspace
+from kennfeld.errors import InputError, Location
+
+
+def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
+    """Serve a project until Ctrl-C. The first line on stdout is the address of the page.
+
+    Args:
+        path: a project file; None shows the start page.
+        port: 0 takes a free one.
+        browser: open the page.
+
+    Raises:
+        InputError: the project file does not exist, or the port is taken.
+    """
+    workspace = AppWorkspace(path)
+
+    def ready(address: str) -> None:
+        print(f"Kennfeld runs at {address}", flush=True)
+        if browser:
+            webbrowser.open(address)
+
+    try:
+        serve(workspace, port, ready)
+    except OSError as error:
+        message = f"port {port} cannot be used: {error.strerror or error}"
+        raise InputError.of(Location("--port"), message, "Name another one, or 0 for a free one.") from None
+    except KeyboardInterrupt:
+        pass
+    finally:
+        workspace.close()

@@ -1,0 +1,40 @@
+"""Questions of a page. A new one is a function in the module of its screen, and a line here."""
+
+from collections.abc import Callable
+
+from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, settings
+from kennfeld.app.session.session import Session
+
+Question = Callable[[Session, Given], Answer]
+
+QUESTIONS: dict[str, Question] = {
+    "table": parameters.table,
+    "strip": plots.strip_chart,
+    "statistics": plots.stretch_statistics,
+    "scatter": plots.scatter,
+    "informing": evidence.informing,
+    "passed": evidence.passed,
+    "sample": evidence.sample,
+    "progress": runs.progress,
+    "compare": runs.compare,
+    "trust": runs.trust,
+    "settings": settings.settings,
+    "files": recordings.files,
+    "proposals": recordings.proposals,
+    "formats": exports.formats,
+    "export": exports.export,
+}
+COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
+    "set-values": parameters.set_values,
+    "set-keys": settings.set_keys,
+    "set-text": settings.set_text,
+    "save": settings.save,
+    "reload": settings.reload,
+    "recover": settings.recover,
+    "undo": history.undo,
+    "redo": history.redo,
+    "run": runs.run,
+    "stop": runs.stop,
+    "accept": runs.accept,
+}

@@ -1,0 +1,181 @@
+"""Calibration runs: start and stop, their progress, and what their results say."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.session.session import Run, Session, View
+from kennfeld.app.session.state import SetTables
+from kennfeld.arrays import Float
+from kennfeld.optimize.result import TraceLine
+from kennfeld.parameter_set import ParameterSet
+
+MAX_CHANGES = 400  # grid points of a table that are listed
+
+
+def run(session: Session, given: Given) -> Answer:
+    """Start a calibration from the present values."""
+    session.run()
+    return Answer()
+
+
+def stop(session: Session, given: Given) -> Answer:
+    """Stop the running calibration and keep its best values."""
+    session.stop()
+    return Answer()
+
+
+def progress(session: Session, given: Given) -> Answer:
+    """Return the trace of the running or last calibration by start, and the tables of the best step so far."""
+    view, job = session.require_view(), session.job
+    lines: dict[int, list[TraceLine]] = {}
+    for line in job.trace:
+        lines.setdefault(line.start, []).append(line)
+    arrays = {}
+    for number, own in lines.items():
+        arrays[f"rmse {number}"] = np.array([line.rmse for line in own])
+        arrays[f"cost {number}"] = np.array([line.cost for line in own])
+    starts = [_start(session, number, own) for number, own in sorted(lines.items())]
+    names = view.model.problem.free_names
+    shown = {name: job.preview.get(name, view.now.parameters[name].values) for name in names}
+    pictures = [_picture(view, name, values) for name, values in shown.items()]
+    return Answer({"starts": starts, "tables": pictures}, arrays)
+
+
+def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> dict[str, Any]:
+    """Return a row of the table of starts; the end of a start is known from the result only."""
+    ended = session.job.state not in ("running", "stopping")
+    rows = {row.start: row for row in session.runs[-1].result.starts} if ended and session.runs else {}
+    row, last = rows.get(number), lines[-1]
+    return {
+        "start": number,
+        "state": "running" if row is None else row.status,
+        "stage": last.stage,
+        "iterations": len(lines) if row is None else row.iterations,
+        "before": finite(lines[0].cost if row is None else row.cost_before),
+        "cost": finite(last.cost if row is None else row.cost_after),
+        "rmse": finite(last.rmse),
+        "seconds": round(last.seconds, 2),
+    }
+
+
+def _picture(view: View, name: str, values: Float) -> dict[str, Any]:
+    table = view.start.parameters[name]
+    return {
+        "name": name,
+        "unit": table.unit,
+        "ends": [[float(a.breakpoints[0]), float(a.breakpoints[-1])] for a in table.axes],
+        "values": thumbnail(np.asarray(values), 24),
+        "start": thumbnail(table.values, 24) if len(table.axes) == 1 else [],
+    }
+
+
+def compare(session: Session, given: Given) -> Answer:
+    """Return the differences of two sets of values, `first` and `second`: "start", "now" or the number of a run."""
+    view = session.require_view()
+    first, second = (_values(session, given[key]) for key in ("first", "second"))
+    rows = [_change(view, first, second, name) for name in view.model.problem.model.graph.parameters]
+    scores = [view.model.evaluate(each).scores for each in (first, second)]
+    return Answer(
+        {
+            "changes": sorted(rows, key=lambda row: -row["relative"]),
+            "scores": [
+                {
+                    "use": b.use,
+                    "unit": view.model.unit(b.criterion),
+                    "criterion": view.model.problem.criteria[b.criterion].node,
+                    "first": finite(a.rmse),
+                    "second": finite(b.rmse),
+                    "largest": finite(b.largest),
+                }
+                for a, b in zip(*scores, strict=True)
+                if b.samples
+            ],
+        }
+    )
+
+
+def _values(session: Session, which: object) -> ParameterSet:
+    view = session.require_view()
+    if which == "start":
+        return view.start.parameters
+    if which == "now":
+        return view.now.parameters
+    wanted = session.runs[int(str(which)) - 1].result.parameters
+    initial = view.start.parameters
+    free = (name for name in view.model.problem.free_names if name in wanted)
+    names = [name for name in free if wanted[name].values.shape == initial[name].values.shape]
+    return initial.with_parameters(*(initial[name].with_values(wanted[name].values) for name in names))
+
+
+def _change(view: View, first: ParameterSet, second: ParameterSet, name: str) -> dict[str, Any]:
+    a, b = first[name], second[name]
+    difference = b.values - a.values
+    size = np.abs(difference)
+    scale = max(float(np.abs(a.values).max(initial=0.0)), float(np.abs(b.values).max(initial=0.0))) or 1.0
+    order = np.argsort(-size, axis=None)[:MAX_CHANGES]
+    order = order[size.ravel()[order] > 0]
+    at_bound = ((b.values <= b.lower) | (b.values >= b.upper)) & ~b.locked
+    return {
+        "name": name,
+        "kind": b.kind,
+        "unit": b.unit,
+        "description": b.description,
+        "largest": float(size.max(initial=0.0)),
+        "mean": float(size.mean()),
+        "relative": float(size.max(initial=0.0)) / scale,
+        "atBound": int(np.count_nonzero(at_bound)),
+        "axes": [{"input": x.input, "unit": x.unit, "points": x.breakpoints.tolist()} for x in b.index_axes],
+        "first": a.values.ravel().tolist(),
+        "second": b.values.ravel().tolist(),
+        "biggest": order.tolist(),
+        "bound": np.flatnonzero(at_bound.ravel()).tolist(),
+    }
+
+
+def accept(session: Session, given: Given) -> Answer:
+    """Take the values of run `run` for the given `cells` by parameter (None: all), and those of the start elsewhere."""
+    wanted, start = _values(session, given["run"]), session.require_view().start.parameters
+    cells: Mapping[str, Sequence[int] | None] = given["cells"]
+    tables: dict[str, Float | None] = {}
+    for name in session.require_view().model.problem.free_names:
+        if name not in cells:
+            tables[name] = None
+            continue
+        values, chosen = start[name].values.ravel().copy(), cells[name]
+        part = slice(None) if chosen is None else np.array(chosen, dtype=np.int64)
+        values[part] = wanted[name].values.ravel()[part]
+        tables[name] = values.reshape(start[name].values.shape)
+    session.do(SetTables(str(given["title"]), tables))
+    return Answer()
+
+
+def trust(session: Session, given: Given) -> Answer:
+    """Return what the data of the last run cannot determine, with remedies as data."""
+    if not session.runs:
+        return Answer({"directions": [], "pins": []})
+    last: Run = session.runs[-1]
+    known = last.result.trust
+    return Answer(
+        {
+            "directions": [
+                {
+                    "sentence": direction.sentence,
+                    "remedy": direction.remedy,
+                    "exact": direction.exact,
+                    "deviation": finite(direction.deviation),
+                    "parameters": list(direction.parts),
+                }
+                for direction in known.directions
+            ],
+            "sentence": known.null_space.sentence,
+            "advice": known.null_space.advice,
+            "dimension": known.null_space.dimension,
+            "pins": [vars(pin) | {"at": list(pin.at)} for pin in known.null_space.remedy.pins],
+            "remark": known.remark,
+            "freedom": finite(known.freedom),
+        }
+    )

@@ -1,0 +1,71 @@
+"""The settings of the project: keys of the project file, and the text of the function."""
+
+import math
+from datetime import date, time
+from typing import Any
+
+from kennfeld.app.answer import Answer, Given
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetKeys, SetText
+from kennfeld.errors import InputError, Location
+
+
+def settings(session: Session, given: Given) -> Answer:
+    """Return the tables of the project file, and the texts of the project file and the function."""
+    text, file = session.state.texts[session.path.name], session.formula_file
+    function = session.text_of(file) if file and (session.path.parent / file).is_file() else ""
+    return Answer({"settings": _plain(session.settings), "text": text, "file": file, "function": function})
+
+
+def _plain(value: Any) -> Any:
+    """Return TOML values for JSON: infinite numbers as text."""
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "inf" if value > 0 else "-inf" if value < 0 else "nan"
+    return value.isoformat() if isinstance(value, date | time) else value
+
+
+def _toml(value: Any) -> Any:
+    """Return values of JSON for TOML: "inf" within a list is a number."""
+    if isinstance(value, list):
+        return [float(each) if each in ("inf", "-inf") else _toml(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _toml(inner) for key, inner in value.items()}
+    return value
+
+
+def set_keys(session: Session, given: Given) -> Answer:
+    """Set keys of the project file: `changes` are pairs of a path and a value, null removes the key."""
+    changes = [(tuple(path), _toml(value)) for path, value in given["changes"]]
+    session.do(SetKeys(str(given["title"]), session.path.name, changes), str(given.get("drag", "")))
+    return Answer()
+
+
+def set_text(session: Session, given: Given) -> Answer:
+    """Replace the text of the function, or of the project file if `file` is empty."""
+    file = str(given["file"]) or session.path.name
+    if file not in (session.path.name, session.formula_file):
+        raise InputError.of(Location(file[:200]), "is not a file of this project")
+    session.do(SetText(str(given["title"]), file, str(given["text"])), str(given.get("drag", "")))
+    return Answer()
+
+
+def save(session: Session, given: Given) -> Answer:
+    """Write what was edited to the files of the project."""
+    session.save()
+    return Answer()
+
+
+def reload(session: Session, given: Given) -> Answer:
+    """Take over what another program wrote to the files of the project; undo brings back what was edited here."""
+    session.reload()
+    return Answer()
+
+
+def recover(session: Session, given: Given) -> Answer:
+    """Take over the edits of a session that ended without saving; `discard` forgets them."""
+    session.recover(discard=bool(given.get("discard")))
+    return Answer()

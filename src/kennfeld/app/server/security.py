@@ -1,0 +1,118 @@
+"""Who may talk to the server: the browser that opened the address it printed, and nobody else.
+
+The printed address carries a random token. The first request swaps it for a cookie that scripts cannot read and other
+sites cannot send. `Host` must be one of the server's own names, so that a name which an attacker lets point to this
+machine is refused (DNS rebinding); `Origin` must be the server itself, so that another page cannot open the socket.
+"""
+
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'nonce-{nonce}'; img-src 'self' data: blob:; "
+    "font-src 'self'; connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'self'"
+)
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+POLICY_VIOLATION = 1008  # close code of a socket
+
+
+class RequestGuard:
+    """Lets requests through that carry the cookie, and have the right `Host` and `Origin`.
+
+    Args:
+        application: what is guarded.
+        port: port of the server; the cookie is named after it, so that two servers do not share one.
+        token: secret of this server.
+        nonce: marks the style sheets that the page makes itself.
+        hosts: names of the server in addition to those of the loopback interface.
+    """
+
+    def __init__(
+        self, application: Application, port: int, token: str, nonce: str, hosts: tuple[str, ...] = ()
+    ) -> None:
+        self._application, self._token = application, token
+        self._headers = ((b"content-security-policy", POLICY.format(nonce=nonce).encode()), *HEADERS)
+        self._cookie = f"kennfeld-{port}"
+        self._hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]", *hosts)}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._application(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        if headers.get("host", "").lower() not in self._hosts:
+            await _refuse(scope, receive, send, 421, "This address is not served here.")
+        elif not self._is_own_origin(scope, headers):
+            await _refuse(scope, receive, send, 403, "Requests from other pages are refused.")
+        elif scope["type"] == "http" and scope["path"] == "/" and self._has_token(scope):
+            await _redirect(send, self._cookie, self._token)
+        elif not self._has_cookie(headers):
+            await _refuse(scope, receive, send, 403, "Open the address that kennfeld app printed.")
+        else:
+            await self._application(scope, receive, self._with_headers(send))
+
+    def _with_headers(self, send: Send) -> Send:
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *self._headers]
+            await send(message)
+
+        return guarded
+
+    def _is_own_origin(self, scope: Scope, headers: MutableMapping[str, str]) -> bool:
+        """Check `Origin`, which browsers send with every socket and every request that changes something."""
+        origin = headers.get("origin")
+        if origin is None:
+            return scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+        scheme, _, host = origin.lower().partition("://")
+        return scheme in ("http", "https") and host == headers["host"].lower()
+
+    def _has_token(self, scope: Scope) -> bool:
+        name, _, value = scope["query_string"].decode("latin-1").partition("=")
+        return name == "token" and secrets.compare_digest(value.encode("latin-1"), self._token.encode())
+
+    def _has_cookie(self, headers: MutableMapping[str, str]) -> bool:
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            return False
+        return cookie is not None and secrets.compare_digest(
+            cookie.value.encode("latin-1", "replace"), self._token.encode()
+        )
+
+
+def new_token() -> str:
+    """Return a secret that cannot be guessed."""
+    return secrets.token_urlsafe(32)
+
+
+async def _redirect(send: Send, cookie: str, token: str) -> None:
+    """Swap the token of the address for a cookie."""
+    value = f"{cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
+    headers = [(b"location", b"/"), (b"set-cookie", value.encode()), (b"cache-control", b"no-store"), *HEADERS]
+    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()  # the request to connect; closing before it is accepted answers with 403
+        await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), *HEADERS]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": reason.encode()})

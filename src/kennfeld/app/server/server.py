@@ -1,0 +1,210 @@
+"""The server: the page, its socket, uploads and downloads."""
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from kennfeld.app.answer import Answer
+from kennfeld.app.server.frames import pack
+from kennfeld.app.server.security import RequestGuard, new_token
+from kennfeld.app.workspace import AppWorkspace
+from kennfeld.errors import KennfeldError
+
+STATIC = Path(__file__).parent.parent / "static"
+MAX_MESSAGE = 4_000_000  # bytes; a pasted table of 10 000 values takes 200 000
+MAX_UPLOAD = 4_000_000_000  # bytes
+WATCH_INTERVAL = 1.0  # s between looks at the files on disk
+SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
+
+
+class Server:
+    """Serves a workspace to any number of pages, which all show the same state."""
+
+    def __init__(self, workspace: AppWorkspace) -> None:
+        self.workspace, self.nonce = workspace, new_token()
+        self._pages: set[OpenPage] = set()
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def application(self) -> Starlette:
+        """Return the application, without the guard."""
+
+        @contextlib.asynccontextmanager
+        async def lifespan(_: Starlette) -> Any:
+            self._loop = asyncio.get_running_loop()
+            self.workspace.subscribe(self._push_from_thread, lambda: self._executor.submit(self.workspace.pump))
+            watch = asyncio.create_task(self._watch())
+            yield
+            watch.cancel()
+            self._executor.shutdown(wait=False, cancel_futures=True)
+
+        return Starlette(
+            routes=[
+                Route("/", self._page),
+                WebSocketRoute("/socket", self._socket),
+                Route("/upload/{name:path}", self._upload, methods=["PUT"]),
+                Route("/file/{name:path}", self._download),
+                Mount("/static", StaticFiles(directory=STATIC)),
+            ],
+            exception_handlers={KennfeldError: _refusal},
+            lifespan=lifespan,
+        )
+
+    async def _watch(self) -> None:
+        """Tell the pages when another program changes the project file."""
+        while True:
+            await asyncio.sleep(WATCH_INTERVAL)
+            if self._pages:
+                await self._in_session(self.workspace.watch)
+
+    async def _page(self, request: Request) -> Response:
+        text = (STATIC / "index.html").read_text(encoding="utf-8")
+        page = text.replace("<head>", f'<head><meta name="nonce" content="{self.nonce}" />', 1)
+        return HTMLResponse(page, headers={"cache-control": "no-store"})
+
+    async def _socket(self, websocket: WebSocket) -> None:
+        await websocket.accept()
+        page = OpenPage(websocket)
+        self._pages.add(page)
+        sender = asyncio.create_task(page.send_all())
+        try:
+            page.put(await self._in_session(self.workspace.snapshot), "state")
+            while True:
+                await self._answer(page, await websocket.receive())
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+        finally:
+            self._pages.discard(page)
+            sender.cancel()
+
+    async def _answer(self, page: "OpenPage", message: Any) -> None:
+        """Answer one question; an error is an answer too, so that no page waits for ever."""
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect
+        number: Any = None
+        try:
+            question = json.loads(message.get("text") or "")
+            number = question["id"]
+            answer = await self._in_session(lambda: self.workspace.answer(question["ask"], question.get("with") or {}))
+        except KennfeldError as error:
+            page.put(Answer({"id": number, "error": str(error)}))
+        except Exception as error:  # a page that waits for an answer would be lost
+            page.put(
+                Answer({"id": number, "error": f"The question cannot be answered: {type(error).__name__} {error}"})
+            )
+        else:
+            page.put(Answer({"id": number, **answer.head}, answer.arrays))
+
+    async def _in_session(self, work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._executor, work)
+
+    def _push_from_thread(self, topic: str, answer: Answer) -> None:
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._push, topic, answer)
+
+    def _push(self, topic: str, answer: Answer) -> None:
+        for page in self._pages:
+            page.put(answer, topic)
+
+    async def _upload(self, request: Request) -> Response:
+        """Store a file that was dropped onto the page in the folder of the project."""
+        target = await self._in_session(lambda: self.workspace.upload_target(request.path_params["name"]))
+        size, part = 0, target.with_name(f".{target.name}.part")
+        try:
+            with part.open("wb") as file:
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    if size > MAX_UPLOAD:
+                        return JSONResponse({"error": f"larger than {MAX_UPLOAD / 1e9:.0f} GB"}, 413)
+                    file.write(chunk)
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
+        return JSONResponse({"file": target.name})
+
+    async def _download(self, request: Request) -> Response:
+        path = await self._in_session(lambda: self.workspace.download(request.path_params["name"]))
+        return FileResponse(path, filename=path.name)
+
+
+async def _refusal(request: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 404)
+
+
+class OpenPage:
+    """One page: what is to be sent to it. Of each topic only the newest message waits."""
+
+    def __init__(self, websocket: WebSocket) -> None:
+        self._websocket = websocket
+        self._answers: list[Answer] = []
+        self._topics: dict[str, Answer] = {}
+        self._ready = asyncio.Event()
+
+    def put(self, answer: Answer, topic: str = "") -> None:
+        if topic:
+            self._topics[topic] = Answer({"push": topic, **answer.head}, answer.arrays)
+        else:
+            self._answers.append(answer)
+        self._ready.set()
+
+    async def send_all(self) -> None:
+        """Send what waits, for as long as the page is open."""
+        while True:
+            await self._ready.wait()
+            self._ready.clear()
+            waiting, self._answers = self._answers, []
+            waiting += self._topics.values()
+            self._topics = {}
+            for answer in waiting:
+                data = pack(answer.head, answer.arrays)
+                try:
+                    await asyncio.wait_for(self._websocket.send_bytes(data), SLOW_CLIENT)
+                except (TimeoutError, RuntimeError, WebSocketDisconnect):
+                    with contextlib.suppress(RuntimeError):
+                        await self._websocket.close()
+                    return
+
+
+def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None]) -> None:
+    """Serve a workspace on the loopback interface until Ctrl-C.
+
+    Args:
+        workspace: what is served.
+        port: 0 takes a free one.
+        ready: called with the address to open once the server accepts connections.
+    """
+    listener = socket.create_server(("127.0.0.1", port))
+    port = listener.getsockname()[1]
+    token = new_token()
+    own = Server(workspace)
+    guarded = RequestGuard(own.application(), port, token, own.nonce)
+    config = uvicorn.Config(
+        guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
+    )
+    server = uvicorn.Server(config)
+
+    async def run() -> None:
+        announce = asyncio.create_task(_announce(server, lambda: ready(f"http://127.0.0.1:{port}/?token={token}")))
+        await server.serve(sockets=[listener])
+        announce.cancel()
+
+    asyncio.run(run())
+
+
+async def _announce(server: uvicorn.Server, ready: Callable[[], None]) -> None:
+    while not server.started:
+        await asyncio.sleep(0.01)
+    ready()

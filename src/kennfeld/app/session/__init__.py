@@ -1,0 +1,1 @@
+"""A project that is open in the app: its state, the commands that change it, and what they change. No HTTP."""

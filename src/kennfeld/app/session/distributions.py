@@ -1,0 +1,42 @@
+"""Scatter plots and histograms, of a size that can be drawn."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+
+MAX_POINTS = 6000
+BINS = 60
+
+
+def thin(count: int, values: Float, most: int = MAX_POINTS) -> Int:
+    """Return samples to draw: evenly spread, and those with the largest magnitudes.
+
+    Args:
+        count: number of samples.
+        values: Float[count]; the outliers of a plot are those of the errors.
+        most: number of samples to keep.
+    """
+    if count <= most:
+        return np.arange(count)
+    spread = np.linspace(0, count - 1, most - most // 10).astype(np.int64)
+    size = np.where(np.isfinite(values), np.abs(values), -1.0)
+    outliers = np.argpartition(size, -most // 10)[-most // 10 :]
+    return np.union1d(spread, outliers)
+
+
+def common_bins(parts: Sequence[Float], bins: int = BINS) -> Float:
+    """Return bin edges for several sets of values, symmetric about 0; outliers count in the end bins."""
+    known = np.concatenate([part[np.isfinite(part)] for part in parts]) if parts else np.zeros(0)
+    if not known.size:
+        return np.linspace(-1.0, 1.0, bins + 1)
+    reach = float(np.quantile(np.abs(known), 0.998)) or float(np.abs(known).max()) or 1.0
+    return np.linspace(-reach, reach, bins + 1)
+
+
+def histogram(values: Float, edges: Float) -> Int:
+    """Count values by bin; those beyond the ends count in the first and the last bin."""
+    known = values[np.isfinite(values)]
+    counts, _ = np.histogram(np.clip(known, edges[0], edges[-1]), edges)
+    return counts.astype(np.int64)

@@ -1,0 +1,187 @@
+"""Linked evidence: the samples that inform a grid point, and the grid points that samples pass through."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.app.session.live_model import LiveDataset, LiveModel
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.optimize.lookup_coverage import Lookups
+from kennfeld.parameter_set import ParameterSet
+
+
+@dataclass(frozen=True, eq=False)
+class Informing:
+    """The samples of one dataset whose lookup gives a grid point a weight.
+
+    Attributes:
+        dataset: number of the dataset.
+        samples: their numbers, increasing.
+        weights: the weight of each, 0 to 1; with several lookups of the table the largest.
+    """
+
+    dataset: int
+    samples: Int
+    weights: Float
+
+    @property
+    def stretches(self) -> list[tuple[int, int]]:
+        """Runs of consecutive samples, first and last."""
+        if not self.samples.size:
+            return []
+        breaks = np.flatnonzero(np.diff(self.samples) > 1)
+        firsts = self.samples[np.append(0, breaks + 1)]
+        lasts = self.samples[np.append(breaks, self.samples.size - 1)]
+        return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Lookups of a table near one of its values.
+
+    Attributes:
+        samples: sample numbers, Int[lookups].
+        coordinates: where they look the table up, Float[axes, lookups].
+        weights: weight of the value in each, 0 to 1.
+    """
+
+    samples: Int
+    coordinates: Float
+    weights: Float
+
+
+def _coordinate(breakpoints: Float, cell: Int, share: Float) -> Float:
+    following = np.minimum(cell + 1, breakpoints.size - 1)
+    place: Float = breakpoints[cell] + share * (breakpoints[following] - breakpoints[cell])
+    return place
+
+
+class Evidence:
+    """The lookups of all tables at given values, over all data."""
+
+    def __init__(self, model: LiveModel, parameters: ParameterSet) -> None:
+        self._model, self._parameters = model, parameters
+        self._lookups: Lookups = model.lookups(parameters)
+
+    @property
+    def tables(self) -> list[str]:
+        """The tables on which a criterion depends."""
+        return list(self._lookups.reached)
+
+    def sample_counts(self) -> dict[str, Int]:
+        """Return by table the number of training samples whose lookup gives each value a weight."""
+        totals = {name: np.zeros(self._parameters[name].size, dtype=np.int64) for name in self.tables}
+        for recording in self._model.recordings:
+            if recording.use != "training":
+                continue
+            for lookup in self._lookups.blocks(recording.bound):
+                for at, share in lookup.corners():
+                    totals[lookup.table.name] += np.bincount(at[share > 0], minlength=totals[lookup.table.name].size)
+        return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
+
+    def informing(self, parameter: str, value: int) -> list[Informing]:
+        """Return by dataset the samples that look up a value of a table, given by its number in C order."""
+        found = []
+        for recording in self._model.recordings:
+            weight = np.zeros(recording.bound.count)
+            for lookup in self._lookups.blocks(recording.bound):
+                if lookup.table.name == parameter:
+                    here = weight[lookup.samples]
+                    for at, share in lookup.corners():
+                        np.maximum(here, np.where(at == value, share, 0.0), out=here)
+            weight = self._shown(recording, weight)
+            samples = np.flatnonzero(weight > 0)
+            found.append(Informing(recording.number, samples, weight[samples]))
+        return found
+
+    def surroundings(self, recording: LiveDataset, parameter: str, value: int, reach: int = 2) -> "Surroundings":
+        """Return where samples of a dataset look up a table near one of its values.
+
+        Args:
+            recording: the dataset.
+            parameter: name of the table.
+            value: number of the value in C order.
+            reach: how many cells around it count as near.
+        """
+        table = self._parameters[parameter]
+        center = np.unravel_index(value, table.values.shape)
+        parts: list[tuple[Int, Float, Float]] = []
+        for lookup in self._lookups.blocks(recording.bound):
+            if lookup.table.name != parameter:
+                continue
+            near = lookup.known.copy()
+            for cell, at in zip(lookup.cells, center, strict=True):
+                near &= (cell >= int(at) - reach) & (cell < int(at) + reach)
+            chosen = np.flatnonzero(near)
+            weight = sum(np.where(at[chosen] == value, share[chosen], 0.0) for at, share in lookup.corners())
+            sides = zip(lookup.cells, lookup.shares, table.index_axes, strict=True)
+            places = [_coordinate(axis.breakpoints, cell[chosen], share[chosen]) for cell, share, axis in sides]
+            parts.append((chosen + lookup.first, np.array(places), np.asarray(weight, dtype=np.float64)))
+        if not parts:
+            axes = len(table.index_axes)
+            return Surroundings(np.zeros(0, dtype=np.int64), np.zeros((axes, 0)), np.zeros(0))
+        samples, coordinates, weights = zip(*parts, strict=True)
+        return Surroundings(np.concatenate(samples), np.concatenate(coordinates, axis=1), np.concatenate(weights))
+
+    def passed(self, recording: LiveDataset, chosen: Bool) -> Mapping[str, Float]:
+        """Return by table the summed weights with which chosen samples look up each of its values.
+
+        Args:
+            recording: the dataset.
+            chosen: Bool[samples].
+        """
+        totals = {name: np.zeros(self._parameters[name].size) for name in self.tables}
+        if recording.bound.hold is not None:
+            chosen = np.repeat(chosen, recording.bound.hold.samples)
+        for lookup in self._lookups.blocks(recording.bound):
+            own = chosen[lookup.samples]
+            if not own.any():
+                continue
+            total = totals[lookup.table.name]
+            for at, share in lookup.corners():
+                total += np.bincount(at[own], np.clip(share[own], 0.0, None), minlength=total.size)
+        return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
+
+    def _shown(self, recording: LiveDataset, weight: Float) -> Float:
+        hold = recording.bound.hold
+        return weight if hold is None else weight.reshape(-1, hold.samples).max(axis=1)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A change of one table alone that would take an error away at a sample.
+
+    Attributes:
+        parameter: name of the table.
+        change: what to add to the values around the sample, in the unit of the table; NaN if none would do.
+        reachable: False if the values would leave their bounds, or if the table does not act at this sample.
+    """
+
+    parameter: str
+    change: float
+    reachable: bool
+
+
+def corrections(error: float, slopes: Mapping[str, Float], parameters: ParameterSet) -> Sequence[Correction]:
+    """Return for each table the change that would take away an error, to first order.
+
+    All values that act at the sample are raised by the same amount.
+
+    Args:
+        error: model minus measurement.
+        slopes: derivative of the model by each value of a table, in the shape of its values.
+        parameters: the values, with their bounds.
+    """
+    found = []
+    for name, slope in slopes.items():
+        total = float(slope.sum())
+        if not total:
+            found.append(Correction(name, float("nan"), reachable=False))
+            continue
+        table, change = parameters[name], -error / total
+        moved = table.values[slope != 0] + change
+        inside = (moved >= table.lower[slope != 0]) & (moved <= table.upper[slope != 0])
+        free = not table.locked[slope != 0].any()
+        found.append(Correction(name, change, reachable=bool(inside.all()) and free))
+    return found

@@ -1,0 +1,188 @@
+"""A problem compiled once and evaluated for any values of its parameters, as fast as they are dragged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.optimize.lookup_coverage import Lookups
+from kennfeld.optimize.problem import Problem, difference
+from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import BoundDataset
+
+
+@dataclass(frozen=True)
+class LiveScore:
+    """Errors of one criterion over the datasets of one use, in the unit of its target.
+
+    Attributes:
+        criterion: number of the criterion.
+        use: training or test.
+        samples: number of scored samples.
+        rmse: NaN without samples.
+        mean: mean error, model minus measurement.
+        largest: largest absolute error.
+    """
+
+    criterion: int
+    use: str
+    samples: int
+    rmse: float
+    mean: float
+    largest: float
+
+
+class LiveDataset:
+    """One dataset of the problem, as it is drawn: samples over positions.
+
+    Attributes:
+        bound: the dataset bound to the model; the samples are those that the model runs on.
+        position: place of each sample on the axis of the plots, Float[samples]: time in s, piece after piece, or the
+            number of a steady-state point.
+        targets: Float[criteria, samples]; NaN at samples that are not scored.
+    """
+
+    def __init__(self, problem: Problem, dataset_number: int) -> None:
+        self.number = dataset_number
+        self.bound: BoundDataset = problem.bind(problem.datasets[dataset_number])
+        self._shown = self.bound.shown
+        self.targets: Float = np.array([problem.target(criterion, self.bound) for criterion in problem.criteria])
+        self.position, self.offsets = _positions(self._shown)
+
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+        return self.bound.dataset.name
+
+    @property
+    def use(self) -> str:
+        """Training or test."""
+        return self.bound.dataset.use
+
+    @property
+    def count(self) -> int:
+        """Number of samples that are drawn."""
+        return self._shown.count
+
+    @property
+    def timed(self) -> bool:
+        """True if the samples have time stamps."""
+        return self._shown.dataset.time is not None
+
+    @property
+    def starts(self) -> Int:
+        """First sample of each piece."""
+        return self._shown.starts
+
+    def channel(self, name: str) -> Float:
+        """Return a channel of the dataset over the samples."""
+        return self._shown.channel(name)
+
+    def as_shown(self, values: Float) -> Float:
+        """Return values of the simulated samples as they are drawn: one per point if points are held."""
+        hold = self.bound.hold
+        return values if hold is None else hold.mean(np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
+
+
+def _positions(bound: BoundDataset) -> tuple[Float, Float]:
+    """Return the position of each sample, and how far each piece is shifted."""
+    time = bound.dataset.time
+    if time is None:
+        return np.arange(bound.count, dtype=np.float64), np.zeros(max(bound.starts.size, 1))
+    time = time[bound.kept]
+    ends = np.append(bound.starts[1:], time.size)
+    offsets, end = np.zeros(bound.starts.size), None
+    for i, (first, last) in enumerate(zip(bound.starts, ends, strict=True)):
+        if end is not None and time[first] <= end:
+            offsets[i] = end - time[first] + (time[last - 1] - time[first]) / max(last - first, 1)
+        end = time[last - 1] + offsets[i]
+    return time + np.repeat(offsets, ends - bound.starts), offsets
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The model over all data for one set of values.
+
+    Attributes:
+        parameters: the values.
+        errors: model minus target by dataset, Float[criteria, samples]; NaN at samples that are not scored.
+    """
+
+    parameters: ParameterSet
+    errors: tuple[Float, ...]
+    uses: tuple[str, ...]
+
+    @cached_property
+    def scores(self) -> tuple[LiveScore, ...]:
+        """A score for each criterion and use that has samples."""
+        criteria = range(self.errors[0].shape[0]) if self.errors else ()
+        return tuple(
+            score(
+                number, use, [errors[number] for errors, own in zip(self.errors, self.uses, strict=True) if own == use]
+            )
+            for number in criteria
+            for use in ("training", "test")
+            if use in self.uses
+        )
+
+
+def score(criterion: int, use: str, errors: Sequence[Float]) -> LiveScore:
+    """Return the score of errors; NaN is not scored."""
+    known = [part[np.isfinite(part)] for part in errors]
+    count = sum(part.size for part in known)
+    if not count:
+        return LiveScore(criterion, use, 0, np.nan, np.nan, np.nan)
+    squares = sum(float(part @ part) for part in known)
+    total = sum(float(part.sum()) for part in known)
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in known)
+    return LiveScore(criterion, use, count, float(np.sqrt(squares / count)), total / count, largest)
+
+
+class LiveModel:
+    """A problem whose parts that no value changes are computed once."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.recordings = [LiveDataset(problem, number) for number in range(len(problem.datasets))]
+        self._differences = [difference(number) for number in range(len(problem.criteria))]
+        self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
+
+    def evaluate(self, parameters: ParameterSet) -> Evaluation:
+        """Simulate all datasets; compiled code is used again unless breakpoints have changed."""
+        simulator = self._simulator(tuple(self._differences), parameters)
+        errors = [
+            recording.as_shown(simulator.values(recording.bound, parameters) - recording.targets)
+            for recording in self.recordings
+        ]
+        return Evaluation(parameters, tuple(errors), tuple(recording.use for recording in self.recordings))
+
+    def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:
+        """Return named nodes of the function over the samples of a dataset, Float[names, samples]."""
+        simulator = self._simulator(tuple(names), parameters)
+        return recording.as_shown(simulator.values(recording.bound, parameters))
+
+    def unit(self, criterion: int) -> str:
+        """Return the unit of the errors of a criterion."""
+        problem = self.problem
+        target, node = problem.criteria[criterion].target.name, problem.criteria[criterion].node
+        recorded = next((data[target].unit for data in problem.datasets if target in data), "")
+        return recorded or problem.model.graph.units.get(node, "")
+
+    def lookups(self, parameters: ParameterSet) -> Lookups:
+        """Return where the function looks up its tables."""
+        return Lookups(self.problem, parameters)
+
+    def _simulator(self, names: tuple[str, ...], parameters: ParameterSet) -> NodeSimulator:
+        axes = tuple(
+            (table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes))
+            for table in parameters.parameters
+        )
+        key = (names, axes)
+        if key not in self._compiled:
+            if len(self._compiled) >= 24:
+                self._compiled.pop(next(iter(self._compiled)))
+            self._compiled[key] = NodeSimulator(self.problem.graph, parameters, list(names))
+        return self._compiled[key]

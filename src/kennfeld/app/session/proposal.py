@@ -1,0 +1,121 @@
+"""Proposals for what a project lacks: tables with axes from the data, scalars, the channel of the criterion."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kennfeld.errors import InputError
+from kennfeld.models import Model
+from kennfeld.models.formula import formula
+from kennfeld.project.model import coordinates_of
+
+POINTS = {1: 10, 2: 10, 3: 6, 4: 4}  # along each axis, by number of axes
+DIRECTIONS = ("x", "y", "z", "w")
+
+
+@dataclass(frozen=True)
+class Range:
+    """Least and greatest value of a channel over the files."""
+
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Something that the project lacks.
+
+    Attributes:
+        title: what it is: `map MapX over Speed, Load`.
+        changes: the keys that provide it, by path.
+    """
+
+    title: str
+    changes: Sequence[tuple[tuple[str | int, ...], Any]]
+
+
+def read_function(text: str) -> Model | None:
+    """Return the function with every unknown name as table or input; None if the text has errors."""
+    try:
+        return formula(text)
+    except InputError:
+        return None
+
+
+def propose(
+    function: Model,
+    settings: Mapping[str, Any],
+    known: Sequence[str],
+    channels: Mapping[str, Range],
+) -> Iterator[Proposal]:
+    """Yield what the function needs and the project lacks.
+
+    Args:
+        function: the function, see `read_function`.
+        settings: the tables of the project file.
+        known: parameters that the initial files provide.
+        channels: channels of the files, by name.
+    """
+    mapped: Mapping[str, str] = settings.get("channels", {})
+    own = {*known, *settings.get("parameters", {})}
+    for name, count in function.graph.parameters.items():
+        if name not in own:
+            yield _table(function, name, count, mapped, channels)
+    for name in function.graph.inputs:
+        channel = mapped.get(name, name)
+        if channel not in channels and name not in own and name not in settings.get("calculated", {}):
+            yield Proposal(f"scalar {name}", [(("parameters", name), {"initial": 1.0})])
+    if not settings.get("criterion"):
+        yield from _criterion(function, mapped, channels)
+
+
+def _table(
+    function: Model, name: str, count: int, mapped: Mapping[str, str], channels: Mapping[str, Range]
+) -> Proposal:
+    inputs = coordinates_of(function.graph, name)
+    if not count:
+        return Proposal(f"scalar {name}", [(("parameters", name), {"initial": 1.0})])
+    kind = {1: "curve", 2: "map"}.get(count, "cube")
+    table: dict[str, Any] = {}
+    for direction, quantity in zip(DIRECTIONS, [*inputs, *[""] * count][:count], strict=False):
+        reach = channels.get(mapped.get(quantity, quantity))
+        axis: dict[str, Any] = {"input": quantity} if quantity else {}
+        if reach is None:
+            axis |= {"count": POINTS[count]} if quantity else {"begin": 0, "end": 1, "count": POINTS[count]}
+        else:
+            axis["breakpoints"] = even_breakpoints(reach, POINTS[count])
+        table[direction] = axis
+    table["initial"] = 1.0
+    over = f" over {', '.join(inputs)}" if inputs else ""
+    return Proposal(f"{kind} {name}{over}", [(("parameters", name), table)])
+
+
+def even_breakpoints(reach: Range, count: int) -> list[float]:
+    """Return about `count` evenly spaced round breakpoints that cover a range.
+
+    >>> even_breakpoints(Range(812.0, 3978.0), 8)
+    [500, 1000, 1500, 2000, 2500, 3000, 3500, 4000]
+    """
+    span = reach.greatest - reach.least
+    if not (span > 0 and math.isfinite(span)):
+        return [reach.least, reach.least + 1.0]
+    raw = span / max(count - 1, 1)
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = min((factor * power for factor in (1, 2, 5, 10)), key=lambda each: abs(math.log(each / raw)))
+    first, last = math.floor(reach.least / step + 1e-9), math.ceil(reach.greatest / step - 1e-9)
+    points = [float(f"{number * step:.12g}") for number in range(first, last + 1)]
+    return [int(point) if point.is_integer() else point for point in points]
+
+
+def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str, Range]) -> Iterator[Proposal]:
+    """Yield the criterion that follows from names: a node named like a channel, or the only channel that is left."""
+    outputs = function.graph.outputs or tuple(function.graph.names)[-1:]
+    used = {mapped.get(name, name) for name in function.graph.inputs}
+    left = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
+    for node in outputs:
+        target = node if node in channels else left[0] if len(left) == 1 else None
+        if target is not None:
+            entry = {"node": node, "target": {"channel": target}}
+            yield Proposal(f"{node} follows {target}", [(("criterion", 1), entry)])
+            return

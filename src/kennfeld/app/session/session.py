@@ -1,0 +1,411 @@
+"""An open project: its history, the model that follows every edit, and its runs."""
+
+import queue
+import time
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kennfeld.app.session.evidence import Evidence
+from kennfeld.app.session.live_model import Evaluation, LiveModel
+from kennfeld.app.session.proposal import read_function
+from kennfeld.app.session.recorded_data import RecordedData
+from kennfeld.app.session.recovery import Recovery
+from kennfeld.app.session.run_job import BestValues, Ended, RunJob
+from kennfeld.app.session.signals import Signals
+from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
+from kennfeld.arrays import Float, Int
+from kennfeld.atomic_files import write_whole
+from kennfeld.calfiles import read as read_parameters
+from kennfeld.calfiles import write as write_parameters
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.models import Model
+from kennfeld.optimize.result import Result, TraceLine
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
+from kennfeld.project import Project
+from kennfeld.project.document import ProjectDocument
+
+VALUES = "values.json"  # values that were edited or accepted, beside the project
+
+
+def _text_or_none(path: Path) -> str | None:
+    try:
+        return read_exactly(path)
+    except InputError:
+        return None
+
+
+def read_exactly(path: Path) -> str:
+    """Return the text of a file with its line ends and byte order mark. Raises `InputError` if it is not UTF-8."""
+    try:
+        return path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError.of(Location(path.name), "is not text in UTF-8") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run that has ended.
+
+    Attributes:
+        number: counted from 1.
+        before: the values at its start.
+        result: its result.
+    """
+
+    number: int
+    before: ParameterSet
+    result: Result
+
+
+@dataclass
+class Job:
+    """The running or last calibration, as it is shown.
+
+    Attributes:
+        state: idle, running, stopping, or the status of the last result.
+        message: a sentence on it.
+        began: monotonic time of its start, in s.
+        seconds: how long it has run.
+        trace: the steps so far.
+        preview: values of the best step so far, by parameter.
+    """
+
+    state: str = "idle"
+    message: str = ""
+    began: float = 0.0
+    seconds: float = 0.0
+    trace: list[TraceLine] = field(default_factory=list)
+    preview: Mapping[str, Float] = field(default_factory=dict)
+
+
+class View:
+    """A project that could be read, at the present values.
+
+    Attributes:
+        model: its compiled problem.
+        start: the evaluation at the initial values.
+        now: the evaluation at the present values.
+        signals: what can be drawn.
+        samples: number of training samples at each grid point, by table.
+    """
+
+    def __init__(self, model: LiveModel) -> None:
+        self.model = model
+        self.start = self.now = model.evaluate(model.problem.parameters)
+        self.signals = Signals(model, self.start)
+        self.samples: Mapping[str, Int] = self.evidence.sample_counts()
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """The lookups at the present values."""
+        return Evidence(self.model, self.now.parameters)
+
+    def follow(self, values: Mapping[str, Float]) -> None:
+        """Evaluate the model with these values, and the initial ones of the other parameters."""
+        initial = self.model.problem.parameters
+        changed = [
+            initial[name].with_values(table)
+            for name, table in values.items()
+            if name in initial and np.shape(table) == initial[name].values.shape
+        ]
+        self.now = self.model.evaluate(initial.with_parameters(*changed)) if changed else self.start
+        self.signals.follow(self.now)
+        self.__dict__.pop("evidence", None)
+
+
+class Session:
+    """One open project.
+
+    All methods are called from one thread.
+
+    Args:
+        path: the project file.
+        changed: called from another thread when a running job has reported something, for `pump` to handle.
+    """
+
+    def __init__(self, path: Path, changed: Callable[[], object] = lambda: None) -> None:
+        self.path = path
+        self._changed = changed
+        self.history = History(SessionState({path.name: read_exactly(path)}))
+        self.saved = self.history.state
+        self.project: Project | None = None
+        self.findings: tuple[Finding, ...] = ()
+        self.view: View | None = None  # of the last texts without errors
+        self.stale = False  # the texts have errors since
+        self._data = RecordedData()
+        self.last: Evaluation | None = None  # before the last edit
+        self.revision = 0  # counts the changes of what is shown
+        self.seconds = 0.0  # that the last edit took to compute
+        self.runs: list[Run] = []
+        self.job = Job()
+        self._running: RunJob | None = None
+        self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
+        self.recoverable = self.recovery.exists  # a session ended without saving
+        self._assemble()
+
+    @property
+    def state(self) -> SessionState:
+        """The present state."""
+        return self.history.state
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The present values of all parameters. Raises `InputError` if the project cannot be read."""
+        return self.require_view().now.parameters
+
+    def require_view(self) -> View:
+        """Return the view of the project. Raises `InputError` with all findings if it cannot be read."""
+        if self.view is None:
+            raise InputError(self.findings)
+        return self.view
+
+    def reference(self, name: str) -> Parameter:
+        """Return the values of a parameter to compare with: those of the last run, or of the start."""
+        start = self.require_view().start.parameters[name]
+        last = self.runs[-1].result.parameters if self.runs else ParameterSet()
+        return last[name] if name in last and last[name].values.shape == start.values.shape else start
+
+    def deviation(self, name: str) -> Float | None:
+        """Return the standard deviation of the values of a parameter after the last run; None if it is unknown."""
+        deviation = self.runs[-1].result.trust.deviation.get(name) if self.runs else None
+        shape = self.parameters[name].values.shape
+        return deviation if deviation is not None and deviation.shape == shape else None
+
+    def do(self, command: Command, drag: str = "") -> None:
+        """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history."""
+        before = self.state
+        self.history.do(command, drag)
+        self._follow(before)
+        if not self.recoverable:
+            self.recovery.write(self.saved, self.state)
+
+    def undo(self) -> str:
+        """Take the last command back; return its title."""
+        return self._move(self.history.undo)
+
+    def redo(self) -> str:
+        """Bring back what was undone; return its title."""
+        return self._move(self.history.redo)
+
+    def _move(self, move: Callable[[], str]) -> str:
+        before, title = self.state, move()
+        self._follow(before)
+        if not self.recoverable:
+            self.recovery.write(self.saved, self.state)
+        return title
+
+    def run(self) -> None:
+        """Start a calibration from the present values. Raises `ArgumentError` if one is running."""
+        if self._running is not None:
+            raise ArgumentError("a run is in progress; stop it first")
+        if self.stale:
+            raise InputError(self.findings)
+        view = self.require_view()
+        assert self.project is not None
+        problem = replace(view.model.problem, parameters=view.now.parameters)
+        self.job = Job("running", "compiling", time.monotonic())
+        self._running = RunJob(problem, self.project.options, self._put)
+
+    def stop(self) -> None:
+        """Stop the running calibration at its best values."""
+        if self._running is not None and self.job.state == "running":
+            self.job.state = "stopping"
+            self._running.stop()
+
+    def close(self) -> None:
+        """End a running calibration."""
+        if self._running is not None:
+            self._running.kill()
+
+    def _put(self, message: TraceLine | BestValues | Ended) -> None:
+        """Keep a report for `pump`; called from the thread of the job."""
+        self._inbox.put(message)
+        self._changed()
+
+    def pump(self) -> None:
+        """Handle the reports of the running job."""
+        while not self._inbox.empty():
+            message = self._inbox.get()
+            job = self.job
+            job.seconds = time.monotonic() - job.began
+            if isinstance(message, TraceLine):
+                job.trace.append(message)
+                job.message = message.stage
+            elif isinstance(message, BestValues):
+                job.preview = message.values
+            else:
+                self._running = None
+                self._end(message)
+
+    def _end(self, end: Ended) -> None:
+        """Take over the values of a run that has ended."""
+        job = self.job
+        if end.result is None:
+            job.state, job.message = "failed", end.reason or " ".join(map(str, end.findings))
+            return
+        result, view = end.result, self.require_view()
+        job.state, job.message, job.trace = result.status, result.message, list(result.trace)
+        run = Run(len(self.runs) + 1, view.now.parameters, result)
+        self.runs.append(run)
+        names = [name for name in view.model.problem.free_names if name in result.parameters]
+        self.do(SetTables(f"Run {run.number}", {name: result.parameters[name].values for name in names}))
+
+    def _unsaved(self) -> dict[str, str]:
+        """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
+        edited = {n: text for n, text in self.state.texts.items() if text != self.saved.texts.get(n)}
+        return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
+
+    def text_of(self, file: str) -> str:
+        """Return the text of a file of the project as edited, or as it is on disk."""
+        return self.state.texts.get(file) or read_exactly(self.path.parent / file)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The tables of the project file, also if they are incomplete; empty if the text is not valid TOML."""
+        try:
+            tables: dict[str, Any] = ProjectDocument(self.state.texts[self.path.name], self.path).get()
+        except InputError:
+            return {}
+        return tables
+
+    @property
+    def formula_file(self) -> str:
+        """Name of the formula file, empty if the function is something else."""
+        model = self.settings.get("model")
+        name = model.get("file") if isinstance(model, dict) else None
+        return name if isinstance(name, str) and name.lower().endswith(".kf") else ""
+
+    @property
+    def function(self) -> Model | None:
+        """The function; of formula text also if its parameters are not defined yet. None if it cannot be read."""
+        if self.view is not None and not self.stale:
+            return self.view.model.problem.model
+        file = self.formula_file
+        try:
+            return read_function(self.text_of(file)) if file else None
+        except InputError:
+            return None
+
+    @property
+    def initial_names(self) -> list[str]:
+        """Names of the parameters that the initial files provide."""
+        if self.view is not None and not self.stale:
+            return list(self.view.start.parameters)
+        calibration = self.settings.get("calibration")
+        files = calibration.get("initial", []) if isinstance(calibration, dict) else []
+        names: list[str] = []
+        for file in [files] if isinstance(files, str) else files:
+            with suppress(InputError, TypeError):
+                names += read_parameters(self.path.parent / file)
+        return names
+
+    def save(self) -> None:
+        """Write edited texts, and values that differ from the initial files.
+
+        Values are written to `VALUES` beside the project, which then is the last of the initial files.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        values = self._changed_values()
+        if values is not None:
+            self._name_values(values)
+        folder = self.path.parent
+        try:
+            for name, text in self.state.texts.items():
+                if text != self.saved.texts.get(name):
+                    write_whole(folder / name, text.encode())
+            if values is not None:
+                write_parameters(values, folder / VALUES)
+        except OSError as error:
+            message = f"cannot be written: {error.strerror or error}"
+            raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
+        self.saved = self.state
+        self.revision += 1
+        self.recovery.remove()
+
+    @property
+    def changed_on_disk(self) -> bool:
+        """True if another program has changed a text since it was read or saved."""
+        folder = self.path.parent
+        return any(_text_or_none(folder / name) != text for name, text in self.saved.texts.items())
+
+    def reload(self) -> None:
+        """Take over the texts on disk, as a command that can be undone."""
+        folder = self.path.parent
+        texts = {name: _text_or_none(folder / name) for name in self.saved.texts}
+        self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
+        before = self.state
+        self.history.do(Restore("Read from disk", texts=texts))
+        self._follow(before)
+
+    @property
+    def recovery(self) -> Recovery:
+        """The file that keeps unsaved edits."""
+        return Recovery(self.path)
+
+    def recover(self, *, discard: bool = False) -> None:
+        """Take over the edits of a session that ended without saving, or forget them."""
+        edits, self.recoverable = None if discard else self.recovery.read(self.saved), False
+        self.recovery.remove()
+        if edits is not None:
+            self.do(edits)
+
+    def _changed_values(self) -> ParameterSet | None:
+        """Return the parameters that differ from the initial files; None if there are none."""
+        if self.view is None or not self.state.values:
+            return None
+        return self.view.now.parameters.select([n for n in self.state.values if n in self.view.now.parameters])
+
+    def _name_values(self, names: Collection[str]) -> None:
+        """Make the file of values the last of the initial files, and remove keys that would override its values."""
+        settings = self.settings
+        files = settings.get("calibration", {}).get("initial", [])
+        files = files if isinstance(files, list) else [files]
+        sections = settings.get("parameters", {})
+        changes: list[tuple[tuple[str, ...], Any]] = [
+            (("parameters", name, "initial"), None) for name in names if "initial" in sections.get(name, {})
+        ]
+        if VALUES not in files:
+            changes.append((("calibration", "initial"), [*files, VALUES]))
+        if changes:
+            self.history.amend(SetKeys("Saved", self.path.name, changes))
+
+    def _follow(self, before: SessionState) -> None:
+        """Recompute after the state has changed."""
+        if before.texts != self.state.texts:
+            self._assemble()
+        elif not same_values(before.values, self.state.values):
+            self._evaluate()
+
+    def _assemble(self) -> None:
+        """Read the project again and build its model."""
+        self.last = None
+        self.revision += 1
+        try:
+            project = Project.read(self.path, self._unsaved(), self._data)
+            self.project, self.findings = project, tuple(project.check())
+            self.view, self.stale = View(LiveModel(project.problem())), False
+        except InputError as error:
+            self.findings, self.stale = error.findings, True
+            return
+        if self.state.values:
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        """Evaluate the model at the present values."""
+        self.revision += 1
+        if self.view is not None:
+            began = time.perf_counter()
+            self.last = self.view.now
+            self.view.follow(self.state.values)
+            self.seconds = time.perf_counter() - began

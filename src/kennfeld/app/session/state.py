@@ -1,0 +1,238 @@
+"""The state of a session, the commands that change it, and the history of both.
+
+A state is frozen, and a command is a value: it turns one state into the next and knows its inverse. What a user sees is
+computed from a state; nothing else is edited.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.project.document import ProjectDocument
+
+Texts = Mapping[str, str]
+Values = Mapping[str, Float]
+
+
+def _nothing() -> Mapping[str, str]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True, eq=False)
+class SessionState:
+    """Everything that a user can change.
+
+    Attributes:
+        texts: contents of the project file and of formula files, by path relative to the folder of the project.
+        values: values of parameters that differ from the initial files, by name, in the shape of the table.
+    """
+
+    texts: Texts = field(default_factory=_nothing)
+    values: Values = field(default_factory=dict)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SessionState):
+            return NotImplemented
+        return self.texts == other.texts and same_values(self.values, other.values)
+
+    def __hash__(self) -> int:
+        return hash(tuple(sorted(self.texts.items())))
+
+
+def same_values(first: Values, second: Values) -> bool:
+    """Return True if both hold the same numbers."""
+    return first.keys() == second.keys() and all(np.array_equal(first[name], second[name]) for name in first)
+
+
+class Command(Protocol):
+    """A change of the state; `title` names it in the history: `Dragged MapX at 3, 4`."""
+
+    @property
+    def title(self) -> str:
+        """The command in a few words."""
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state after the command."""
+
+
+@dataclass(frozen=True, eq=False)
+class Restore:
+    """Set texts and values of parameters to earlier ones; None removes them. The inverse of every command."""
+
+    title: str
+    texts: Mapping[str, str | None] = field(default_factory=dict)
+    values: Mapping[str, Float | None] = field(default_factory=dict)
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state with these contents."""
+        texts = {**state.texts, **self.texts}
+        values = {**state.values, **self.values}
+        return SessionState(
+            {name: text for name, text in texts.items() if text is not None},
+            {name: table for name, table in values.items() if table is not None},
+        )
+
+
+def inverse(before: SessionState, after: SessionState, title: str = "") -> Restore:
+    """Return the command that leads from a state back to the one before."""
+    texts = {
+        name: before.texts.get(name)
+        for name in {**before.texts, **after.texts}
+        if before.texts.get(name) != after.texts.get(name)
+    }
+    changed = [
+        name
+        for name in {**before.values, **after.values}
+        if not np.array_equal(before.values.get(name, ()), after.values.get(name, ()))
+    ]
+    return Restore(title, texts, {name: before.values.get(name) for name in changed})
+
+
+@dataclass(frozen=True, eq=False)
+class SetValues:
+    """Set values of one parameter.
+
+    Attributes:
+        parameter: its name.
+        values: all values after the change, in the shape of the table.
+    """
+
+    title: str
+    parameter: str
+    values: Float
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state with these values."""
+        return replace(state, values={**state.values, self.parameter: self.values})
+
+
+@dataclass(frozen=True, eq=False)
+class SetTables:
+    """Set the values of several parameters, such as those of a run; None takes the initial values again."""
+
+    title: str
+    values: Mapping[str, Float | None]
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state with these values."""
+        return Restore("", values=self.values).apply(state)
+
+
+@dataclass(frozen=True)
+class SetText:
+    """Replace the content of a text file: the project file or formula text."""
+
+    title: str
+    file: str
+    text: str
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state with this text."""
+        return replace(state, texts={**state.texts, self.file: self.text})
+
+
+@dataclass(frozen=True, eq=False)
+class SetKeys:
+    """Set keys of the project file; None removes one. Comments, order and notation of everything else stay.
+
+    Attributes:
+        file: name of the project file.
+        changes: path and value of each key; entries of a list count from 1.
+    """
+
+    title: str
+    file: str
+    changes: Sequence[tuple[Sequence[str | int], Any]]
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state with these keys.
+
+        Raises:
+            InputError: the text of the project file is not valid TOML.
+        """
+        document = ProjectDocument(state.texts[self.file], Path(self.file))
+        for path, value in self.changes:
+            if value is None:
+                document.remove(path)
+            else:
+                document.set(path, value)
+        return replace(state, texts={**state.texts, self.file: document.text})
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A state in the history, and the command that led to it."""
+
+    state: SessionState
+    title: str
+
+
+class History:
+    """States in order, and which of them is the present one. Undo is unlimited.
+
+    >>> history = History(SessionState({"a": "1"}))
+    >>> history.do(SetText("Edited a", "a", "2"))
+    >>> history.undo(), history.state.texts["a"], history.redo(), history.state.texts["a"]
+    ('Edited a', '1', 'Edited a', '2')
+    """
+
+    def __init__(self, start: SessionState) -> None:
+        self._entries = [Entry(start, "")]
+        self._at = 0
+        self._open = ""  # what a drag in progress changes: its moves are one entry
+
+    @property
+    def state(self) -> SessionState:
+        """The present state."""
+        return self._entries[self._at].state
+
+    def do(self, command: Command, drag: str = "") -> None:
+        """Apply a command; what was undone is forgotten. Commands of the same `drag` are one entry."""
+        state = command.apply(self.state)
+        joined = bool(drag) and drag == self._open
+        keep = self._at + (0 if joined else 1)
+        self._entries[keep:] = [Entry(state, command.title)]
+        self._at, self._open = keep, drag
+
+    def amend(self, command: Command) -> None:
+        """Apply a command to the present state without an entry of its own; what was undone is forgotten."""
+        entry = self._entries[self._at]
+        self._entries[self._at :] = [Entry(command.apply(entry.state), entry.title)]
+
+    def undo(self) -> str:
+        """Go back by one entry; return its title, empty if there is none."""
+        self._open = ""
+        if not self._at:
+            return ""
+        self._at -= 1
+        return self._entries[self._at + 1].title
+
+    def redo(self) -> str:
+        """Go forward by one entry; return its title, empty if there is none."""
+        self._open = ""
+        if self._at + 1 == len(self._entries):
+            return ""
+        self._at += 1
+        return self._entries[self._at].title
+
+    @property
+    def undoable(self) -> str:
+        """Title of the entry that `undo` takes back, empty if there is none."""
+        return self._entries[self._at].title
+
+    @property
+    def redoable(self) -> str:
+        """Title of the entry that `redo` brings back, empty if there is none."""
+        following = self._entries[self._at + 1 : self._at + 2]
+        return following[0].title if following else ""
+
+    def titles_since(self, saved: SessionState) -> list[str]:
+        """Return the titles of the commands since a state, in order; all if it is not in the history."""
+        entries = self._entries[: self._at + 1]
+        begin = max((i for i, entry in enumerate(entries) if entry.state is saved), default=0)
+        return [entry.title for entry in entries[begin + 1 :]]

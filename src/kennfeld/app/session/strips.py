@@ -1,0 +1,76 @@
+"""Data of a strip chart: samples where they fit, else the extremes of each pixel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kennfeld.app.session.live_model import LiveDataset
+from kennfeld.app.session.signals import SignalName, Signals
+from kennfeld.arrays import Float
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Signals over one stretch of a dataset.
+
+    Attributes:
+        begin: position of the left edge; positions are relative to it, so that 32 bits hold them.
+        raw: True if each point is a sample; otherwise points come in pairs, minimum and maximum of a pixel.
+        positions: Float[points].
+        lines: Float[points] for each signal.
+    """
+
+    begin: float
+    raw: bool
+    positions: Float
+    lines: tuple[Float, ...]
+
+
+def strip(
+    signals: Signals, recording: LiveDataset, chosen: Sequence[SignalName], begin: float, end: float, pixels: int
+) -> Strip:
+    """Return signals between two positions.
+
+    Args:
+        signals: where the values come from.
+        recording: the dataset.
+        chosen: what to draw.
+        begin: position at the left edge.
+        end: position at the right edge.
+        pixels: width of the plot.
+    """
+    position = recording.position
+    first = max(int(np.searchsorted(position, begin)) - 1, 0)  # the line begins outside
+    last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
+    envelopes = [signals.envelope(recording, signal) for signal in chosen]
+    if last - first <= 2 * pixels:
+        here = slice(first, last)
+        return Strip(begin, True, position[here] - begin, tuple(envelope.values[here] for envelope in envelopes))
+    edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
+    edges[-1] = last
+    middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
+    pairs = [envelope.extremes(edges) for envelope in envelopes]
+    return Strip(begin, False, np.repeat(middle, 2), tuple(np.ravel(pair, order="F") for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Numbers on a signal over a stretch."""
+
+    samples: int
+    least: float
+    mean: float
+    greatest: float
+    rms: float
+
+
+def statistics(signals: Signals, recording: LiveDataset, signal: SignalName, begin: float, end: float) -> Statistics:
+    """Return least, mean, greatest and root mean square of a signal between two positions."""
+    here = slice(*np.searchsorted(recording.position, [begin, end], side="left"))
+    values = signals.envelope(recording, signal).values[here]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return Statistics(0, *[float("nan")] * 4)
+    rms = float(np.sqrt(np.mean(values**2)))
+    return Statistics(values.size, float(values.min()), float(values.mean()), float(values.max()), rms)

@@ -1,0 +1,149 @@
+"""The open project that all pages share, and the answers to their questions."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from kennfeld.app.answer import Answer, Given
+from kennfeld.app.folders import confined, free_path
+from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.questions.overview import overview
+from kennfeld.app.recent import recent_projects, remember
+from kennfeld.app.session.session import Session
+from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.project.demo import prepare, write
+
+Push = Callable[[str, Answer], None]
+
+
+class AppWorkspace:
+    """The open project of all pages. All methods are called from one thread."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._push: Push = lambda topic, answer: None
+        self._wake: Callable[[], object] = lambda: None
+        self._changed_on_disk = False
+        self.session: Session | None = None
+        if path is not None:
+            self.open(path)
+
+    def subscribe(self, push: Push, wake: Callable[[], object]) -> None:
+        """Set the functions that send news to all pages, and that have `pump` called in the thread of the session."""
+        self._push, self._wake = push, wake
+
+    def pump(self) -> None:
+        """Handle what a running job has reported, and tell all pages."""
+        if self.session is not None:
+            self.session.pump()
+            self._push("state", self.snapshot())
+
+    def open(self, path: Path) -> None:
+        """Open a project in place of the present one.
+
+        Raises:
+            InputError: it does not exist, or is not text.
+        """
+        if path.is_dir():
+            path = path / "kennfeld.toml"
+        if not path.is_file():
+            raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
+        session = Session(path.resolve(), lambda: self._wake())
+        self.close()
+        self.session = session
+        remember(path)
+
+    def answer(self, ask: str, given: Given) -> Answer:
+        """Answer one question of a page. Raises `KennfeldError` if it cannot be answered."""
+        if ask in _OWN:
+            answer = _OWN[ask](self, given)
+            if ask != "projects":
+                self._push("state", self.snapshot())
+            return answer
+        question = QUESTIONS.get(ask) or COMMANDS.get(ask)
+        if question is None:
+            raise ArgumentError(f"unknown question {ask!r}")
+        if self.session is None:
+            raise ArgumentError("no project is open")
+        answer = question(self.session, given)
+        if ask in COMMANDS:
+            self._push("state", self.snapshot())
+        return answer
+
+    def watch(self) -> None:
+        """Tell all pages if the files on disk have changed, or are as saved again."""
+        changed = self.session is not None and self.session.changed_on_disk
+        if changed != self._changed_on_disk:
+            self._changed_on_disk = changed
+            self._push("state", self.snapshot())
+
+    def close(self) -> None:
+        """End a running calibration."""
+        if self.session is not None:
+            self.session.close()
+
+    def upload_target(self, name: str) -> Path:
+        """Return where a file that was dropped onto a page is stored: beside the project, under a free name."""
+        if self.session is None:
+            raise ArgumentError("no project is open")
+        return free_path(self.session.path.parent, name)
+
+    def download(self, name: str) -> Path:
+        """Return a file of the project's folder. Raises `ArgumentError` if it is outside of it."""
+        if self.session is None:
+            raise ArgumentError("no project is open")
+        return confined(self.session.path.parent, name)
+
+    def snapshot(self) -> Answer:
+        """Return the state that every page shows."""
+        return Answer({"state": {"project": None} if self.session is None else overview(self.session)})
+
+
+def _projects(workspace: AppWorkspace, given: Given) -> Answer:
+    """Return recent projects and the demos."""
+    recent = [{"path": str(p), "name": p.parent.name, "folder": str(p.parent)} for p in recent_projects()]
+    return Answer({"recent": recent, "demos": [{"name": name, "title": title} for name, title in DEMOS.items()]})
+
+
+def _open(workspace: AppWorkspace, given: Given) -> Answer:
+    workspace.open(Path(str(given["path"])).expanduser())
+    return Answer()
+
+
+def _demo(workspace: AppWorkspace, given: Given) -> Answer:
+    """Write a demo into the working directory, unless it is there, and open it."""
+    name = str(given["name"])
+    path = write(name, Path(f"kennfeld-demo-{name}"))
+    prepare(name, path.parent, lambda line: None)
+    workspace.open(path)
+    return Answer()
+
+
+NEW = '[model]\nfile = "function.kf"\n'
+NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
+
+
+def _new(workspace: AppWorkspace, given: Given) -> Answer:
+    """Create an empty project in a new folder of the working directory, and open it."""
+    folder = Path(str(given["name"]).strip() or "project").expanduser()
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError.of(Location(str(folder)), "the folder is not empty", "Choose another name.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "function.kf").write_text(NEW_FUNCTION, encoding="utf-8")
+        (folder / "kennfeld.toml").write_text(NEW, encoding="utf-8")
+    except OSError as error:
+        raise InputError.of(Location(str(folder)), f"cannot be created: {error.strerror or error}") from None
+    workspace.open(folder / "kennfeld.toml")
+    return Answer()
+
+
+DEMOS = {
+    "torque": "engine torque from speed, air mass and ignition: three maps and a curve",
+    "exhaust": "exhaust gas temperature over time: a map and a lag that depends on the air mass",
+    "idle": "an idle speed governor in a closed loop with a data-driven engine",
+}
+_OWN: dict[str, Callable[[AppWorkspace, Given], Answer]] = {
+    "projects": _projects,
+    "open": _open,
+    "demo": _demo,
+    "new": _new,
+}

@@ -1,0 +1,289 @@
+"""Commands on projects: demo, check, calibrate, simulate, report, train. Each returns an exit status.
+
+What a command needs is imported inside it, so that `kennfeld --help` starts at once.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.terminal.command_line import DONE, INTERRUPTED, NOT_CONVERGED, WRONG_INPUT, ProjectFile, option
+from kennfeld.terminal.output import align, print_findings, print_lines
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.extrapolation import Extrapolation
+    from kennfeld.optimize.result import Result
+    from kennfeld.project import Project
+
+FOLDS = ("auto", "files", "blocks", "random")
+
+
+def demo(
+    name: Annotated[str, typer.Argument(help="torque, exhaust or idle.")] = "torque",
+    folder: Annotated[Path | None, option("--dir", "Folder to create.", "DIR", default="kennfeld-demo-NAME")] = None,
+) -> int:
+    """Write an example project with its data, and calibrate it."""
+    from kennfeld.project import Project
+    from kennfeld.project.demo import closing, prepare, projects, write
+
+    path = write(name, folder or Path(f"kennfeld-demo-{name}"))
+    prepare(name, path.parent, print_lines)
+    status = DONE
+    for file, results in projects(name):
+        status = max(status, _calibrate(Project.read(path.with_name(file)), path.parent / results))
+        print_lines("")
+    print_lines(*align(closing(name, path.parent)), "")
+    print_lines(f"Next: look into {path}, change it, and run", f"  kennfeld calibrate {path}")
+    return status
+
+
+def app(
+    path: Annotated[
+        Path | None, typer.Argument(metavar="PROJECT", help="The project file.", show_default=False)
+    ] = None,
+    port: Annotated[int, option("--port", "Port of the server.", "N", "a free one", min=0, max=65535)] = 0,
+    no_browser: Annotated[bool, option("--no-browser", "Do not open the browser.")] = False,
+) -> int:
+    """Open the web app: calibrate without writing files.
+
+    The first line on stdout is the address of the page, which only this user can open. Ctrl-C ends it.
+    """
+    from kennfeld.app.launch import launch
+
+    launch(path, port, browser=not no_browser)
+    return DONE
+
+
+def check(path: ProjectFile) -> int:
+    """Report all problems of a project or training file.
+
+    Each is printed on stderr, with location and fix. Nothing is fitted.
+    """
+    from kennfeld.optimize.projection import movable
+    from kennfeld.project import Project
+    from kennfeld.project.toml_file import is_training, read_toml
+
+    if is_training(read_toml(path)):
+        return _check_training(path)
+    project = Project.read(path)
+    verdict = _print_warnings(project.check())
+    problem = project.problem()
+    samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
+    print_lines(f"{path}: {verdict}")
+    print_lines(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    return DONE
+
+
+def _check_training(path: Path) -> int:
+    from kennfeld.project.surrogate_training import read_training
+
+    training = read_training(path)
+    datasets, findings = training.check()
+    verdict = _print_warnings(findings)
+    samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
+    print_lines(f"{path}: a training file, {verdict}")
+    print_lines(f"{training.settings.kind} surrogate {training.formula}; {', '.join(samples)}")
+    print_lines(f"Next: kennfeld surrogate train {path}")
+    return DONE
+
+
+def _print_warnings(findings: Sequence[Finding]) -> str:
+    """Print findings and return a verdict on the project; raise `InputError` with all of them if there are errors."""
+    severities = {finding.severity for finding in findings}
+    if "error" in severities:
+        raise InputError(findings)
+    print_findings(*findings)
+    return "ready, with warnings" if "warning" in severities else "no problem found"
+
+
+def calibrate(
+    path: ProjectFile,
+    output: Annotated[
+        Path | None, option("-o --output", "Folder for the results.", "DIR", "results/ next to the project file")
+    ] = None,
+    workers: Annotated[
+        int | None, option("--workers", "Number of processes for several starts.", "N", "one per core", min=1)
+    ] = None,
+    resume: Annotated[
+        bool, option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
+    ] = False,
+    folds: Annotated[
+        int | None, option("--cross-validate", "After calibrating, run K-fold cross-validation.", "K")
+    ] = None,
+    parts: Annotated[
+        str, option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", default=True)
+    ] = "auto",
+) -> int:
+    """Fit the free parameters to the data and write the results.
+
+    Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
+    """
+    from kennfeld.project import Project
+
+    if folds is not None and folds < 2:
+        raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
+    if parts not in FOLDS:
+        message = f"unknown kind of folds {parts!r}"
+        raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
+    project, folder = Project.read(path), output or path.parent / "results"
+    status = _calibrate(project, folder, workers, resume)
+    if folds is None or status == INTERRUPTED:
+        return status
+    return max(status, _cross_validate(project, folder, folds, parts))
+
+
+def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
+    from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+    from kennfeld.project.fallback import write_somewhere
+    from kennfeld.project.results import require_room
+    from kennfeld.report import document_safely
+    from kennfeld.terminal.progress import Interrupt, display
+
+    require_room(folder)
+    findings = project.check()
+    _print_warnings(findings)
+    if resume:
+        print_findings(*project.saves(folder).resume_points().findings)
+    write_findings = Findings()
+    try:
+        with Interrupt() as interrupt:
+            with display("compiling", project.file.optimizer.starts) as shown:
+                result = project.calibrate(interrupt.watch(shown), folder=folder, workers=workers, resume=resume)
+            extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
+            text = document_safely(project, result, findings, extrapolations)
+            further = {"surrogates": [row.as_json() for row in extrapolations]} if extrapolations else None
+            written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
+    except KeyboardInterrupt:
+        return _stop()
+    _print_result(result, extrapolations)
+    print_findings(*write_findings)
+    _print_paths(project, result, written)
+    if interrupt.pressed:
+        return INTERRUPTED
+    if write_findings.has_errors:
+        return WRONG_INPUT
+    return DONE if result.converged else NOT_CONVERGED
+
+
+def _stop() -> int:
+    print_findings("Stopped before there was anything to write.")
+    return INTERRUPTED
+
+
+def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]") -> None:
+    from kennfeld.terminal.result_lines import choice_lines, extrapolation_lines, undetermined_lines
+
+    print_lines(*align(result.table()), "")
+    if len(result.starts) > 1:
+        print_lines(*align(result.starts_table()), "")
+    print_lines(f"{result.status}: {result.message}")
+    print_findings(*result.warnings)
+    print_lines(*choice_lines(result))
+    print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
+    print_lines(*undetermined_lines(result.trust), *extrapolation_lines(extrapolations))
+
+
+def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) -> None:
+    from kennfeld.calfiles.json_file import write_json
+
+    if written:
+        print_lines(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
+    else:
+        print_lines("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
+
+
+def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
+    from kennfeld.analysis.cross_validation import cross_validate
+    from kennfeld.project.results import write_text
+    from kennfeld.terminal.progress import Interrupt, display
+
+    try:
+        with Interrupt() as interrupt, display("compiling") as shown:
+            progress, options = interrupt.watch(shown), project.options
+            validation = cross_validate(project.problem(), folds=folds, kind=parts, options=options, progress=progress)
+    except KeyboardInterrupt:
+        return _stop()
+    text = json.dumps(validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    print_lines("", *align(validation.table()), "", *validation.summary())
+    path = write_text(f"{text}\n", folder / "cross_validation.json")
+    print_lines(f"Written to {path}")
+    return INTERRUPTED if interrupt.pressed else DONE
+
+
+def simulate(
+    path: ProjectFile,
+    parameters: Annotated[
+        Path | None, option("-p --parameters", "Calibration file to use.", "FILE", "the project's initial values")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        option("-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file"),
+    ] = None,
+) -> int:
+    """Evaluate the function over all datasets."""
+    from kennfeld.calfiles import read
+    from kennfeld.project import Project
+    from kennfeld.project.results import write_simulation
+
+    project = Project.read(path)
+    values = None if parameters is None else read(parameters)
+    datasets = project.simulate(values)
+    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
+    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    if project.surrogates:
+        from kennfeld.analysis.extrapolation import find_extrapolation
+        from kennfeld.project.project import replace_parameters
+        from kennfeld.terminal.result_lines import extrapolation_lines
+
+        problem = project.problem()
+        print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
+    print_lines(f"Written to {written}")
+    return DONE
+
+
+def report(
+    path: ProjectFile,
+    output: Annotated[
+        Path | None, option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder")
+    ] = None,
+    results: Annotated[
+        Path | None, option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file")
+    ] = None,
+) -> int:
+    """Write the report on the results of an earlier run.
+
+    Without results, it covers the initial values only.
+    """
+    from kennfeld.project import Project
+    from kennfeld.project.results import write_text
+    from kennfeld.report import from_folder
+
+    folder = results or path.parent / "results"
+    text = from_folder(Project.read(path), folder)
+    print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
+    return DONE
+
+
+def train(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="The training file, surrogate.toml.", show_default=False)
+    ],
+) -> int:
+    """Train a surrogate on recordings and write it as a file that projects can use."""
+    from kennfeld.project.surrogate_training import read_training
+    from kennfeld.surrogate.surrogate_file import write_surrogate
+    from kennfeld.terminal.result_lines import describe_surrogate, quality_table
+
+    training = read_training(path)
+    surrogate = training.train(print_lines)
+    stability = getattr(surrogate, "stability", "")
+    print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
+    print_lines("", *align(quality_table(surrogate)), "")
+    write_surrogate(surrogate, training.target)
+    print_lines(f"Written to {training.target}")
+    return DONE

@@ -1,0 +1,30 @@
+"""Small projects for the tests of the app."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from kennfeld.project.demo import write
+
+
+@pytest.fixture(scope="session")
+def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    write("torque", folder / "torque")
+    write("exhaust", folder / "exhaust")
+    return folder
+
+
+@pytest.fixture
+def torque(demo_folder: Path, tmp_path: Path) -> Path:
+    """Return the project file of a fresh copy of the torque demo."""
+    shutil.copytree(demo_folder / "torque", tmp_path / "torque")
+    return tmp_path / "torque" / "kennfeld.toml"
+
+
+@pytest.fixture
+def exhaust(demo_folder: Path, tmp_path: Path) -> Path:
+    """Return the project file of a fresh copy of the exhaust demo."""
+    shutil.copytree(demo_folder / "exhaust", tmp_path / "exhaust")
+    return tmp_path / "exhaust" / "kennfeld.toml"

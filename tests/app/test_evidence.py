@@ -1,0 +1,76 @@
+"""Linked evidence: grid points and the samples that inform them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kennfeld.app.session.evidence import corrections
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetValues
+
+
+@pytest.mark.parametrize("name", ["MapOptTorque", "MapDragTorque"])
+def test_samples_that_inform_a_value_are_those_whose_result_moves_with_it(torque: Path, name: str) -> None:
+    session = Session(torque)
+    view = session.require_view()
+    value = session.parameters[name].size // 2
+    informing = {part.dataset: part for part in view.evidence.informing(name, value)}
+    before = view.now.errors
+    values = session.parameters[name].values.copy()
+    values.flat[value] += 5.0
+    session.do(SetValues("raised", name, values))
+    for recording, old, new in zip(view.model.recordings, before, session.require_view().now.errors, strict=True):
+        moved = np.flatnonzero(np.abs(np.nan_to_num(new - old)).max(axis=0) > 1e-9)
+        assert set(moved) <= set(informing[recording.number].samples.tolist())
+        assert informing[recording.number].weights.max(initial=0.0) <= 1.0
+
+
+def test_the_weights_of_a_stretch_add_up_to_its_samples(exhaust: Path) -> None:
+    view = Session(exhaust).require_view()
+    recording = view.model.recordings[0]
+    chosen = (recording.position >= 100.0) & (recording.position <= 180.0)
+    weights = view.evidence.passed(recording, chosen)
+    assert weights["MapSettled"].sum() == pytest.approx(chosen.sum())
+    assert weights["MapSettled"].shape == (12, 12)
+
+
+def test_stretches_are_runs_of_samples(exhaust: Path) -> None:
+    view = Session(exhaust).require_view()
+    part = view.evidence.informing("MapSettled", 60)[0]
+    members = np.concatenate([np.arange(first, last + 1) for first, last in part.stretches])
+    np.testing.assert_array_equal(members, part.samples)
+
+
+def test_counts_agree_with_those_of_the_trust(exhaust: Path) -> None:
+    view = Session(exhaust).require_view()
+    counts = view.samples["MapSettled"]
+    value = int(np.argmax(counts))
+    training = [
+        p for p in view.evidence.informing("MapSettled", value) if view.model.recordings[p.dataset].use == "training"
+    ]
+    assert sum(part.samples.size for part in training) == counts.flat[value]
+
+
+def test_a_correction_takes_the_error_away(torque: Path) -> None:
+    session = Session(torque)
+    view, name = session.require_view(), "MapOptTorque"
+    table = session.parameters[name]
+    sample, step = 1000, 1e-3
+    error = view.now.errors[0][0][sample]
+    slope = np.zeros(table.values.shape)
+    for part in np.ndindex(table.values.shape):
+        raised = table.values.copy()
+        raised[part] += step
+        moved = view.model.evaluate(session.parameters.with_parameters(table.with_values(raised))).errors[0][0][sample]
+        slope[part] = (moved - error) / step
+    [correction] = corrections(error, {name: np.where(abs(slope) > 1e-9, slope, 0.0)}, session.parameters)
+    moved = table.with_values(table.values + np.where(abs(slope) > 1e-9, correction.change, 0.0))
+    after = view.model.evaluate(session.parameters.with_parameters(moved)).errors[0][0][sample]
+    assert abs(after) < 1e-6 * abs(error) + 1e-6
+
+
+def test_a_table_that_does_not_act_is_out_of_reach(torque: Path) -> None:
+    parameters = Session(torque).parameters
+    [correction] = corrections(1.0, {"MapOptTorque": np.zeros(parameters["MapOptTorque"].values.shape)}, parameters)
+    assert not correction.reachable

@@ -1,0 +1,181 @@
+"""The server: who may talk to it, what it survives, and several pages on one project."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from serving import Served, served
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from kennfeld.project.demo import write
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    path = write("torque", tmp_path_factory.mktemp("app") / "torque")
+    with served(path) as running:
+        yield running
+
+
+def test_the_printed_address_opens_the_page(server: Served) -> None:
+    status, headers, _ = server.request("GET", f"/?token={server.token}")
+    assert (status, headers["location"]) == (303, "/")
+    cookie = headers["set-cookie"]
+    assert cookie == f"{server.cookie}; Path=/; HttpOnly; SameSite=Strict"
+    status, headers, body = server.request("GET", "/", {"Cookie": server.cookie})
+    assert status == 200
+    assert b"/static/app.js" in body
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/?token=wrong", "/?token=", "/static/app.js", "/file/kennfeld.toml", "/nowhere"]
+)
+def test_nothing_is_served_without_the_token(server: Served, path: str) -> None:
+    status, _, body = server.request("GET", path)
+    assert status == 403
+    assert b"torque" not in body
+
+
+@pytest.mark.parametrize(
+    "cookie", ["", "kennfeld-{port}=", "kennfeld-{port}=wrong", "other={token}", "kennfeld-{port}=\xff", "=;;,{{"]
+)
+def test_other_cookies_are_refused(server: Served, cookie: str) -> None:
+    value = cookie.format(port=server.port, token=server.token)
+    assert server.request("GET", "/static/app.js", {"Cookie": value})[0] == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1", "localhost:1", ""])
+def test_a_foreign_host_is_refused(server: Served, host: str) -> None:
+    status, _, body = server.request("GET", "/", {"Host": host.format(port=server.port), "Cookie": server.cookie})
+    assert status in (400, 421)
+    assert b"Kennfeld" not in body
+
+
+def test_localhost_is_the_same_server(server: Served) -> None:
+    assert server.request("GET", "/", {"Host": f"localhost:{server.port}", "Cookie": server.cookie})[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"])
+def test_another_page_cannot_open_the_socket(server: Served, origin: str) -> None:
+    with pytest.raises(InvalidStatus), server.page(Origin=origin):
+        pass
+
+
+def test_a_socket_without_the_cookie_is_refused(server: Served) -> None:
+    with pytest.raises(InvalidStatus), server.page(Cookie="kennfeld-1=x"):
+        pass
+
+
+def test_uploads_of_other_pages_are_refused(server: Served) -> None:
+    headers = {"Cookie": server.cookie, "Origin": "http://evil.example"}
+    assert server.request("PUT", "/upload/a.csv", headers, b"x")[0] == 403
+    assert server.request("PUT", "/upload/a.csv", {"Cookie": server.cookie}, b"x")[0] == 403
+
+
+@pytest.mark.parametrize(
+    "path", ["/file/../secret.txt", "/file/%2e%2e/secret.txt", "/file//etc/passwd", "/file/link/hosts"]
+)
+def test_files_outside_the_folder_are_not_served(server: Served, path: str) -> None:
+    status, _, body = server.request("GET", path, {"Cookie": server.cookie})
+    assert status in (400, 404)
+    assert b"root:" not in body
+
+
+MALFORMED = [
+    "",
+    "{",
+    "[]",
+    "null",
+    '"x"',
+    "1e999",
+    '{"ask": "table"}',
+    '{"id": 1}',
+    '{"id": 1, "ask": 5}',
+    '{"id": 1, "ask": "__class__"}',
+    '{"id": 1, "ask": "table", "with": {"name": "nope"}}',
+    '{"id": 1, "ask": "table", "with": 3}',
+    '{"id": 1, "ask": "set-values", "with": {"name": "MapOptTorque", "cells": [99999], "values": [1], "title": "x"}}',
+    '{"id": 1, "ask": "set-values", "with": {"name": "MapOptTorque", "cells": ["a"], "values": [1], "title": "x"}}',
+    '{"id": 1, "ask": "strip", "with": {"dataset": 99, "signals": [], "begin": 0, "end": 1, "pixels": 10}}',
+    '{"id": 1, "ask": "strip", "with": {"dataset": 0, "signals": [{}], "begin": 0, "end": 1, "pixels": 1}}',
+    "[" * 100_000,
+]
+
+
+@pytest.mark.parametrize("message", MALFORMED)
+def test_a_malformed_question_gets_an_answer_and_the_socket_lives_on(server: Served, message: str) -> None:
+    with server.page() as page:
+        page.socket.send(message)
+        head, _ = page.receive()
+        assert head["error"]
+        assert "Traceback" not in head["error"]
+        assert "table" in page.ask("table", name="MapOptTorque")[0]
+
+
+def test_an_oversized_message_closes_only_its_socket(server: Served) -> None:
+    with server.page() as page:
+        page.socket.send("x" * 5_000_000)
+        with pytest.raises(ConnectionClosed):
+            page.receive()
+    with server.page() as page:
+        assert page.state["project"]["name"] == "torque"
+
+
+def test_a_page_that_does_not_read_does_not_stop_the_others(server: Served) -> None:
+    with server.page() as slow, server.page() as page:
+        for number in range(200):
+            slow.socket.send(json.dumps({"id": number, "ask": "table", "with": {"name": "MapOptTorque"}}))
+        assert "table" in page.ask("table", name="MapOptTorque")[0]
+
+
+def test_all_pages_see_an_edit_and_its_undo(server: Served) -> None:
+    with server.page() as first, server.page() as second:
+        before = second.state["scores"][0]["rmse"]
+        first.ask("set-values", name="MapOptTorque", cells=[0, 1], values=[150.0, 160.0], title="Typed")
+        while not second.state["undo"]:
+            second.receive()
+        assert second.state["scores"][0]["rmse"] != before
+        assert second.ask("undo")[0]["title"] == "Typed"
+        while first.state["undo"]:
+            first.receive()
+        assert first.state["scores"][0]["rmse"] == before
+
+
+def test_a_run_reports_its_course_and_ends(server: Served) -> None:
+    with server.page() as page:
+        page.ask("run")
+        page.wait_for("converged")
+        head, arrays = page.ask("progress")
+        assert head["starts"][0]["state"] == "converged"
+        assert arrays["rmse 1"][-1] < arrays["rmse 1"][0]
+        assert page.state["scores"][0]["rmse"] < 2.0
+        assert page.ask("trust")[0]["directions"]
+
+
+def test_an_uploaded_file_is_stored_beside_the_project(server: Served) -> None:
+    headers = {"Cookie": server.cookie, "Origin": f"http://{server.host}"}
+    status, _, body = server.request("PUT", "/upload/..%2Fnew%20run.csv", headers, b"a,b\n1,2\n")
+    assert (status, json.loads(body)) == (200, {"file": "new run.csv"})
+    assert server.request("GET", "/file/new%20run.csv", {"Cookie": server.cookie})[2] == b"a,b\n1,2\n"
+
+
+def test_a_file_name_with_markup_stays_text(server: Served) -> None:
+    headers = {"Cookie": server.cookie, "Origin": f"http://{server.host}"}
+    name = "<script>alert(1)</script>.csv"
+    status, answer, body = server.request(
+        "PUT", "/upload/" + name.replace("<", "%3C").replace(">", "%3E"), headers, b"x"
+    )
+    assert status == 200
+    assert "<" not in json.loads(body)["file"]
+    assert answer["content-type"] == "application/json"
+
+
+def test_a_port_that_is_taken_is_refused_in_one_line(server: Served, tmp_path: Path) -> None:
+    from kennfeld.app.launch import launch
+    from kennfeld.errors import InputError
+
+    with pytest.raises(InputError, match=f"port {server.port} cannot be used"):
+        launch(None, server.port, browser=False)

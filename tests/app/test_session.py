@@ -1,0 +1,103 @@
+"""Sessions: edits that are followed at once, undo, and runs in a process of their own."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetValues
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.project import Project
+
+
+def wait_for_end(session: Session) -> None:
+    deadline = time.monotonic() + 120
+    while session.job.state in ("running", "stopping"):
+        assert time.monotonic() < deadline, "the run does not end"
+        time.sleep(0.02)
+        session.pump()
+
+
+def raise_value(session: Session, name: str, by: float) -> None:
+    table = session.parameters[name]
+    session.do(SetValues("raised", name, table.values + by))
+
+
+def test_an_edit_is_followed_as_the_command_line_would_score_it(torque: Path) -> None:
+    session = Session(torque)
+    raise_value(session, "MapOptTorque", 10.0)
+    project = Project.read(torque)
+    edited = project.problem().parameters.with_parameters(session.parameters["MapOptTorque"])
+    [bench] = [data for data in project.simulate(edited) if data.name == "bench"]
+    error = bench["TorquePredict"].values - bench["Torque"].values
+    training = next(score for score in session.require_view().now.scores if score.use == "training")
+    assert training.rmse == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=1e-12)
+
+
+def test_undo_takes_back_the_numbers_and_redo_brings_them_again(torque: Path) -> None:
+    session = Session(torque)
+    start = session.require_view().now.scores
+    raise_value(session, "MapOptTorque", 10.0)
+    edited = session.require_view().now.scores
+    assert edited != start
+    session.undo()
+    assert session.require_view().now.scores == start
+    session.redo()
+    assert session.require_view().now.scores == edited
+
+
+def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    wait_for_end(session)
+    assert session.job.state == "converged"
+    expected = Project.read(exhaust).calibrate()
+    for name, table in expected.parameters.items():
+        np.testing.assert_array_equal(session.parameters[name].values, table.values)
+    assert session.deviation("MapSettled") is not None
+
+
+def test_a_second_run_is_refused_while_one_is_on(exhaust: Path) -> None:
+    session = Session(exhaust)
+    session.run()
+    with pytest.raises(ArgumentError, match="a run is in progress"):
+        session.run()
+    session.close()
+
+
+def test_a_run_can_be_stopped_and_keeps_its_best_values(torque: Path) -> None:
+    session = Session(torque)
+    session.run()
+    deadline = time.monotonic() + 60
+    while not session.job.trace and session.job.state == "running":
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+        session.pump()
+    session.stop()
+    wait_for_end(session)
+    assert session.job.state in ("stopped", "converged")
+    assert session.require_view().now.scores[0].rmse < session.require_view().start.scores[0].rmse
+
+
+def test_a_worker_that_dies_is_reported_and_the_session_goes_on(torque: Path) -> None:
+    session = Session(torque)
+    session.run()
+    session.close()  # kills the process
+    wait_for_end(session)
+    assert session.job.state == "failed"
+    assert "ended unexpectedly" in session.job.message
+    raise_value(session, "MapOptTorque", 1.0)
+    session.run()
+    wait_for_end(session)
+    assert session.job.state == "converged"
+
+
+def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
+    torque.write_text(torque.read_text().replace('"torque.kf"', '"missing.kf"'))
+    session = Session(torque)
+    assert session.view is None
+    assert any("missing.kf" in str(finding) for finding in session.findings)
+    with pytest.raises(InputError):
+        session.run()

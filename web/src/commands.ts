@@ -1,0 +1,55 @@
+// Everything that can be done by name: the command palette and the shortcuts both use this list.
+
+import { signal } from "@preact/signals";
+import { accept } from "./comparison";
+import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
+
+export interface Command { title: string; keys: string[]; run: () => void; enabled?: () => boolean }
+
+export const overlay = signal<"" | "palette" | "keys">("");
+
+const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6]];
+
+const running = (): boolean => ["running", "stopping"].includes(state.value.job.state);
+
+export const COMMANDS: Command[] = [
+  ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),
+  { title: "Projects", keys: [], run: () => { screen.value = "start"; } },
+  { title: "Run the calibration", keys: ["F5"], run: () => void request("run"), enabled: () => !running() },
+  { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
+  { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
+  { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
+  { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
+  { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
+  { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
+  { title: "Light or dark", keys: [], run: toggleTheme },
+  { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },
+];
+
+/** All commands, and one for each parameter. */
+export function searchable(): Command[] {
+  return [...COMMANDS.filter((command) => command.enabled?.() ?? true), ...state.value.parameters.map((p): Command => ({ title: `Open ${p.name}`, keys: [], run: () => { open(p.name); screen.value = "parameters"; } }))];
+}
+
+function matches(command: Command, event: KeyboardEvent): boolean {
+  const key = command.keys.at(-1);
+  if (key === undefined) return false;
+  const has = (name: string) => command.keys.slice(0, -1).includes(name);
+  const control = event.ctrlKey || event.metaKey;
+  return event.key.toLowerCase() === key.toLowerCase() && control === has("Ctrl") && event.altKey === has("Alt") && (key === "?" || event.shiftKey === has("Shift"));
+}
+
+/** Handle a key anywhere on the page. */
+export function shortcut(event: KeyboardEvent): void {
+  const typing = (event.target as HTMLElement).closest("input, textarea, [contenteditable=true]") !== null;
+  if (event.key === "Escape" && overlay.value) overlay.value = "";
+  else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k") overlay.value = overlay.value === "palette" ? "" : "palette";
+  else {
+    const command = COMMANDS.find((each) => matches(each, event));
+    const plainKey = !event.ctrlKey && !event.metaKey && !event.altKey && !/^F\d/.test(event.key);
+    const editing = typing && (plainKey || ["z", "y"].includes(event.key.toLowerCase()));
+    if (command === undefined || editing || !(command.enabled?.() ?? true)) return;
+    command.run();
+  }
+  event.preventDefault();
+}

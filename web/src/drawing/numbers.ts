@@ -1,0 +1,59 @@
+// Numbers as the field writes them: tabular, with a true minus, in the precision that the values warrant.
+
+const MINUS = "\u2212";
+export const MISSING = "\u2013";
+
+/** Write a number with a number of decimals. */
+export function fixed(value: number, decimals: number): string {
+  if (!Number.isFinite(value)) return value === Infinity ? "\u221e" : value === -Infinity ? `${MINUS}\u221e` : MISSING;
+  const text = Math.abs(value).toFixed(decimals);
+  return value < 0 && Number(text) !== 0 ? MINUS + text : text;
+}
+
+/** Write a number with significant digits; zeros behind the point stay, so that columns line up. */
+export function significant(value: number, digits = 4): string {
+  if (!Number.isFinite(value) || value === 0) return fixed(value, 0);
+  const exponent = Math.floor(Math.log10(Math.abs(value)));
+  if (exponent < -4 || exponent > 6) return (value < 0 ? MINUS : "") + Math.abs(value).toExponential(digits - 1);
+  return fixed(value, Math.max(0, digits - 1 - exponent));
+}
+
+/** Write a difference with its sign. */
+export function signed(value: number, digits = 3): string {
+  const text = significant(value, digits);
+  return value > 0 ? `+${text}` : text;
+}
+
+/** Write a count; a thin space from 10 000 on. */
+export function count(value: number): string {
+  const text = String(Math.round(value));
+  return value < 10_000 ? text : text.replace(/\B(?=(\d{3})+$)/g, "\u2009");
+}
+
+/** Return the decimals with which all numbers of a table can be told apart, at most four significant digits. */
+export function tableDecimals(values: Iterable<number>): number {
+  let largest = 0;
+  let places = 0;
+  for (const value of values) {
+    if (!Number.isFinite(value)) continue;
+    largest = Math.max(largest, Math.abs(value));
+    const own = Number(value.toPrecision(10)).toString().split(".")[1]?.length ?? 0;
+    places = Math.max(places, own);
+  }
+  const limit = largest === 0 ? 0 : Math.max(0, 3 - Math.floor(Math.log10(largest)));
+  return Math.min(places, limit, 8);
+}
+
+/** Read a number as typed: "1,5" and "1.5" are the same; null if it is none. */
+export function parseNumber(text: string): number | null {
+  const plain = text.trim().replace(/[\s\u2009\u202f]/g, "").replace(MINUS, "-").replace("\u221e", "Infinity");
+  const dotted = plain.includes(",") && !plain.includes(".") ? plain.replace(",", ".") : plain;
+  if (!/^[+-]?(\d+\.?\d*|\.\d+|Infinity|inf)(e[+-]?\d+)?$/i.test(dotted)) return null;
+  return Number(dotted.replace(/inf$/i, "Infinity"));
+}
+
+/** Write a number without the zeros that say nothing, as axis points are written. */
+export function plain(value: number, digits = 5): string {
+  const text = significant(value, digits);
+  return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
+}

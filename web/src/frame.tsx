@@ -1,0 +1,121 @@
+// The frame around every screen: header with the errors and the job, the steps on the left, the status line.
+
+import type { ComponentChildren } from "preact";
+import { overlay } from "./commands";
+import { MISSING, count, significant, signed } from "./drawing/numbers";
+import { Icon, Logo } from "./icons";
+import { connected, failure, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
+
+export function Header() {
+  const { project, unsaved, undo, redo, job, runs } = state.value;
+  const running = job.state === "running" || job.state === "stopping";
+  return (
+    <header>
+      <div class="brand"><Logo />Kennfeld</div>
+      <div class="project">
+        <b class="cut">{project?.name ?? "No project"}</b>
+        <small class={unsaved.length ? "dirty" : ""} id="unsaved">
+          <span class="cut" title={unsaved.join("\n")}>
+            {unsaved.length ? `${unsaved.length} unsaved change${unsaved.length > 1 ? "s" : ""}` : (project?.path ?? "")}
+          </span>
+        </small>
+      </div>
+      <Rmse use="training" />
+      <Rmse use="test" />
+      <div class="set">
+        <button class="btn bare icon" id="undo" title={undo ? `Undo: ${undo} (Ctrl+Z)` : "Undo (Ctrl+Z)"} aria-label="Undo" disabled={!undo} onClick={() => move("undo")}><Icon name="undo" /></button>
+        <button class="btn bare icon" id="redo" title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"} aria-label="Redo" disabled={!redo} onClick={() => move("redo")}><Icon name="redo" /></button>
+      </div>
+      <div class="set">
+        <button class="btn" id="save" title="Save kennfeld.toml (Ctrl+S)" disabled={!unsaved.length} onClick={() => request("save")}>Save</button>
+        <button class="btn" id="export" title="Export values, report, script (Ctrl+E)" onClick={() => { screen.value = "results"; }}>Export</button>
+      </div>
+      <div class="set" style={{ gap: "6px", marginLeft: "auto" }}>
+        <div class="job">
+          <div id="job-state" class={running ? "running" : job.state}>{job.state}</div>
+          <span>{jobText(job, runs.length)}</span>
+        </div>
+        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={() => request("run")}><Icon name="run" />Run</button>
+        <button class="btn stop" id="stop" title="Stop and keep the best (Shift+F5)" disabled={!running} onClick={() => request("stop")}><Icon name="stop" />Stop</button>
+      </div>
+      <div class="set" style={{ gap: 0, paddingRight: 0 }}>
+        <button class="btn bare icon" title="Find or do (Ctrl+K)" aria-label="Find or do" onClick={() => { overlay.value = "palette"; }}><Icon name="find" /></button>
+        <button class="btn bare icon" id="theme" title="Light or dark" aria-label="Light or dark" onClick={toggleTheme}><Icon name="theme" /></button>
+      </div>
+    </header>
+  );
+}
+
+function jobText(job: typeof state.value.job, runs: number): string {
+  if (job.state === "running" || job.state === "stopping") return `${job.message} · ${job.seconds.toFixed(1)} s`;
+  return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
+}
+
+function Rmse({ use }: { use: "training" | "test" }) {
+  const score: Score | undefined = state.value.scores.find((s) => s.use === use && s.samples > 0);
+  const { rmse = null, before = null, last = null, unit = "" } = score ?? {};
+  const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;
+  const edit = rmse !== null && last !== null && last !== rmse ? rmse - last : null;
+  return (
+    <div class="rmse">
+      <span class="lab">RMSE {use}</span>
+      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`}>{edit === null ? "" : `last edit ${signed(edit, 3)}`}</span>
+      <div class="val">
+        <span class="from">{before === null ? MISSING : significant(before)}</span>
+        <span class="q">→</span>
+        <b id={`rmse-${use}`}>{rmse === null ? MISSING : significant(rmse)} <i>{unit}</i></b>
+        {share !== null && Math.abs(share) >= 0.05 && <span class={`diff ${share > 0 ? "bad" : "good"}`}>{signed(share, 3)} %</span>}
+      </div>
+    </div>
+  );
+}
+
+interface Step { screen: Screen; key: number; title: string; detail: () => string }
+
+const STEPS: Step[] = [
+  { screen: "data", key: 1, title: "Data", detail: () => `${state.value.datasets.length} datasets · ${count(state.value.datasets.reduce((sum, d) => sum + d.samples, 0))}` },
+  { screen: "function", key: 2, title: "Function", detail: () => `${state.value.nodes.length} nodes` },
+  { screen: "parameters", key: 3, title: "Parameters", detail: () => { const changed = state.value.parameters.filter((p) => p.changed).length; return `${state.value.parameters.length}${changed ? ` · ${changed} changed` : ""}`; } },
+  { screen: "optimization", key: 4, title: "Optimization", detail: () => state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet" },
+  { screen: "results", key: 5, title: "Results", detail: () => state.value.runs.length ? `${state.value.runs.length} run${state.value.runs.length > 1 ? "s" : ""}` : MISSING },
+];
+
+export function Rail() {
+  return (
+    <nav class="rail" aria-label="Steps">
+      {STEPS.map((step) => <StepButton step={step} />)}
+      <hr />
+      <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
+      <span style={{ flex: 1 }} />
+      <hr />
+      <button class="one" title="Keys (?)" onClick={() => { overlay.value = "keys"; }}><i>?</i><b>Keys</b></button>
+      <button class="one" data-screen="start" aria-current={screen.value === "start" ? "page" : undefined} onClick={() => { screen.value = "start"; }}><i /><b>Projects</b></button>
+    </nav>
+  );
+}
+
+function StepButton({ step }: { step: Step }) {
+  const worst = state.value.findings.filter((f) => f.screen === step.screen && f.severity !== "remark");
+  return (
+    <button data-screen={step.screen} title={`${step.title} (Alt+${step.key})`} aria-current={screen.value === step.screen ? "page" : undefined} onClick={() => { screen.value = step.screen; }}>
+      <i>{step.key}</i><b>{step.title}</b>
+      {worst.length ? <Icon name="warning" kind="w" /> : <span />}
+      <small>{step.detail()}</small>
+    </button>
+  );
+}
+
+export function Footer({ children }: { children?: ComponentChildren }) {
+  const text = !connected.value ? "Kennfeld does not answer; waiting for it to come back." : failure.value || message.value;
+  return (
+    <footer>
+      <span class={failure.value || !connected.value ? "bad" : "ink"} role="status">{text}</span>
+      {state.value.seconds > 0 && <span>recomputed in {(state.value.seconds * 1000).toFixed(state.value.seconds < 0.01 ? 1 : 0)} ms</span>}
+      <span class="keys">{children}</span>
+    </footer>
+  );
+}
+
+export function Key({ keys, text }: { keys: string[]; text: string }) {
+  return <span>{keys.map((key) => <kbd>{key}</kbd>)} {text}</span>;
+}

@@ -1,0 +1,154 @@
+// What a grid point rests on: its samples, their errors, where they look the table up, and when.
+
+import { effect, signal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { newest } from "../connection";
+import { area, canvasIn, extent, line, widened, type Pen } from "../drawing/canvas";
+import { token } from "../drawing/colours";
+import { count, plain, signed, significant } from "../drawing/numbers";
+import { brush, datasetNumber, stretch } from "../plots";
+import { endDrag, referenceName, request, screen, selection, setValues, state, table, theme, type Table } from "../store";
+import { cellAt } from "./map-table";
+
+interface Part { number: number; dataset: string; samples: number; count: number; stretches: [number, number][]; meanBefore: number | null; meanNow: number | null }
+interface Evidence { parts: Part[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
+interface Strip { begin: number; x: Float32Array; measured: Float32Array; now: Float32Array }
+
+const evidence = signal<Evidence | null>(null);
+const shownStretch = signal(0);
+const strip = signal<Strip | null>(null);
+
+const load = newest(async (given: { name: string; cell: number }) => {
+  const reply = await request("informing", given);
+  if (reply === null) return;
+  const { x, y, weight } = reply.arrays;
+  evidence.value = { parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x: x ?? new Float32Array(), y: y ?? new Float32Array(), weight: weight ?? new Float32Array() };
+  shownStretch.value = 0;
+});
+
+const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
+  const pause = Math.max((to - from) * 1.5, 4);
+  const [begin, end] = [from - pause, to + pause];
+  const node = state.value.criteria[0]?.node ?? "";
+  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: "0" }, { kind: "node", name: node }] });
+  if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
+});
+
+effect(() => {
+  void state.value.revision;
+  const own = table.value;
+  if (screen.value !== "parameters" || own === null || own.axes.length === 0) return;
+  load({ name: own.name, cell: cellAt(own, ...selection.value.active) });
+});
+
+effect(() => {
+  const own = evidence.value;
+  const part = own?.parts.find((each) => each.number === own.most);
+  const ends = part?.stretches[shownStretch.value];
+  if (part === undefined || ends === undefined) strip.value = null;
+  else loadStrip([part.number, ...ends]);
+});
+
+export function EvidencePane({ own }: { own: Table }) {
+  const cell = cellAt(own, ...selection.value.active);
+  const data = evidence.value;
+  const part = data?.parts.find((each) => each.number === data.most);
+  const total = data?.parts.reduce((sum, each) => sum + each.samples, 0) ?? 0;
+  const deviation = own.deviation?.[cell];
+  const how = own.locked.includes(cell) ? "locked" : own.values[cell] !== own.reference[cell] && !state.value.runs.length ? "by hand" : own.samples?.[cell] === 0 ? "no data" : "data";
+  return (
+    <section class="pane evid" aria-label="Evidence">
+      <div class="head"><h2>What this point rests on</h2><span class="right"><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
+      <dl class="facts facts3">
+        <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 5)} <u>{axis.unit}</u></>)}</dd>
+        <dt>now</dt><dd><b>{significant(own.values[cell]!, 5)}</b> <u>{own.unit}</u></dd>
+        <dt>{referenceName.value}, difference</dt><dd>{significant(own.reference[cell]!, 5)}, {signed(own.values[cell]! - own.reference[cell]!, 4)}</dd>
+        <dt>standard deviation</dt><dd>{deviation === undefined ? "after a run" : deviation === null ? "undetermined" : `± ${significant(deviation, 3)}`}</dd>
+        <dt>samples</dt><dd>{count(total)} <u>in</u> {count(data?.parts.reduce((sum, each) => sum + each.count, 0) ?? 0)} <u>stretches</u></dd>
+        <dt>their mean error</dt><dd>{part ? <>{signed(part.meanBefore ?? NaN)} → <b>{signed(part.meanNow ?? NaN)}</b></> : "–"}</dd>
+      </dl>
+      <div class="sub2"><b>In the {own.kind}</b><span class="key"><i class="dot" style={{ background: "var(--lit)" }} />its samples</span><span class="key"><i class="dot" style={{ background: "var(--before)" }} />others</span></div>
+      <Picture label="Samples around the grid point" draw={drawNear} />
+      <div class="sub2">
+        <b>In {part?.dataset ?? "the data"}</b><span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
+        <span class="right"><button class="btn bare small" aria-label="Previous stretch" disabled={shownStretch.value === 0} onClick={() => { shownStretch.value -= 1; }}>‹</button><button class="btn bare small" aria-label="Next stretch" disabled={!part || shownStretch.value + 1 >= part.stretches.length} onClick={() => { shownStretch.value += 1; }}>›</button></span>
+      </div>
+      <Picture label="The stretch over time" draw={drawStretch} />
+      <div class="acts">
+        <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>Show in Plots</button>
+        <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={() => { setValues([cell], [own.reference[cell]!], `${own.name}: set to the reference`); endDrag(); }}>Back to {referenceName.value}</button>
+      </div>
+    </section>
+  );
+}
+
+function showInPlots(part: Part): void {
+  const [begin, end] = part.stretches[shownStretch.value]!;
+  const pause = Math.max((end - begin) * 2, 10);
+  datasetNumber.value = part.number;
+  stretch.value = { begin: begin - pause, end: end + pause };
+  brush.value = { begin, end };
+  screen.value = "plots";
+}
+
+function Picture({ label, draw }: { label: string; draw: (pen: Pen, width: number, height: number) => void }) {
+  const host = useRef<HTMLDivElement>(null);
+  const redraw = useRef<() => void>(() => {});
+  useEffect(() => {
+    const { redraw: again, close } = canvasIn(host.current!, draw);
+    redraw.current = again;
+    return close;
+  }, []);
+  useEffect(() => redraw.current(), [evidence.value, strip.value, selection.value, theme.value]);
+  return <div class="canvas near" ref={host} aria-label={label} />;
+}
+
+function drawNear(pen: Pen, width: number, height: number): void {
+  const [own, data] = [table.value, evidence.value];
+  if (own === null || data === null || own.axes.length < 2) return;
+  const around = (axis: 0 | 1) => {
+    const points = own.axes[axis]!.points;
+    const at = selection.value.active[axis];
+    return widened([points[Math.max(0, at - 2)]!, points[Math.min(points.length - 1, at + 2)]!], 0.02);
+  };
+  const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
+  const plot = area(pen, box, around(0), around(1), { xTicks: undefined, title: own.axes[0]!.input });
+  plot.clip(() => {
+    for (const lit of [false, true]) {
+      pen.fillStyle = token(lit ? "lit" : "before");
+      for (let k = 0; k < data.x.length; k++) {
+        if (data.weight[k]! > 0 !== lit) continue;
+        pen.beginPath();
+        pen.arc(plot.x(data.x[k]!), plot.y(data.y[k]!), lit ? 1 + 1.4 * data.weight[k]! : 1, 0, 7);
+        pen.fill();
+      }
+    }
+    const [i, j] = selection.value.active;
+    pen.fillStyle = token("drag");
+    pen.strokeStyle = token("paper");
+    pen.lineWidth = 2;
+    pen.beginPath();
+    pen.arc(plot.x(own.axes[0]!.points[i]!), plot.y(own.axes[1]!.points[j]!), 5.5, 0, 7);
+    pen.fill();
+    pen.stroke();
+  });
+}
+
+function drawStretch(pen: Pen, width: number, height: number): void {
+  const data = strip.value;
+  const own = evidence.value;
+  const ends = own?.parts.find((each) => each.number === own.most)?.stretches[shownStretch.value];
+  if (data === null || ends === undefined || data.x.length === 0) return;
+  const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
+  const xs = Float64Array.from(data.x, (x) => x + data.begin);
+  const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), { title: state.value.datasets[own!.most]?.timed ? "time [s]" : "point" });
+  plot.clip(() => {
+    pen.fillStyle = token("lit");
+    pen.globalAlpha = 0.14;
+    pen.fillRect(plot.x(ends[0]), box.top, Math.max(1.5, plot.x(ends[1]) - plot.x(ends[0])), box.bottom - box.top);
+    pen.globalAlpha = 1;
+    const at = xs.map(plot.x);
+    line(pen, at, Float64Array.from(data.measured, plot.y), token("measured"), 1.25);
+    line(pen, at, Float64Array.from(data.now, plot.y), token("model"), 1.25);
+  });
+}

@@ -1,0 +1,240 @@
+// The table of a parameter: cells coloured by value, a rectangle selected by mouse or keys, edited as in a spreadsheet.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { css, diverging, height } from "../drawing/colours";
+import { extent } from "../drawing/canvas";
+import { fixed, parseNumber, significant, tableDecimals } from "../drawing/numbers";
+import { selection, setValues, type Selection, type Table } from "../store";
+import { describeCells, editCells, type Edit } from "./table-edits";
+
+export type Mode = "value" | "difference" | "percent";
+
+export interface Shown { mode: Mode; empty: boolean; deviation: boolean }
+
+/** Number of columns and rows: x runs to the right, y downwards; a curve is one row. */
+export const size = (own: Table): [number, number] => [own.axes[0]?.points.length ?? 1, own.axes[1]?.points.length ?? 1];
+
+/** Number of the value at x index i and y index j, in C order. */
+export const cellAt = (own: Table, i: number, j: number): number => i * size(own)[1] + j;
+
+export function cellsOf(own: Table, chosen: Selection): number[] {
+  const cells: number[] = [];
+  for (let i = chosen.x[0]; i <= chosen.x[1]; i++) for (let j = chosen.y[0]; j <= chosen.y[1]; j++) cells.push(cellAt(own, i, j));
+  return cells;
+}
+
+function shownValues(own: Table, mode: Mode): number[] {
+  if (mode === "value") return own.values;
+  return own.values.map((value, k) => {
+    const difference = value - own.reference[k]!;
+    return mode === "difference" ? difference : difference === 0 ? 0 : (difference / Math.abs(own.reference[k]!)) * 100;
+  });
+}
+
+function colours(mode: Mode, values: number[]): string[] {
+  if (mode === "value") {
+    const [low, high] = extent(values);
+    return values.map((value) => css(height(high > low ? (value - low) / (high - low) : 0.5)));
+  }
+  const [low, high] = extent(values);
+  const reach = Math.max(Math.abs(low), Math.abs(high)) || 1;
+  return values.map((value) => css(diverging(value / reach)));
+}
+
+/** Length of the bar that shows a standard deviation, 0 to 1, logarithmic from 0.1 % of the span of the values to all. */
+function bars(own: Table): (number | null)[] {
+  if (own.deviation === null) return own.values.map(() => null);
+  const [low, high] = extent(own.values);
+  const span = high - low || Math.abs(high) || 1;
+  return own.deviation.map((value) => (value === null ? 1 : value <= 0 ? 0 : Math.max(0, Math.min(1, 1 + Math.log10(value / span) / 3))));
+}
+
+export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
+  const [nx, ny] = size(own);
+  const values = shownValues(own, shown.mode);
+  const decimals = shown.mode === "percent" ? 1 : tableDecimals(values.map((v) => Number(v.toPrecision(4))));
+  const backgrounds = colours(shown.mode, values);
+  const deviations = shown.deviation ? bars(own) : null;
+  const chosen = selection.value;
+  const locked = new Set(own.locked);
+  const typed = useSignal<string | null>(null);
+  const body = useRef<HTMLTableElement>(null);
+  const xText = labels(own.axes[0]?.points ?? [0]);
+  const yText = labels(own.axes[1]?.points ?? [0]);
+
+  useEffect(() => {
+    body.current?.querySelector<HTMLElement>(".active")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+  }, [chosen]);
+
+  const pick = (event: MouseEvent) => {
+    const cell = (event.target as HTMLElement).closest<HTMLElement>("td[data-cell]");
+    if (cell === null) return;
+    const [i, j] = cell.dataset.cell!.split(",").map(Number) as [number, number];
+    if (event.buttons !== 1) return;
+    if (event.type === "mousedown" && !event.shiftKey) {
+      selection.value = { x: [i, i], y: [j, j], active: [i, j] };
+      typed.value = null;
+    } else {
+      const [a, b] = selection.value.active;
+      selection.value = { x: [Math.min(a, i), Math.max(a, i)], y: [Math.min(b, j), Math.max(b, j)], active: [a, b] };
+    }
+  };
+
+  const apply = (edit: Edit) => {
+    const cells = cellsOf(own, selection.value).filter((cell) => !locked.has(cell));
+    const next = editCells(own, selection.value, cells, edit);
+    if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
+  };
+
+  const key = (event: KeyboardEvent) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const moves: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1], Home: [-nx, 0], End: [nx, 0], PageUp: [0, -ny], PageDown: [0, ny] };
+    const move = moves[event.key];
+    const text = typed.value;
+    if (move !== undefined) {
+      step(own, move, event.shiftKey);
+      typed.value = null;
+    } else if (event.key === "Enter" && text !== null) {
+      const edit = readEdit(text);
+      typed.value = null;
+      if (edit !== null) apply(edit);
+    } else if (event.key === "Escape") typed.value = null;
+    else if (event.key === "Backspace" && text !== null) typed.value = text.slice(0, -1) || null;
+    else if (text === null && (event.key === "+" || event.key === "-")) apply({ kind: "step", title: event.key === "+" ? "raised" : "lowered", amount: (event.key === "+" ? 1 : -1) * (event.shiftKey ? 10 : 1) });
+    else if (text === null && event.key === "i") apply({ kind: "interpolate", title: "interpolated" });
+    else if (text === null && event.key === "s") apply({ kind: "smooth", title: "smoothed" });
+    else if (text === null && event.key === "Delete") apply({ kind: "reference", title: "set to the reference" });
+    else if (/^[\d.,=*/+\-eE]$/.test(event.key)) typed.value = (text ?? "") + event.key;
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  };
+
+  return (
+    <table class={`grid ${shown.deviation && own.deviation ? "spread" : ""}`} ref={body} tabIndex={0} role="grid" aria-label={`Values of ${own.name}`}
+      onMouseDown={pick} onMouseOver={pick} onKeyDown={key} onCopy={(event) => copy(event, own)} onPaste={(event) => paste(event, own)}>
+      <colgroup><col class="c0" />{xText.map(() => <col />)}</colgroup>
+      <tbody>
+        <tr>
+          <th class="corner" title={cornerTitle(own)}>{corner(own)}</th>
+          {xText.map((text, i) => <th class={i === chosen.active[0] ? "at" : ""}>{text}</th>)}
+        </tr>
+        {yText.map((text, j) => (
+          <tr>
+            <th class={j === chosen.active[1] ? "at" : ""}>{own.axes.length > 1 ? text : own.unit || "value"}</th>
+            {xText.map((_, i) => {
+              const at = cellAt(own, i, j);
+              const active = i === chosen.active[0] && j === chosen.active[1];
+              return (
+                <td data-cell={`${i},${j}`} class={cellClass(own, shown, chosen, locked, i, j, at)} title={cellTitle(own, at)}
+                  style={{ "--c": backgrounds[at], "--s": String(deviations?.[at] ?? 0) }}>
+                  {active && typed.value !== null ? typed.value : shown.mode === "value" ? fixed(values[at]!, decimals) : signedFixed(values[at]!, decimals)}
+                  {own.values[at] !== own.reference[at] && <i />}
+                </td>
+              );
+            })}
+          </tr>
+        ))}
+      </tbody>
+    </table>
+  );
+}
+
+const signedFixed = (value: number, decimals: number): string => (value > 0 && Number(value.toFixed(decimals)) ? "+" : "") + fixed(value, decimals);
+
+function labels(points: number[]): string[] {
+  const decimals = tableDecimals(points.map((p) => Number(p.toPrecision(5))));
+  return points.map((point) => fixed(point, decimals));
+}
+
+function corner(own: Table): string {
+  const [x, y] = own.axes;
+  if (!y) return x?.unit ?? "";
+  return `${y.unit || y.input} \\ ${x?.unit || x?.input}`;
+}
+
+const cornerTitle = (own: Table): string => (own.axes[1] ? `${own.axes[1].input} over ${own.axes[0]?.input}` : (own.axes[0]?.input ?? ""));
+
+function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, i: number, j: number, at: number): string {
+  const inside = i >= chosen.x[0] && i <= chosen.x[1] && j >= chosen.y[0] && j <= chosen.y[1];
+  const single = chosen.x[0] === chosen.x[1] && chosen.y[0] === chosen.y[1];
+  return [
+    inside && !single ? "s" : "",
+    inside && !single && i === chosen.x[0] ? "sl" : "",
+    inside && !single && i === chosen.x[1] ? "sr" : "",
+    inside && !single && j === chosen.y[0] ? "st" : "",
+    inside && !single && j === chosen.y[1] ? "sb" : "",
+    i === chosen.active[0] && j === chosen.active[1] ? "active" : "",
+    shown.empty && own.samples?.[at] === 0 ? "nd" : "",
+    locked.has(at) ? "lock" : "",
+    own.values[at] !== own.reference[at] ? "changed" : "",
+  ].filter(Boolean).join(" ");
+}
+
+function cellTitle(own: Table, at: number): string {
+  const deviation = own.deviation?.[at];
+  return [
+    `${significant(own.values[at]!, 6)} ${own.unit}`,
+    own.values[at] === own.reference[at] ? "" : `reference ${significant(own.reference[at]!, 6)}`,
+    deviation === undefined ? "" : deviation === null ? "undetermined" : `standard deviation ${significant(deviation, 3)}`,
+    own.samples === null ? "" : `${own.samples[at]} samples`,
+  ].filter(Boolean).join("\n");
+}
+
+function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
+  const [nx, ny] = size(own);
+  const { x, y, active } = selection.value;
+  const clamp = (value: number, count: number) => Math.max(0, Math.min(count - 1, value));
+  if (!extend) {
+    const [i, j] = [clamp(active[0] + dx, nx), clamp(active[1] + dy, ny)];
+    selection.value = { x: [i, i], y: [j, j], active: [i, j] };
+    return;
+  }
+  const far = (range: [number, number], at: number, by: number, count: number): [number, number] => {
+    const moved = clamp((range[0] === at ? range[1] : range[0]) + by, count);
+    return [Math.min(at, moved), Math.max(at, moved)];
+  };
+  selection.value = { x: far(x, active[0], dx, nx), y: far(y, active[1], dy, ny), active };
+}
+
+/** Read what was typed: a number, `=5`, `*1,1`, `/2`, `+3`. */
+function readEdit(text: string): Edit | null {
+  const operator = /^[=*/+]/.test(text) ? text[0]! : "=";
+  const number = parseNumber(/^[=*/+]/.test(text) ? text.slice(1) : text);
+  if (number === null) return null;
+  if (operator === "*") return { kind: "scale", title: `times ${number}`, amount: number };
+  if (operator === "/") return { kind: "scale", title: `divided by ${number}`, amount: 1 / number };
+  if (operator === "+") return { kind: "add", title: `raised by ${number}`, amount: number };
+  return { kind: "set", title: `set to ${number}`, amount: number };
+}
+
+function copy(event: ClipboardEvent, own: Table): void {
+  const { x, y } = selection.value;
+  const rows: string[] = [];
+  for (let j = y[0]; j <= y[1]; j++) {
+    const row: string[] = [];
+    for (let i = x[0]; i <= x[1]; i++) row.push(String(own.values[cellAt(own, i, j)]));
+    rows.push(row.join("\t"));
+  }
+  event.clipboardData?.setData("text/plain", rows.join("\n"));
+  event.preventDefault();
+}
+
+function paste(event: ClipboardEvent, own: Table): void {
+  const text = event.clipboardData?.getData("text/plain") ?? "";
+  const rows = text.replace(/\r/g, "").replace(/\n$/, "").split("\n").map((row) => row.split("\t").map(parseNumber));
+  const { x, y } = selection.value;
+  const [nx, ny] = size(own);
+  const cells: number[] = [];
+  const values: number[] = [];
+  rows.forEach((row, j) => row.forEach((value, i) => {
+    if (value === null || x[0] + i >= nx || y[0] + j >= ny) return;
+    cells.push(cellAt(own, x[0] + i, y[0] + j));
+    values.push(value);
+  }));
+  event.preventDefault();
+  if (!cells.length) return;
+  setValues(cells, values, `Pasted ${cells.length} values into ${own.name}`);
+  selection.value = { x: [x[0], Math.min(nx - 1, x[0] + rows[0]!.length - 1)], y: [y[0], Math.min(ny - 1, y[0] + rows.length - 1)], active: [x[0], y[0]] };
+}

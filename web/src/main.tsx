@@ -1,0 +1,44 @@
+// The page: connects to the server, shows the screen of the present step, and listens to keys.
+
+import { render, type JSX } from "preact";
+import { shortcut } from "./commands";
+import { connect, listen } from "./connection";
+import { Header, Rail } from "./frame";
+import { Overlays } from "./overlays";
+import { Data } from "./screens/data";
+import { Function } from "./screens/function";
+import { Optimization } from "./screens/optimization";
+import { Parameters } from "./screens/parameters";
+import { Plots } from "./screens/plots";
+import { Results } from "./screens/results";
+import { Start } from "./screens/start";
+import { connected, screen, state, takeState, type Screen } from "./store";
+import "./style.css";
+import "./screens/data.css";
+import "./screens/function.css";
+import "./screens/optimization.css";
+import "./screens/parameters.css";
+import "./screens/plots.css";
+import "./screens/results.css";
+import "./screens/start.css";
+
+const before = state.value;
+
+const SHOWN: Record<Screen, () => JSX.Element> = {
+  data: Data, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
+};
+
+function Page() {
+  const Shown = SHOWN[screen.value];
+  return <><Header /><Rail /><Shown /><Overlays /></>;
+}
+
+listen("state", (reply) => {
+  const first = state.value === before;
+  takeState(reply);
+  if (first && state.value.project === null) screen.value = "start";
+});
+connect((on) => { connected.value = on; });
+addEventListener("keydown", shortcut);
+if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement.dataset.theme = "dark";
+render(<Page />, document.body);

@@ -1,0 +1,79 @@
+// What lies over the page: the command palette, the list of keys, and notices that ask for a decision.
+
+import { useSignal } from "@preact/signals";
+import { COMMANDS, overlay, searchable } from "./commands";
+import { Icon } from "./icons";
+import { request, state } from "./store";
+
+export function Overlays() {
+  return (
+    <>
+      <Notices />
+      {overlay.value === "palette" && <Palette />}
+      {overlay.value === "keys" && <Keys />}
+    </>
+  );
+}
+
+function Veil() {
+  return <div class="veil" onClick={() => { overlay.value = ""; }} />;
+}
+
+function Palette() {
+  const text = useSignal("");
+  const chosen = useSignal(0);
+  const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const found = searchable().filter((command) => words.every((word) => command.title.toLowerCase().includes(word))).slice(0, 12);
+  const run = (index: number) => {
+    overlay.value = "";
+    found[index]?.run();
+  };
+  const key = (event: KeyboardEvent) => {
+    if (event.key === "ArrowDown") chosen.value = Math.min(found.length - 1, chosen.value + 1);
+    else if (event.key === "ArrowUp") chosen.value = Math.max(0, chosen.value - 1);
+    else if (event.key === "Enter") run(chosen.value);
+    else return;
+    event.preventDefault();
+  };
+  return (
+    <>
+      <Veil />
+      <div class="over palette" role="dialog" aria-label="Find or do">
+        <label class="field big"><Icon name="find" kind="q" /><input ref={(element) => element?.focus()} aria-label="Command or parameter" placeholder="Find a parameter, or do something" value={text.value} onInput={(event) => { text.value = event.currentTarget.value; chosen.value = 0; }} onKeyDown={key} /></label>
+        <div role="listbox">{found.map((command, k) => <button class={`entry ${k === chosen.value ? "on" : ""}`} role="option" aria-selected={k === chosen.value} onMouseEnter={() => { chosen.value = k; }} onClick={() => run(k)}><span>{command.title}</span><span>{command.keys.map((each) => <kbd>{each}</kbd>)}</span></button>)}</div>
+        {found.length === 0 && <p class="pad q">Nothing is called so.</p>}
+      </div>
+    </>
+  );
+}
+
+const GROUPS: [string, [string[], string][]][] = [
+  ["Table", [[["←", "→", "↑", "↓"], "move"], [["Shift", "arrows"], "select"], [["Enter"], "set all selected"], [["+", "−"], "small step, with Shift a large one"], [["=", "*", "/"], "arithmetic: *1,1"], [["i"], "interpolate"], [["s"], "smooth"], [["Del"], "back to the reference"], [["Ctrl", "C"], "copy, and Ctrl V paste, as in Excel"]]],
+  ["Plots", [[["Z"], "zoom by dragging"], [["R"], "measure a range"], [["B"], "brush: light up what a stretch passes"], [["W"], "whole recording"], [["Backspace"], "back"], [["←", "→"], "move"], [["↑", "↓"], "closer, wider"], [["Esc"], "no selection"]]],
+  ["Surface", [[["drag"], "a point up or down; the ground turns"], [["double click"], "home"]]],
+];
+
+function Keys() {
+  return (
+    <>
+      <Veil />
+      <div class="over keys" role="dialog" aria-label="Keys">
+        <div class="head"><h2>Keys</h2><span class="right"><button class="btn bare small" onClick={() => { overlay.value = ""; }}>Close</button></span></div>
+        <div class="columns">
+          <section><h3>Everywhere</h3>{COMMANDS.filter((c) => c.keys.length).map((c) => <p>{c.keys.map((each) => <kbd>{each}</kbd>)} <span>{c.title}</span></p>)}<p><kbd>Ctrl</kbd><kbd>K</kbd> <span>Find or do</span></p></section>
+          {GROUPS.map(([title, rows]) => <section><h3>{title}</h3>{rows.map(([keys, text]) => <p>{keys.map((each) => <kbd>{each}</kbd>)} <span>{text}</span></p>)}</section>)}
+        </div>
+      </div>
+    </>
+  );
+}
+
+function Notices() {
+  const { changedOnDisk, recoverable } = state.value;
+  return (
+    <div class="notices" role="status">
+      {recoverable && <div class="note warn"><span class="grow">Kennfeld ended without saving. Its edits were kept.</span><button class="btn small" onClick={() => request("recover")}>Recover</button><button class="btn bare small" onClick={() => request("recover", { discard: true })}>Discard</button></div>}
+      {changedOnDisk && <div class="note warn" id="changed-on-disk"><span class="grow">Another program has changed the files of this project.</span><button class="btn small" onClick={() => request("reload")}>Show the change</button></div>}
+    </div>
+  );
+}

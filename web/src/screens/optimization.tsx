@@ -1,0 +1,165 @@
+// The optimization: what is fitted and how, the check before the run, and its progress.
+
+import { effect, signal } from "@preact/signals";
+import { newest } from "../connection";
+import { area, line, ticks, type Pen } from "../drawing/canvas";
+import { token } from "../drawing/colours";
+import { MISSING, count, significant } from "../drawing/numbers";
+import { ChoiceField, NumberField } from "../fields";
+import { Footer, Key } from "../frame";
+import { Icon } from "../icons";
+import { Picture, drawCurves, drawGrid } from "../instruments/picture";
+import { open, request, screen, state } from "../store";
+
+interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
+interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
+interface Progress { starts: Start[]; tables: Small[]; lines: Record<string, Float32Array> }
+
+const progress = signal<Progress>({ starts: [], tables: [], lines: {} });
+const quantity = signal<"rmse" | "cost">("rmse");
+
+const load = newest(async (_: number) => {
+  const reply = await request("progress");
+  if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], lines: reply.arrays };
+});
+
+effect(() => {
+  const { job, revision, project } = state.value;
+  if (screen.value === "optimization" && project !== null) load(job.iterations + revision);
+});
+
+export function Optimization() {
+  const { job } = state.value;
+  const running = job.state === "running" || job.state === "stopping";
+  return (
+    <>
+      <main class="optimization">
+        <Settings />
+        <section class="pane prog">
+          <div class="pl">
+            <b class="acc" id="progress">{running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}</b>
+            <span class="cut">{job.message}</span>
+            <span class="right q">{job.iterations ? `${count(job.iterations)} steps, ${job.seconds.toFixed(2)} s` : ""}</span>
+          </div>
+        </section>
+        <section class="pane cost">
+          <div class="head"><h2>{quantity.value === "rmse" ? "RMSE of the training data" : "Cost"}</h2><span class="sub">against iteration</span><span class="right"><span class="seg tight"><button aria-pressed={quantity.value === "rmse"} onClick={() => { quantity.value = "rmse"; }}>RMSE</button><button aria-pressed={quantity.value === "cost"} onClick={() => { quantity.value = "cost"; }}>cost</button></span></span></div>
+          {progress.value.starts.length ? <Picture label="Course of the search" kind="body" draw={drawCourse} of={[progress.value, quantity.value]} /> : <p class="pad q">The course of the search appears here. <button class="btn small" onClick={() => request("run")}>Run</button></p>}
+        </section>
+        <Starts />
+        <section class="pane mv">
+          <div class="head"><h2>Tables</h2><span class="sub">{running ? "best so far, twice a second" : "now"}</span></div>
+          <div class="mmg">{progress.value.tables.slice(0, 4).map((each) => <SmallTable own={each} />)}</div>
+        </section>
+      </main>
+      <Footer><Key keys={["F5"]} text="run" /><Key keys={["Shift", "F5"]} text="stop and keep the best" /></Footer>
+    </>
+  );
+}
+
+function Settings() {
+  const { parameters, freeValues, findings, criteria, datasets } = state.value;
+  const remarks = findings.filter((f) => f.severity !== "remark");
+  const samples = (use: string) => datasets.filter((d) => d.use === use).reduce((sum, d) => sum + d.samples, 0);
+  return (
+    <section class="pane cfg">
+      <div class="head"><h2>Free parameters</h2><span class="sub">{count(freeValues)} values</span></div>
+      <table class="list">
+        <thead><tr><th /><th>parameter</th><th class="num">values</th><th>unit</th><th class="num">without data</th></tr></thead>
+        <tbody>
+          {parameters.map((p) => (
+            <tr data-parameter={p.name} onClick={() => { open(p.name); screen.value = "parameters"; }}>
+              <td><span class={`tick ${p.free ? "on" : ""}`}>{p.free && <Icon name="done" />}</span></td>
+              <td><b>{p.name}</b></td><td class="num">{p.shape.reduce((a, b) => a * b, 1)}</td><td class="q">{p.unit}</td><td class="num q">{p.withoutData || MISSING}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+      <div class="head mid"><h2>Criteria</h2></div>
+      <table class="list"><thead><tr><th>node</th><th>follows</th><th class="num">weight</th><th>loss</th></tr></thead><tbody>{criteria.map((c, k) => <tr><td><b>{c.node}</b></td><td class="mono ink">{c.target}</td><td class="num"><NumberField path={["criterion", k + 1, "weight"]} label={`Weight of ${c.node}`} placeholder="1" width={48} /></td><td><ChoiceField path={["criterion", k + 1, "loss"]} label={`Loss of ${c.node}`} help="huber and soft_l1 reduce the influence of outliers." options={["square", "huber", "soft_l1"]} width={76} /></td></tr>)}</tbody></table>
+      <div class="head mid"><h2>Search</h2></div>
+      <div class="opts">
+        <label class="o"><span class="q">Starts</span><NumberField path={["optimizer", "starts"]} label="Starts" help="Number of starts: the first from the present values, the others spread around it." placeholder="1" /></label>
+        <label class="o"><span class="q">Seed</span><NumberField path={["optimizer", "seed"]} label="Seed" help="Seed of the spread of the starts." placeholder="0" /></label>
+        <label class="o"><span class="q">Continuation</span><ChoiceField path={["optimizer", "continuation"]} label="Continuation" help="Also descend on smoothed lookups, which finds better minima." options={["auto", "off"]} /></label>
+        <label class="o"><span class="q">Iterations, at most</span><NumberField path={["optimizer", "max_iterations"]} label="Iterations, at most" placeholder="200" /></label>
+        <label class="o"><span class="q">Method</span><ChoiceField path={["optimizer", "method"]} label="Method" help="The global search needs no derivatives; for few values." options={["gauss-newton", "global"]} width={108} /></label>
+        <label class="o"><span class="q">Tolerance</span><NumberField path={["optimizer", "tolerance"]} label="Tolerance" help="Relative change of the cost at which a descent ends." placeholder="1e-8" /></label>
+      </div>
+      <div class="head mid"><h2>Check before the run</h2><span class="right">{remarks.length > 0 && <span class="tag w">{remarks.length} message{remarks.length > 1 ? "s" : ""}</span>}</span></div>
+      <div class="cks">
+        <div class="ck g"><Icon name="done" /><span class="grow">{count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters; {count(samples("training"))} training and {count(samples("test"))} test samples</span></div>
+        {findings.map((f) => <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}><Icon name={f.severity === "remark" ? "find" : "warning"} /><span class="grow">{f.text}</span>{f.severity !== "remark" && <button class="btn small" onClick={() => { screen.value = f.screen; }}>Show</button>}</div>)}
+      </div>
+    </section>
+  );
+}
+
+function Starts() {
+  const best = Math.min(...progress.value.starts.map((row) => row.cost ?? Infinity));
+  return (
+    <section class="pane sts">
+      <div class="head"><h2>Starts</h2><span class="sub">the first from the present values, the others spread around it</span></div>
+      <table class="list">
+        <thead><tr><th class="num">start</th><th>state</th><th>stage</th><th class="num">iterations</th><th class="num">cost before</th><th class="num">cost</th><th class="num">RMSE</th><th class="num">time</th><th /></tr></thead>
+        <tbody>
+          {progress.value.starts.map((row) => (
+            <tr class={row.cost === best ? "on" : ""}>
+              <td class="num">{row.start}</td><td><span class={`tag ${row.state === "converged" ? "g" : row.state === "running" ? "t" : "w"}`}>{row.state}</span></td><td class="q">{row.state === "running" ? row.stage : ""}</td>
+              <td class="num">{row.iterations}</td><td class="num q">{cost(row.before)}</td><td class="num ink">{cost(row.cost)}</td><td class="num ink">{row.rmse === null ? MISSING : significant(row.rmse, 5)}</td><td class="num">{row.seconds.toFixed(2)} s</td><td>{row.cost === best && progress.value.starts.length > 1 ? <b class="good">best</b> : ""}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </section>
+  );
+}
+
+const cost = (value: number | null): string => (value === null ? MISSING : significant(value, 5));
+
+/** Logarithmic: an iteration at the start changes more than a thousand at the end. */
+function drawCourse(pen: Pen, width: number, height: number): void {
+  const lines = progress.value.starts.map((row) => progress.value.lines[`${quantity.value} ${row.start}`] ?? new Float32Array());
+  const [low, high] = [Math.min(...lines.flatMap((l) => [...l].filter((v) => v > 0))), Math.max(...lines.flatMap((l) => [...l].filter(Number.isFinite)))];
+  if (!(high > 0 && low > 0)) return;
+  const box = { left: 56, right: width - 60, top: 10, bottom: height - 36 };
+  const scale = (value: number) => Math.log10(value);
+  const range = [scale(low) - 0.03 * (scale(high) - scale(low) + 0.01), scale(high) + 0.03 * (scale(high) - scale(low) + 0.01)] as const;
+  const most = Math.max(2, ...lines.map((l) => l.length));
+  const plot = area(pen, box, [0, most], range, { yTicks: [], title: "iteration", xTicks: ticks(0, most, 8) });
+  pen.fillStyle = token("quiet");
+  pen.textAlign = "right";
+  pen.textBaseline = "middle";
+  const marks = [0, 0.25, 0.5, 0.75, 1].map((share) => 10 ** (range[0] + share * (range[1] - range[0])));
+  for (const mark of marks) {
+    const y = Math.round(plot.y(scale(mark))) + 0.5;
+    pen.fillText(significant(mark, 3), box.left - 5, y);
+    pen.strokeStyle = token("grid");
+    pen.beginPath();
+    pen.moveTo(box.left, y);
+    pen.lineTo(box.right, y);
+    pen.stroke();
+  }
+  progress.value.starts.forEach((row, k) => {
+    const values = lines[k]!;
+    const colour = token(row.state === "running" ? "model" : progress.value.starts.length > 1 ? "before" : "model");
+    const xs = Float64Array.from(values, (_, i) => plot.x(i + 1));
+    line(pen, xs, Float64Array.from(values, (v) => plot.y(scale(v))), colour, 1.4);
+    if (!values.length) return;
+    pen.fillStyle = colour;
+    pen.beginPath();
+    pen.arc(xs[xs.length - 1]!, plot.y(scale(values[values.length - 1]!)), 3.5, 0, 7);
+    pen.fill();
+    pen.textAlign = "left";
+    pen.textBaseline = "bottom";
+    pen.fillText(progress.value.starts.length > 1 ? `start ${row.start}` : "", xs[xs.length - 1]! + 6, plot.y(scale(values[values.length - 1]!)) - 3);
+  });
+}
+
+function SmallTable({ own }: { own: Small }) {
+  const draw = (pen: Pen, width: number, height: number) => {
+    if (own.ends.length === 2) drawGrid(pen, width, height, { x: own.ends[0]!, y: own.ends[1]!, values: own.values });
+    else if (own.ends.length === 1) drawCurves(pen, width, height, own.ends[0]!, own.start.flat(), own.values.flat());
+  };
+  return <div class="mm"><div class="mt"><b>{own.name}</b><span class="q">{own.unit}</span></div><Picture label={own.name} draw={draw} of={[own]} /></div>;
+}

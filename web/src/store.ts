@@ -1,0 +1,194 @@
+// What the page shows: the server's state, and what only this page knows, such as the open screen.
+
+import { batch, computed, signal } from "@preact/signals";
+import { ask, newest, setReady, type Reply } from "./connection";
+import { themeChanged } from "./drawing/colours";
+
+export interface Score {
+  criterion: string;
+  use: "training" | "test";
+  unit: string;
+  samples: number;
+  rmse: number | null;
+  before: number | null;
+  last: number | null;
+  mean: number | null;
+  largest: number | null;
+}
+
+export interface Parameter {
+  name: string;
+  kind: "scalar" | "block" | "curve" | "map" | "cube" | "rbf";
+  unit: string;
+  description: string;
+  shape: number[];
+  free: boolean;
+  changed: number;
+  atBound: number;
+  withoutData: number;
+  thumbnail: number[][];
+}
+
+export interface Finding {
+  severity: "error" | "warning" | "remark";
+  text: string;
+  screen: Screen;
+  file: string;
+  line: number;
+  column: number;
+  path: string; // within the file: `[model] step`
+}
+
+export interface Dataset {
+  name: string;
+  use: "training" | "test";
+  samples: number;
+  timed: boolean;
+  begin: number;
+  end: number;
+  pieces: number[];
+  channels: { name: string; unit: string }[];
+}
+
+export interface AppState {
+  project: { name: string; path: string } | null;
+  revision: number;
+  unsaved: string[];
+  undo: string;
+  redo: string;
+  scores: Score[];
+  findings: Finding[];
+  job: { state: string; message: string; seconds: number; run: number; iterations: number };
+  parameters: Parameter[];
+  freeValues: number;
+  datasets: Dataset[];
+  criteria: { node: string; target: string; unit: string }[];
+  inputs: string[];
+  nodes: { name: string; unit: string }[];
+  runs: { number: number; status: string }[];
+  seconds: number;
+  changedOnDisk: boolean;
+  recoverable: boolean;
+}
+
+export interface Axis {
+  input: string;
+  unit: string;
+  points: number[];
+}
+
+/** A parameter as the editor shows it; arrays are in C order: `values[i * ny + j]` is at x[i], y[j]. */
+export interface Table {
+  name: string;
+  kind: Parameter["kind"];
+  unit: string;
+  description: string;
+  axes: Axis[];
+  values: number[];
+  reference: number[];
+  deviation: (number | null)[] | null;
+  samples: number[] | null;
+  locked: number[];
+  lower: (number | null)[];
+  upper: (number | null)[];
+}
+
+export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "start"] as const;
+export type Screen = (typeof SCREENS)[number];
+
+const EMPTY: AppState = {
+  project: null, revision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [],
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
+  nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false,
+};
+
+export const state = signal<AppState>(EMPTY);
+export const connected = signal(false);
+export const screen = signal<Screen>("parameters");
+export const openName = signal("");
+export const table = signal<Table | null>(null);
+export const message = signal("");
+export const failure = signal("");
+export const theme = signal(document.documentElement.dataset.theme === "dark" ? "dark" : "light");
+
+/** The selected rectangle of the open table, by x and y index, and the cell that typing changes. */
+export interface Selection { x: [number, number]; y: [number, number]; active: [number, number] }
+export const selection = signal<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
+
+/** What the values are compared with: the last run, or the start. */
+export const referenceName = computed(() => { const last = state.value.runs.at(-1); return last === undefined ? "start" : `run ${last.number}`; });
+
+export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
+
+let dragging = "";
+
+/** Ask, and show the server's message if it refuses. */
+export async function request(question: string, given: Record<string, unknown> = {}): Promise<Reply | null> {
+  try {
+    const reply = await ask(question, given);
+    failure.value = "";
+    return reply;
+  } catch (error) {
+    failure.value = (error as Error).message;
+    return null;
+  }
+}
+
+/** Take over the state that the server pushed. */
+export function takeState(reply: Reply): void {
+  const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
+  const changed = next.revision !== state.value.revision;
+  batch(() => {
+    state.value = next;
+    if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";
+  });
+  if (changed && !dragging) void loadTable();
+  setReady();
+}
+
+export async function loadTable(): Promise<void> {
+  if (!openName.value) {
+    table.value = null;
+    return;
+  }
+  const reply = await request("table", { name: openName.value });
+  if (reply !== null) table.value = reply.head.table as Table;
+}
+
+export function open(name: string): void {
+  openName.value = name;
+  selection.value = { x: [0, 0], y: [0, 0], active: [0, 0] };
+  void loadTable();
+}
+
+/** Undo or redo, and say what. */
+export async function move(direction: "undo" | "redo"): Promise<void> {
+  const reply = await request(direction);
+  if (reply !== null && reply.head.title) message.value = `${direction === "undo" ? "Undone" : "Done again"}: ${reply.head.title}`;
+}
+
+export function toggleTheme(): void {
+  theme.value = theme.value === "dark" ? "light" : "dark";
+  document.documentElement.dataset.theme = theme.value;
+  themeChanged();
+}
+
+const sendValues = newest(async (edit: Record<string, unknown>) => {
+  await request("set-values", edit);
+});
+
+/** Set values of the open table: shown at once, recomputed by the server. `drag` joins the moves of one drag. */
+export function setValues(cells: number[], values: number[], title: string, drag = ""): void {
+  const own = table.value;
+  if (own === null) return;
+  const next = own.values.slice();
+  cells.forEach((cell, k) => { next[cell] = values[k]!; });
+  table.value = { ...own, values: next };
+  message.value = title;
+  dragging = drag;
+  sendValues({ name: own.name, cells, values, title, drag });
+}
+
+export function endDrag(): void {
+  dragging = "";
+}
