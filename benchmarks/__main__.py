@@ -18,6 +18,7 @@ TOPICS = {
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",
     "simulink": "benchmarks.drawn",
+    "app": "benchmarks.app",
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
 }
@@ -28,14 +29,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=main.__doc__)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"{', '.join(TOPICS)}; default: all")
     parser.add_argument("--cap", type=float, default=60.0, help="s after which a peer is stopped (default: 60)")
-    given = parser.parse_args(arguments)
-    unknown = [topic for topic in given.topics if topic not in TOPICS]
+    options = parser.parse_args(arguments)
+    unknown = [topic for topic in options.topics if topic not in TOPICS]
     if unknown:
         parser.error(f"{unknown[0]} is no topic; there are {', '.join(TOPICS)}")
     print(heading(), flush=True)
-    for topic in given.topics or TOPICS:
+    for topic in options.topics or TOPICS:
         run: Callable[[], list[Table]] = import_module(TOPICS[topic]).run
-        for table in (partial(run, given.cap) if topic in ("torque", "exhaust") else run)():
+        for table in (partial(run, options.cap) if topic in ("torque", "exhaust") else run)():
             print(f"\n{table}", end="", flush=True)
 
 

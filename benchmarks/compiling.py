@@ -23,7 +23,7 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
     "split": ("kennfeld.optimize.problem:split",),
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
-    "LLVM": ("kennfeld.native.kernel:compiled",),
+    "LLVM": ("kennfeld.native.kernel:compile_functions",),
     "data-only part": ("kennfeld.preprocessing.samples:_preparation",),
 }
 
@@ -106,17 +106,17 @@ def run() -> list[Table]:
     table = Table("compile: a generated formula with derivatives", (*columns, "threads", "cost"))
     for nodes, states in MODELS:
         runs: list[dict[str, Any]] = []
-        while len(runs) < REPEATS and sum(one.get("compile", SHORT) for one in runs) < SHORT:
+        while len(runs) < REPEATS and sum(outcome.get("compile", SHORT) for outcome in runs) < SHORT:
             runs.append(apart("benchmarks.compiling:measure", cores=1, nodes=nodes, states=states))
-        good = [one for one in runs if "error" not in one]
-        if not good:
+        completed = [outcome for outcome in runs if "error" not in outcome]
+        if not completed:
             table.add(f"about {nodes}", runs[0]["error"])
             continue
-        found = min(good, key=lambda one: one["parse"] + one["compile"])
+        fastest = min(completed, key=lambda outcome: outcome["parse"] + outcome["compile"])
         table.add(
-            *(str(found[name]) for name in ("nodes", "atoms", "states", "derivative")),
-            *(seconds(found[name]) for name in ("parse", *WATCHED)),
-            *(seconds(found["parse"] + found["compile"]), seconds(found["first"]), "1", f"{found['cost']:.6g}"),
+            *(str(fastest[name]) for name in ("nodes", "atoms", "states", "derivative")),
+            *(seconds(fastest[name]) for name in ("parse", *WATCHED)),
+            *(seconds(fastest["parse"] + fastest["compile"]), seconds(fastest["first"]), "1", f"{fastest['cost']:.6g}"),
         )
     table.notes = [
         "Budget: 5 000 nodes in at most 2 s, parse + compile.",

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from benchmarks.machine import load
-from benchmarks.processes import ran, timed
+from benchmarks.processes import run_command, time_commands
 from benchmarks.table import Table
 
 __all__ = ["run"]
@@ -25,9 +25,9 @@ def run() -> list[Table]:
             projects[f"torque{_drawn(project, layout)} ({layout})"] = project
         commands = {name: [str(_command()), "calibrate", str(project)] for name, project in projects.items()}
         for name, command in commands.items():
-            if wrong := ran(command):
-                raise RuntimeError(wrong)
-            timed(table, name, [command] * REPEATS)
+            if problem := run_command(command):
+                raise RuntimeError(problem)
+            time_commands(table, name, [command] * REPEATS)
     table.notes = [
         "Budget: a drawn function takes at most 1.2 times as long as the same formula. All end at the same values.",
         f"The shortest and the median of {REPEATS} runs from a warm disk, reports included. Load at the end {load()}.",
@@ -40,8 +40,8 @@ def _command() -> Path:
 
 
 def _demo(folder: Path) -> Path:
-    if wrong := ran([str(_command()), "demo", "torque", "--dir", str(folder)]):
-        raise RuntimeError(wrong)
+    if problem := run_command([str(_command()), "demo", "torque", "--dir", str(folder)]):
+        raise RuntimeError(problem)
     return folder / "load-only.toml"
 
 
@@ -69,6 +69,6 @@ def _axes(start: Path) -> str:
     values, names = read(start), {**AXES, "CurveEtaDeltaSpark": ("d",)}
     return "\n".join(
         f"{name} = {axis.breakpoints.tolist()};"
-        for table, given in names.items()
-        for name, axis in zip(given, values[table].axes, strict=True)
+        for table, axes in names.items()
+        for name, axis in zip(axes, values[table].axes, strict=True)
     )

@@ -8,8 +8,8 @@ from typing import Any
 from benchmarks.exhaust_problem import ExhaustProblem, problem
 from benchmarks.machine import load
 from benchmarks.measure import installed
-from benchmarks.processes import timed
-from benchmarks.race import HIGHER, REPEATS, Entrant, agreement, cells, reached, scaled_and_not, solved
+from benchmarks.processes import time_commands
+from benchmarks.race import HIGHER, REPEATS, Entrant, cells, compare_costs, run_entrant, scaled_and_not, times_to_cost
 from benchmarks.table import Table, seconds
 from kennfeld.project.demo.exhaust import NOISE, UNIT
 
@@ -29,28 +29,28 @@ ENTRANTS = (
 
 def run(cap: float = 60.0) -> list[Table]:
     """Check that the cost functions agree, then let everyone solve, the peers for at most `cap` s each."""
-    given = problem()
+    task = problem()
     modules = {"benchmarks.kennfeld_exhaust"} | ({"benchmarks.peers.exhaust_jax"} if installed("jax") else set())
-    agreed = agreement(given, modules)
-    found = {e.name: solved(e, given, given.test_rmse, cap) for e in ENTRANTS if installed(*e.packages)}
-    return [_table(found, given, agreed, cap), _processes()]
+    agreement = compare_costs(task, modules)
+    outcomes = {e.name: run_entrant(e, task, task.test_rmse, cap) for e in ENTRANTS if installed(*e.packages)}
+    return [_table(outcomes, task, agreement, cap), _processes()]
 
 
-def _table(found: dict[str, dict[str, Any]], given: ExhaustProblem, agreed: str, cap: float) -> Table:
-    ended = {name: one for name, one in found.items() if "error" not in one}
-    best = min(one["cost"] for one in ended.values())
+def _table(outcomes: dict[str, dict[str, Any]], task: ExhaustProblem, agreement: str, cap: float) -> Table:
+    completed = {name: outcome for name, outcome in outcomes.items() if "error" not in outcome}
+    best = min(outcome["cost"] for outcome in completed.values())
     columns = ("solver", "set-up", "solve", "median of", "to 0.1%", "threads", "cost", "RMSE, other drive", "remark")
-    title = f"exhaust: {given.drive.measured.size} samples with a state, {given.start.size} free values"
+    title = f"exhaust: {task.drive.measured.size} samples with a state, {task.start.size} free values"
     table = Table(title, columns)
     for entrant in ENTRANTS:
-        one = found.get(entrant.name)
-        if one is None or "error" in one:
-            table.add(entrant.name, *["-"] * 7, "missing" if one is None else one["error"])
+        outcome = outcomes.get(entrant.name)
+        if outcome is None or "error" in outcome:
+            table.add(entrant.name, *["-"] * 7, "missing" if outcome is None else outcome["error"])
         else:
-            table.add(entrant.name, *cells(one, best, [best * (1 + HIGHER)], UNIT))
+            table.add(entrant.name, *cells(outcome, best, [best * (1 + HIGHER)], UNIT))
     table.notes = [
-        agreed,
-        f"To 0.1%: until the cost is that close to the best of all, {best:.6g}. {_ratios(ended, best)}",
+        agreement,
+        f"To 0.1%: until the cost is that close to the best of all, {best:.6g}. {_ratios(completed, best)}",
         f"The noise of the thermometer is {NOISE:g} {UNIT}. A solver that ends more than {HIGHER:.1%} above the best "
         "stops higher.",
         "Variable projection uses that the model is linear in the map; the others do not. Its bounds hold for the time "
@@ -62,16 +62,15 @@ def _table(found: dict[str, dict[str, Any]], given: ExhaustProblem, agreed: str,
     return table
 
 
-def _ratios(ended: dict[str, dict[str, Any]], best: float) -> str:
-    """How many times the peers' times are those of Kennfeld, compiling included and not."""
-    times = {name: time for name, one in ended.items() if (time := reached(one, best * (1 + HIGHER))) is not None}
+def _ratios(completed: dict[str, dict[str, Any]], best: float) -> str:
+    """Compare the peers' times with those of Kennfeld, compiling included and not."""
+    times = times_to_cost(completed, best * (1 + HIGHER))
     own = times.get("Kennfeld")
     if own is None:
         return "Kennfeld does not get there."
-    whole = own + ended["Kennfeld"]["setup"]
+    whole = {name: time + completed[name].get("setup", 0.0) for name, time in times.items()}
     listed = [
-        f"{name} in {times[name] / own:.1f} times that ({(times[name] + ended[name].get('setup', 0.0)) / whole:.1f} "
-        "with set-up)"
+        f"{name} in {times[name] / own:.1f} times that ({whole[name] / whole['Kennfeld']:.1f} with set-up)"
         for name in sorted(times, key=lambda name: times[name])
         if name != "Kennfeld"
     ]
@@ -84,14 +83,14 @@ def _processes() -> Table:
     command = [sys.executable, "-m", "kennfeld"]
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        timed(
+        time_commands(
             table,
             "kennfeld demo exhaust",
             [[*command, "demo", "exhaust", "--dir", str(work / str(i))] for i in range(PROCESSES)],
         )
         project = str(work / "0" / "kennfeld.toml")
-        timed(table, "kennfeld calibrate (exhaust demo)", [[*command, "calibrate", project]] * PROCESSES)
-        timed(table, "kennfeld check (exhaust demo)", [[*command, "check", project]] * PROCESSES)
+        time_commands(table, "kennfeld calibrate (exhaust demo)", [[*command, "calibrate", project]] * PROCESSES)
+        time_commands(table, "kennfeld check (exhaust demo)", [[*command, "check", project]] * PROCESSES)
     table.notes = [
         "Budget: below 1 s. The demo simulates two drives and writes them before it calibrates.",
         f"The shortest and the median of {PROCESSES} runs. Load at the end {load()}.",

@@ -38,19 +38,19 @@ class Drive:
 
     @cached_property
     def basis(self) -> Float:
-        """What each value of the map adds to the settled temperature, shape (samples, values)."""
+        """Contribution of each value of the map to the settled temperature, shape (samples, values)."""
         return self.cells.matrix.toarray()
 
     @cached_property
     def slopes(self) -> Float:
-        """What each value of the curve adds to the time constant, shape (samples, values)."""
-        found = np.zeros((self.left.size, exhaust.start()[NAMES[1]].size))
+        """Contribution of each value of the curve to the time constant, shape (samples, values)."""
+        slopes = np.zeros((self.left.size, exhaust.start()[NAMES[1]].size))
         at = np.arange(self.left.size)
-        found[at, self.left], found[at, self.left + 1] = 1 - self.share, self.share
-        return found
+        slopes[at, self.left], slopes[at, self.left + 1] = 1 - self.share, self.share
+        return slopes
 
     def parts(self, curve: Float) -> Float:
-        """Which part of the way to its input the lag goes in each step."""
+        """Share of the way to its input that the lag covers in each step."""
         constant = curve[self.left] * (1 - self.share) + curve[self.left + 1] * self.share
         result: Float = self.step / (constant + self.step)
         result[0] = 1.0  # it begins at its input

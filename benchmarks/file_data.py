@@ -55,6 +55,6 @@ def write_csv(path: Path, rows: int = 1_000_000, columns: int = 20) -> None:
     from pyarrow import csv
 
     random = np.random.default_rng(2)
-    made = {"time": np.round(0.01 * np.arange(rows), 2)}
-    made |= {f"channel{i}": np.round(100 * random.normal(size=rows), 6) for i in range(columns - 1)}
-    csv.write_csv(pa.table(made), path)
+    columns_by_name = {"time": np.round(0.01 * np.arange(rows), 2)}
+    columns_by_name |= {f"channel{i}": np.round(100 * random.normal(size=rows), 6) for i in range(columns - 1)}
+    csv.write_csv(pa.table(columns_by_name), path)

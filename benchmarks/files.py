@@ -74,8 +74,8 @@ def _asammdf(path: str, work: str) -> Any:
 
     def frame() -> list[Any]:
         with MDF(path) as mdf:
-            made = mdf.to_dataframe(channels=list(CHANNELS), raster=RASTER, time_from_zero=False)
-            return [made[name].to_numpy() for name in made]
+            table = mdf.to_dataframe(channels=list(CHANNELS), raster=RASTER, time_from_zero=False)
+            return [table[name].to_numpy() for name in table]
 
     def select() -> list[Any]:
         with MDF(path) as mdf:
@@ -119,11 +119,11 @@ def measure(reader: str, path: str, **options: Any) -> dict[str, Any]:
     """Read a file several times in a process of its own; the first time begins with the imports."""
     began = time.perf_counter()
     work = READERS[reader](path, **options)
-    found = work()
+    arrays = work()
     first = time.perf_counter() - began
-    total = float(np.sum([np.nansum(np.asarray(values, dtype=np.float64)) for values in found]))
-    count = int(sum(np.size(values) for values in found))
-    found.clear()
+    total = float(np.sum([np.nansum(np.asarray(values, dtype=np.float64)) for values in arrays]))
+    count = int(sum(np.size(values) for values in arrays))
+    arrays.clear()
     gc.collect()
     before, durations = reset_peak(), []
     for _ in range(REPEATS):
@@ -189,9 +189,9 @@ def _row(table: Table, name: str, shown: str, reader: str, path: Path, package: 
     if package and not installed(package):
         table.add(name, shown, "-", "-", "-", "-", "-", "missing")
         return
-    found = apart("benchmarks.files:measure", reader=reader, path=str(path), **options)
-    if "error" in found:
-        table.add(name, shown, "-", "-", "-", "-", "-", found["error"])
+    outcome = apart("benchmarks.files:measure", reader=reader, path=str(path), **options)
+    if "error" in outcome:
+        table.add(name, shown, "-", "-", "-", "-", "-", outcome["error"])
         return
-    cells = seconds(found["best"]), seconds(found["first"]), megabytes(found["memory"]), str(found["values"])
-    table.add(name, shown, *cells, f"{found['sum']:.10g}")
+    cells = seconds(outcome["best"]), seconds(outcome["first"]), megabytes(outcome["memory"]), str(outcome["values"])
+    table.add(name, shown, *cells, f"{outcome['sum']:.10g}")

@@ -14,10 +14,10 @@ from benchmarks.measure import peak, repeated, reset_peak
 from kennfeld.dataset import Dataset
 from kennfeld.parameter_set import ParameterSet
 
-__all__ = ["measured"]
+__all__ = ["measure_iteration"]
 
 
-def measured(
+def measure_iteration(
     formula: str, target: str, node: str, parameters: ParameterSet, load: Callable[[int], Dataset]
 ) -> dict[str, Any]:
     """Durations and memory. `load(n)` gives the data, cut to n samples where n is not 0.
@@ -44,7 +44,7 @@ def measured(
         "free": ready.free,
         "bytes": size,
         "peak": peak() - before,
-        **{name: found["best"] for name, found in parts.items()},
+        **{name: times["best"] for name, times in parts.items()},
         "iteration": whole["best"],
         "median": whole["median"],
     }

@@ -8,15 +8,15 @@ from kennfeld.parameter_set import ParameterSet
 __all__ = ["cost_at", "solve"]
 
 
-def _parameters(given: TorqueProblem, values: Any) -> ParameterSet:
-    changed = [given.parameters[n].with_values(given.part(values, n)) for n in given.offsets]
-    return given.parameters.with_parameters(*changed)
+def _parameters(task: TorqueProblem, values: Any) -> ParameterSet:
+    changed = [task.parameters[n].with_values(task.part(values, n)) for n in task.offsets]
+    return task.parameters.with_parameters(*changed)
 
 
 def cost_at(points: list[list[float]]) -> dict[str, list[float]]:
     """The cost at given values, to compare it with the other tools'."""
-    given = problem()
-    return {"costs": [_run(_parameters(given, given.whole(point)), max_iterations=0).cost_before for point in points]}
+    task = problem()
+    return {"costs": [_run(_parameters(task, task.whole(point)), max_iterations=0).cost_before for point in points]}
 
 
 def _run(start: ParameterSet, seed: int = 0, **options: Any) -> Any:
@@ -38,14 +38,14 @@ def _run(start: ParameterSet, seed: int = 0, **options: Any) -> Any:
 
 def solve(continuation: str, seed: int = 0) -> dict[str, Any]:
     """Calibrate. The trace's seconds count from the end of compiling; stages on a smoothed model are left out."""
-    given = problem(seed)
-    result = _run(given.parameters, seed, continuation=continuation)
+    task = problem(seed)
+    result = _run(task.parameters, seed, continuation=continuation)
     compiled = result.seconds.compile
     exact = [line for line in result.trace if not line.stage.startswith("smooth")]
     return {
         "setup": compiled,
         "seconds": result.seconds.optimize,
-        "values": given.flat(result.parameters)[given.kept].tolist(),
+        "values": task.flat(result.parameters)[task.kept].tolist(),
         "trace": [(line.seconds - compiled, line.cost) for line in exact],
         "note": "" if result.converged else result.status,
         "evaluations": result.evaluations,

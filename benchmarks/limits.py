@@ -59,16 +59,16 @@ def run() -> list[Table]:
     """Without limits, and with some four hundred of which a third are active at the end."""
     columns = ("limits", "active at the end", "threads", "iterations", "evaluations", "optimize", "whole", "cost")
     table = Table("limits: 519 values of the torque problem, slopes of two maps limited", columns)
-    found = {}
+    fastest = {}
     for limited in (False, True):
         runs = [apart("benchmarks.limits:solve", cores=1, limited=limited) for _ in range(REPEATS)]
-        best = found[limited] = min(runs, key=lambda one: one["total"])
+        best = fastest[limited] = min(runs, key=lambda outcome: outcome["total"])
         table.add(
             *(str(best["limits"]), str(best["active"]), str(threads(1))),
             *(str(best["iterations"]), str(best["evaluations"])),
             *(seconds(best["optimize"]), seconds(best["total"]), f"{best['cost']:.6g}"),
         )
-    ratio = found[True]["total"] / found[False]["total"]
+    ratio = fastest[True]["total"] / fastest[False]["total"]
     table.notes = [
         f"Budget: below 3 times the run without limits; it took {ratio:.1f} times that.",
         f"The shortest of {REPEATS} runs, the second fit of its process. Load at the end {load()}.",

@@ -1,4 +1,4 @@
-"""What a benchmark ran on: the machine, its load, and the versions of what took part."""
+"""Environment of a benchmark: the machine, its load, and the versions of what took part."""
 
 import datetime
 import os

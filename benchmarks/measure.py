@@ -19,17 +19,17 @@ POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_M
 
 
 def threads(cores: int | None) -> int:
-    """How many threads a measurement on so many cores (None: all) may use."""
+    """Return the number of threads for a measurement on so many cores, None for all."""
     return cores or os.cpu_count() or 1
 
 
 def installed(*packages: str) -> bool:
-    """Whether all packages can be imported."""
+    """Return True if all packages can be imported."""
     return all(find_spec(package) is not None for package in packages)
 
 
 def apart(target: str, *, cores: int | None = None, timeout: float = 900.0, **arguments: Any) -> dict[str, Any]:
-    """What `module:function` returns in a fresh process, held to `cores` cores where the system can do that.
+    """Return the result of `module:function` in a fresh process, held to `cores` cores where the system can do that.
 
     Arguments and result pass as JSON. A process that fails or lasts longer than `timeout` gives {"error": a sentence}.
     """
@@ -45,29 +45,29 @@ def apart(target: str, *, cores: int | None = None, timeout: float = 900.0, **ar
         return {"error": f"did not end within {timeout:g} s"}
     if done.returncode:
         return {"error": (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]}
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    durations: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return durations
 
 
 def repeated(work: Callable[[], object], least: int = 3, lasting: float = 1.0, most: int = 50) -> dict[str, float]:
-    """Shortest and median duration of a call in s, called at least `least` times and for about `lasting` s."""
-    found: list[float] = []
-    while len(found) < least or (sum(found) < lasting and len(found) < most):
+    """Return the shortest and the median duration in s of at least `least` calls that take about `lasting` s."""
+    durations: list[float] = []
+    while len(durations) < least or (sum(durations) < lasting and len(durations) < most):
         began = time.perf_counter()
         work()
-        found.append(time.perf_counter() - began)
-    return {"best": min(found), "median": median(found), "runs": len(found)}
+        durations.append(time.perf_counter() - began)
+    return {"best": min(durations), "median": median(durations), "runs": len(durations)}
 
 
 def reset_peak() -> int:
-    """Forget the most memory this process had, and tell what it has now, in bytes."""
+    """Reset the peak memory of this process, and return its present memory in bytes."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     return _status("VmRSS")
 
 
 def peak() -> int:
-    """The most memory this process had since `reset_peak`, in bytes."""
+    """Return the peak memory of this process since `reset_peak`, in bytes."""
     return _status("VmHWM")
 
 

@@ -13,6 +13,7 @@ from benchmarks.machine import load
 from benchmarks.measure import apart, installed
 from benchmarks.nist_problem import DIGITS, Float, Regression, digits, read
 from benchmarks.table import Table, seconds
+from kennfeld.formatting import join_names
 
 __all__ = ["run", "solve"]
 
@@ -41,14 +42,14 @@ def run() -> list[Table]:
         if not installed(*packages):
             table.add(name, *["-"] * 4, "missing")
             continue
-        found = apart("benchmarks.nist:solve", cores=1, tool=tool, folder=str(folder.resolve()))
-        if "error" in found:
-            table.add(name, *["-"] * 4, found["error"])
+        outcome = apart("benchmarks.nist:solve", cores=1, tool=tool, folder=str(folder.resolve()))
+        if "error" in outcome:
+            table.add(name, *["-"] * 4, outcome["error"])
             continue
-        short = [f"{case} {number:.1f}" for case, number in found["digits"].items() if number < DIGITS]
-        reached = len(found["digits"]) - len(short)
-        cells = (f"{reached} of {len(found['digits'])}", seconds(found["seconds"]), "1", found["costs"])
-        table.add(name, *cells, ", ".join(short[:6]) + (f" and {len(short) - 6} more" if len(short) > 6 else ""))
+        short = [f"{case} {number:.1f}" for case, number in outcome["digits"].items() if number < DIGITS]
+        reached = len(outcome["digits"]) - len(short)
+        cells = (f"{reached} of {len(outcome['digits'])}", seconds(outcome["seconds"]), "1", outcome["costs"])
+        table.add(name, *cells, join_names(short, 6))
     table.notes = [
         "A problem counts where every parameter agrees with the certified one to 6 digits; beside those that do not "
         "stand the start and the digits reached.",
@@ -68,7 +69,7 @@ def solve(tool: str, folder: str) -> dict[str, Any]:
         "lmfit": _lmfit,
     }[tool]
     problems = [read(file) for file in sorted(Path(folder).glob("*.dat"))]
-    found, met = {}, 0
+    agreement, met = {}, 0
     began = 0.0
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -81,10 +82,10 @@ def solve(tool: str, folder: str) -> dict[str, Any]:
         }
         spent = time.perf_counter() - began
         for case, (problem, values) in answers.items():
-            found[case] = digits(values, problem.certified)
+            agreement[case] = digits(values, problem.certified)
             best = _cost(problem, problem.certified)
             met += bool(_cost(problem, values) <= best * (1 + 1e-6) + 1e-20)
-    return {"digits": found, "seconds": spent, "costs": f"{met} of {len(found)}"}
+    return {"digits": agreement, "seconds": spent, "costs": f"{met} of {len(agreement)}"}
 
 
 def _attempt(fit: Callable[[Regression, Float], Float], problem: Regression, start: Float) -> Float:
@@ -119,8 +120,8 @@ def _least_squares(method: str) -> Callable[[Regression, Float], Float]:
     def fit(problem: Regression, start: Float) -> Float:
         from scipy.optimize import least_squares
 
-        found = least_squares(lambda b: _predict(problem, b) - problem.columns["y"], start, method=method)
-        return np.asarray(found.x)
+        solution = least_squares(lambda b: _predict(problem, b) - problem.columns["y"], start, method=method)
+        return np.asarray(solution.x)
 
     return fit
 
@@ -138,7 +139,7 @@ def _lmfit(problem: Regression, start: Float) -> Float:
     import lmfit
 
     parameters = lmfit.create_params(**dict(zip(problem.names, start.tolist(), strict=True)))
-    found = lmfit.minimize(
+    solution = lmfit.minimize(
         lambda p: _predict(problem, np.array(list(p.valuesdict().values()))) - problem.columns["y"], parameters
     )
-    return np.array(list(found.params.valuesdict().values()))
+    return np.array(list(solution.params.valuesdict().values()))

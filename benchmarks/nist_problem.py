@@ -62,8 +62,8 @@ def _model(lines: list[str]) -> tuple[str, bool]:
     return right.strip(), "log" in left
 
 
-def digits(found: Float, certified: Float) -> float:
-    """How many digits of the worst parameter agree, at most 11, as many as are certified."""
+def digits(values: Float, certified: Float) -> float:
+    """Return the number of digits to which the worst parameter agrees, at most 11, as many as are certified."""
     with np.errstate(all="ignore"):
-        error = np.max(np.abs(found - certified) / np.abs(certified))
+        error = np.max(np.abs(values - certified) / np.abs(certified))
     return 0.0 if not np.isfinite(error) else float(np.clip(-np.log10(max(error, 1e-11)), 0.0, 11.0))

@@ -7,25 +7,25 @@ from collections.abc import Sequence
 from benchmarks.measure import threads
 from benchmarks.table import Table, seconds
 
-__all__ = ["ran", "timed"]
+__all__ = ["run_command", "time_commands"]
 
 
-def timed(table: Table, name: str, commands: Sequence[Sequence[str]]) -> None:
-    """A row with the shortest and the median time of some commands, or what went wrong with the first that failed."""
-    found = []
+def time_commands(table: Table, name: str, commands: Sequence[Sequence[str]]) -> None:
+    """Add a row with the shortest and the median time of some commands, or the problem of the first that failed."""
+    durations = []
     for command in commands:
         began = time.perf_counter()
-        wrong = ran(command)
-        found.append(time.perf_counter() - began)
-        if wrong:
-            table.add(name, "-", "-", "-", f"missing: {wrong}")
+        problem = run_command(command)
+        durations.append(time.perf_counter() - began)
+        if problem:
+            table.add(name, "-", "-", "-", f"missing: {problem}")
             return
-    found.sort()
-    table.add(name, seconds(found[0]), seconds(found[len(found) // 2]), str(threads(None)))
+    durations.sort()
+    table.add(name, seconds(durations[0]), seconds(durations[len(durations) // 2]), str(threads(None)))
 
 
-def ran(command: Sequence[str]) -> str:
-    """Run a command and say what went wrong; empty where nothing did."""
+def run_command(command: Sequence[str]) -> str:
+    """Run a command and return what went wrong; empty if nothing did."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

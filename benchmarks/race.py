@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 from benchmarks.measure import apart, threads
 from benchmarks.table import seconds
 
-__all__ = ["HIGHER", "REPEATS", "Entrant", "agreement", "cells", "reached", "scaled_and_not", "solved"]
+__all__ = [
+    "HIGHER",
+    "REPEATS",
+    "Entrant",
+    "cells",
+    "compare_costs",
+    "run_entrant",
+    "scaled_and_not",
+    "time_to_cost",
+    "times_to_cost",
+]
 
 Float = NDArray[np.float64]
 SHORT = 10.0  # s; what takes less is run again
@@ -19,7 +29,7 @@ HIGHER = 1e-3  # relative distance from the best cost at which a solver counts a
 AGREE = 1e-10
 
 
-class Given(Protocol):
+class Task(Protocol):
     """A problem: its start, and the cost that all solvers lower."""
 
     start: Float
@@ -42,7 +52,7 @@ class Entrant:
 
     @property
     def peer(self) -> bool:
-        """Whether it is not Kennfeld."""
+        """True for a solver other than Kennfeld."""
         return bool(self.packages)
 
     def capped(self, cap: float) -> dict[str, Any]:
@@ -59,10 +69,10 @@ def scaled_and_not(message: str, module: str, packages: tuple[str, ...], **argum
     )
 
 
-def agreement(given: Given, modules: Iterable[str]) -> str:
-    """How far the cost functions differ at the start and at a random point; raises where it is too far."""
-    points = [given.start, given.random()]
-    expected = np.array([given.cost(point) for point in points])
+def compare_costs(task: Task, modules: Iterable[str]) -> str:
+    """State how far the cost functions differ at the start and at a random point; raise if it is too far."""
+    points = [task.start, task.random()]
+    expected = np.array([task.cost(point) for point in points])
     worst = 0.0
     for module in sorted(modules):
         answer = apart(f"{module}:cost_at", points=[point.tolist() for point in points])
@@ -75,19 +85,20 @@ def agreement(given: Given, modules: Iterable[str]) -> str:
     return f"All cost functions agree to {worst:.0e} at the start and at a random point ({costs})."
 
 
-def solved(entrant: Entrant, given: Given, rmse: Callable[[Float], float], cap: float) -> dict[str, Any]:
-    """Runs on one thread and on all; those count that were faster, or that came lower in the time they had."""
-    found = [_fastest(entrant, cores, given, rmse, cap) for cores in (1, None)]
-    good = [one for one in found if "error" not in one]
-    if not good:
-        return found[0]
-    return min(good, key=lambda one: (one["seconds"] > cap, one["seconds"] if one["seconds"] < cap else one["cost"]))
+def run_entrant(entrant: Entrant, task: Task, rmse: Callable[[Float], float], cap: float) -> dict[str, Any]:
+    """Run a solver on one thread and on all; those count that were faster, or that came lower in the time they had."""
+    outcomes = [_fastest(entrant, cores, task, rmse, cap) for cores in (1, None)]
+    completed = [outcome for outcome in outcomes if "error" not in outcome]
+    if not completed:
+        return outcomes[0]
+    in_time = [outcome for outcome in completed if outcome["seconds"] < cap]
+    return min(in_time or completed, key=lambda outcome: outcome["seconds" if in_time else "cost"])
 
 
 def _fastest(
-    entrant: Entrant, cores: int | None, given: Given, rmse: Callable[[Float], float], cap: float
+    entrant: Entrant, cores: int | None, task: Task, rmse: Callable[[Float], float], cap: float
 ) -> dict[str, Any]:
-    """The fastest run, with the median of all runs beside it."""
+    """Return the fastest run, with the median of all runs beside it."""
     runs: list[dict[str, Any]] = []
     while len(runs) < REPEATS:
         runs.append(apart(entrant.target, cores=cores, timeout=60 + 3 * cap, **entrant.capped(cap)))
@@ -95,35 +106,41 @@ def _fastest(
             return runs[-1]
         if runs[-1]["seconds"] > SHORT:
             break
-    best = min(runs, key=lambda one: one["seconds"])
+    best = min(runs, key=lambda outcome: outcome["seconds"])
     values = np.array(best["values"])
     return best | {
-        "median": float(np.median([one["seconds"] for one in runs])),
+        "median": float(np.median([outcome["seconds"] for outcome in runs])),
         "runs": len(runs),
         "threads": threads(cores),
-        "cost": given.cost(values),
+        "cost": task.cost(values),
         "rmse": rmse(values),
     }
 
 
-def cells(one: dict[str, Any], best: float, goals: Sequence[float], unit: str) -> list[str]:
-    """The row of a solver: times to its end and to the costs `goals`, and what it reached beside the `best` cost."""
-    higher = one["cost"] / best - 1
-    remarks = [one["note"]] if one["note"] else []
+def cells(outcome: dict[str, Any], best: float, goals: Sequence[float], unit: str) -> list[str]:
+    """Return the row of a solver: times to its end and to the costs `goals`, its cost compared with the `best`."""
+    higher = outcome["cost"] / best - 1
+    remarks = [outcome["note"]] if outcome["note"] else []
     if higher > HIGHER:
         remarks.append(f"stops {higher:.1%} higher")
     return [
-        seconds(one.get("setup")),
-        seconds(one["seconds"]),
-        f"{seconds(one['median'])} ({one['runs']})",
-        *(seconds(reached(one, goal)) for goal in goals),
-        str(one["threads"]),
-        f"{one['cost']:.6g}",
-        f"{one['rmse']:.3f} {unit}",
+        seconds(outcome.get("setup")),
+        seconds(outcome["seconds"]),
+        f"{seconds(outcome['median'])} ({outcome['runs']})",
+        *(seconds(time_to_cost(outcome, goal)) for goal in goals),
+        str(outcome["threads"]),
+        f"{outcome['cost']:.6g}",
+        f"{outcome['rmse']:.3f} {unit}",
         "; ".join(remarks),
     ]
 
 
-def reached(one: dict[str, Any], goal: float) -> float | None:
-    """When a solver's cost came down to a goal; None where it never did."""
-    return next((at for at, cost in one["trace"] if cost <= goal), None)
+def times_to_cost(outcomes: dict[str, dict[str, Any]], goal: float) -> dict[str, float]:
+    """Return the time to a cost of each solver that gets there."""
+    times = {name: time_to_cost(outcome, goal) for name, outcome in outcomes.items()}
+    return {name: time for name, time in times.items() if time is not None}
+
+
+def time_to_cost(outcome: dict[str, Any], goal: float) -> float | None:
+    """Return when the cost of a solver came down to a goal, None if it never did."""
+    return next((at for at, cost in outcome["trace"] if cost <= goal), None)

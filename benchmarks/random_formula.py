@@ -67,7 +67,7 @@ def parameters(seed: int = 0) -> ParameterSet:
     """The tables and scalars of these texts."""
     draw = np.random.default_rng(seed)
     x, y = Axis(np.linspace(-3, 3, 9)), Axis(np.linspace(-2, 2, 7))
-    made: list[Parameter] = [Curve(f"C{i}", x, draw.normal(0, 0.5, 9)) for i in range(CURVES)]
-    made += [Map(f"M{i}", x, y, draw.normal(0, 0.5, (9, 7))) for i in range(MAPS)]
-    made += [Scalar(f"K{i}", draw.uniform(-1, 1)) for i in range(SCALARS)]
-    return ParameterSet(made)
+    tables: list[Parameter] = [Curve(f"C{i}", x, draw.normal(0, 0.5, 9)) for i in range(CURVES)]
+    tables += [Map(f"M{i}", x, y, draw.normal(0, 0.5, (9, 7))) for i in range(MAPS)]
+    tables += [Scalar(f"K{i}", draw.uniform(-1, 1)) for i in range(SCALARS)]
+    return ParameterSet(tables)

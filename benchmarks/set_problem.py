@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SETS", "Exhausted", "Given", "Problem", "problems"]
+__all__ = ["SETS", "CountedProblem", "Exhausted", "Problem", "problems"]
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -32,7 +32,7 @@ class _ComplexNumpy:
 
     @staticmethod
     def _complex(maker: Callable[..., Any]) -> Callable[..., Any]:
-        return lambda *given, **named: maker(*given, **({"dtype": np.complex128} | named))
+        return lambda *arguments, **named: maker(*arguments, **({"dtype": np.complex128} | named))
 
     def __init__(self) -> None:
         self.zeros, self.empty = self._complex(np.zeros), self._complex(np.empty)
@@ -78,18 +78,18 @@ class Problem:
 
     @cached_property
     def pattern(self) -> Bool:
-        """Which residual depends on which value: those that are not a number where the value is none.
+        """Dependence of each residual on each value: those that are not a number where the value is none.
 
         All, where there are few values; there a function may also branch on them.
         """
         if self.start.size <= FEW:
             return np.ones((self.residual(self.start).size, self.start.size), dtype=bool)
-        found = []
+        columns = []
         for number in range(self.start.size):
             without = self.start.copy()
             without[number] = np.nan
-            found.append(np.isnan(self.residual(without)))
-        return np.stack(found, axis=1)
+            columns.append(np.isnan(self.residual(without)))
+        return np.stack(columns, axis=1)
 
     @cached_property
     def groups(self) -> list[list[int]]:
@@ -107,17 +107,17 @@ class Problem:
 
     def jacobian(self, values: Float) -> Float:
         """Their derivatives, one group of values after the other stepped into the imaginary."""
-        found = np.zeros(self.pattern.shape)
+        derivatives = np.zeros(self.pattern.shape)
         with _complex_numpy():
             for group in self.groups:
                 stepped = values.astype(np.complex128)
                 stepped[group] += 1j * STEP
                 slopes = np.imag(self.function(stepped)) / STEP
-                found[:, group] = np.where(self.pattern[:, group], slopes[:, None], 0.0)
-        return found
+                derivatives[:, group] = np.where(self.pattern[:, group], slopes[:, None], 0.0)
+        return derivatives
 
 
-class Given:
+class CountedProblem:
     """A problem as a solver gets it: calls are counted, and the best values are kept."""
 
     def __init__(self, problem: Problem, cap: int) -> None:
@@ -134,12 +134,12 @@ class Given:
         if self.residuals >= self._cap:
             raise Exhausted
         self.residuals += 1
-        found = self._problem.residual(values)
-        self._last = np.array(values), found
-        cost = float(found @ found)
+        residual = self._problem.residual(values)
+        self._last = np.array(values), residual
+        cost = float(residual @ residual)
         if cost < self.best:
             self.best, self.values = cost, np.array(values)
-        return found.copy()
+        return residual.copy()
 
     def jacobian(self, values: Float) -> Float:
         """Their derivatives."""

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.set_problem import Given
+from benchmarks.set_problem import CountedProblem
 
 __all__ = ["CAP", "SOLVERS"]
 
@@ -17,9 +17,9 @@ SMALL_VALUES = 64
 class _Sum:
     """A problem as Kennfeld's solver sees it; see `kennfeld.optimize.solver.levenberg_marquardt.Objective`."""
 
-    def __init__(self, given: Given) -> None:
-        self._given = given
-        self.uses_qr = self.supports_acceleration = given.start.size <= SMALL_VALUES
+    def __init__(self, problem: CountedProblem) -> None:
+        self._given = problem
+        self.uses_qr = self.supports_acceleration = problem.start.size <= SMALL_VALUES
         self.supports_secant = True
 
     def cost(self, values: Float) -> float:
@@ -42,74 +42,74 @@ class _Sum:
         return Cholesky(size)
 
 
-def _kennfeld(given: Given, tolerance: float) -> Float:
+def _kennfeld(problem: CountedProblem, tolerance: float) -> Float:
     from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
     from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
     settings = SolverSettings(max_iterations=CAP, tolerance=tolerance)
-    return levenberg_marquardt(_Sum(given), given.start, LinearLimits.none(given.start.size), settings).values
+    return levenberg_marquardt(_Sum(problem), problem.start, LinearLimits.none(problem.start.size), settings).values
 
 
-def _trf(given: Given, tolerance: float) -> Float:
-    return _least_squares(given, tolerance, method="trf")
+def _trf(problem: CountedProblem, tolerance: float) -> Float:
+    return _least_squares(problem, tolerance, method="trf")
 
 
-def _trf_scaled(given: Given, tolerance: float) -> Float:
-    return _least_squares(given, tolerance, method="trf", x_scale="jac")
+def _trf_scaled(problem: CountedProblem, tolerance: float) -> Float:
+    return _least_squares(problem, tolerance, method="trf", x_scale="jac")
 
 
-def _lm(given: Given, tolerance: float) -> Float:
-    return _least_squares(given, tolerance, method="lm")
+def _lm(problem: CountedProblem, tolerance: float) -> Float:
+    return _least_squares(problem, tolerance, method="lm")
 
 
-def _least_squares(given: Given, tolerance: float, **options: Any) -> Float:
+def _least_squares(problem: CountedProblem, tolerance: float, **options: Any) -> Float:
     from scipy.optimize import least_squares
 
     same = {"ftol": tolerance, "xtol": tolerance, "gtol": tolerance, "max_nfev": CAP}
-    return np.asarray(least_squares(given.residual, given.start, jac=given.jacobian, **same, **options).x)
+    return np.asarray(least_squares(problem.residual, problem.start, jac=problem.jacobian, **same, **options).x)
 
 
-def _optimistix(given: Given, tolerance: float) -> Float:
+def _optimistix(problem: CountedProblem, tolerance: float) -> Float:
     import jax
     import jax.numpy as jnp
     import optimistix
 
     jax.config.update("jax_enable_x64", True)
-    start = jnp.asarray(given.start)
-    count, size = given.residual(given.start).size, given.start.size
+    start = jnp.asarray(problem.start)
+    count, size = problem.residual(problem.start).size, problem.start.size
 
     @jax.custom_jvp
     def residual(values: Any) -> Any:
         shape = jax.ShapeDtypeStruct((count,), jnp.float64)
-        return jax.pure_callback(lambda x: given.residual(np.asarray(x)), shape, values)
+        return jax.pure_callback(lambda x: problem.residual(np.asarray(x)), shape, values)
 
     @residual.defjvp
     def derivative(primal: Any, tangent: Any) -> Any:
         shape = jax.ShapeDtypeStruct((count, size), jnp.float64)
-        jacobian = jax.pure_callback(lambda x: given.jacobian(np.asarray(x)), shape, *primal)
+        jacobian = jax.pure_callback(lambda x: problem.jacobian(np.asarray(x)), shape, *primal)
         return residual(*primal), jacobian @ tangent[0]
 
     solver = optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    found = optimistix.least_squares(lambda x, _: residual(x), solver, start, max_steps=CAP, throw=False)
-    return np.asarray(found.value)
+    solution = optimistix.least_squares(lambda x, _: residual(x), solver, start, max_steps=CAP, throw=False)
+    return np.asarray(solution.value)
 
 
-def _ceres(given: Given, tolerance: float) -> Float:
+def _ceres(problem: CountedProblem, tolerance: float) -> Float:
     import pyceres
 
     class Cost(pyceres.CostFunction):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
-            self.set_num_residuals(given.residual(given.start).size)
-            self.set_parameter_block_sizes([given.start.size])
+            self.set_num_residuals(problem.residual(problem.start).size)
+            self.set_parameter_block_sizes([problem.start.size])
 
         def Evaluate(self, parameters: Any, residuals: Any, jacobians: Any) -> bool:  # noqa: N802
-            residuals[:] = given.residual(parameters[0])
+            residuals[:] = problem.residual(parameters[0])
             if jacobians is not None and jacobians[0] is not None:
-                jacobians[0][:] = given.jacobian(parameters[0]).ravel()
+                jacobians[0][:] = problem.jacobian(parameters[0]).ravel()
             return bool(np.all(np.isfinite(residuals)))
 
-    values = given.start.copy()
+    values = problem.start.copy()
     cost, problem = Cost(), pyceres.Problem()
     problem.add_residual_block(cost, None, [values])
     options = pyceres.SolverOptions()

@@ -9,9 +9,10 @@ import numpy as np
 
 from benchmarks.machine import load
 from benchmarks.measure import apart, installed
-from benchmarks.set_problem import SETS, Exhausted, Given, problems
+from benchmarks.set_problem import SETS, CountedProblem, Exhausted, problems
 from benchmarks.set_solvers import CAP, SOLVERS
 from benchmarks.table import Table, seconds
+from kennfeld.formatting import join_names
 
 __all__ = ["run", "solve"]
 
@@ -36,7 +37,7 @@ def run() -> list[Table]:
     if not installed("optimagic"):
         table.notes = ["Skipped: optimagic is missing."]
         return [table]
-    found: dict[str, Ends] = {}
+    by_solver: dict[str, Ends] = {}
     for name, (tool, packages) in TOOLS.items():
         if not installed(*packages):
             table.add(name, *["-"] * 8, "missing")
@@ -45,13 +46,13 @@ def run() -> list[Table]:
         if "error" in ends:
             table.add(name, *["-"] * 8, ends["error"])
             continue
-        found[name] = ends
-    if not found:
+        by_solver[name] = ends
+    if not by_solver:
         return [table]
-    stated, best = _stated(found), _best(found)
-    for name, ends in found.items():
-        table.add(name, *_row(ends, stated, best, found))
-    table.notes = _notes(found, stated, best)
+    stated, best = _stated(by_solver), _best(by_solver)
+    for name, ends in by_solver.items():
+        table.add(name, *_row(ends, stated, best, by_solver))
+    table.notes = _notes(by_solver, stated, best)
     return [table]
 
 
@@ -62,19 +63,19 @@ def solve(tool: str) -> Ends:
         warnings.simplefilter("ignore")
         for name in SETS:
             for problem in problems(name):
-                given = Given(problem, CAP)
+                counted = CountedProblem(problem, CAP)
                 began = time.perf_counter()
                 try:
-                    values = SOLVERS[tool](given, TOLERANCE)
+                    values = SOLVERS[tool](counted, TOLERANCE)
                 except (Exhausted, ValueError, RuntimeError, np.linalg.LinAlgError):
-                    values = given.values
+                    values = counted.values
                 residual = problem.residual(values)
                 ends[problem.name] = {
                     "set": name,
                     "cost": float(residual @ residual),
                     "stated": problem.stated,
-                    "calls": given.residuals,
-                    "jacobians": given.jacobians,
+                    "calls": counted.residuals,
+                    "jacobians": counted.jacobians,
                     "seconds": time.perf_counter() - began,
                 }
     return ends
@@ -84,20 +85,20 @@ def _reached(cost: float, least: float) -> bool:
     return bool(cost <= least + max(NEAR * least, ZERO if least < ZERO else 0.0))
 
 
-def _best(found: dict[str, Ends]) -> dict[str, float]:
+def _best(by_solver: dict[str, Ends]) -> dict[str, float]:
     """The least cost any solver found, by problem."""
-    names = next(iter(found.values()))
-    return {name: float(np.nanmin([ends[name]["cost"] for ends in found.values()])) for name in names}
+    names = next(iter(by_solver.values()))
+    return {name: float(np.nanmin([ends[name]["cost"] for ends in by_solver.values()])) for name in names}
 
 
-def _stated(found: dict[str, Ends]) -> dict[str, float]:
+def _stated(by_solver: dict[str, Ends]) -> dict[str, float]:
     """The least cost that optimagic states, and the best found where it states none."""
-    best = _best(found)
-    ends = next(iter(found.values()))
+    best = _best(by_solver)
+    ends = next(iter(by_solver.values()))
     return {name: best[name] if end["stated"] is None else end["stated"] for name, end in ends.items()}
 
 
-def _row(ends: Ends, stated: dict[str, float], best: dict[str, float], found: dict[str, Ends]) -> list[str]:
+def _row(ends: Ends, stated: dict[str, float], best: dict[str, float], by_solver: dict[str, Ends]) -> list[str]:
     def solved(least: dict[str, float], wanted: tuple[str, ...]) -> int:
         return sum(_reached(end["cost"], least[name]) for name, end in ends.items() if end["set"] in wanted)
 
@@ -105,7 +106,7 @@ def _row(ends: Ends, stated: dict[str, float], best: dict[str, float], found: di
         name
         for name, end in ends.items()
         if not _reached(end["cost"], stated[name])
-        and any(_reached(other[name]["cost"], stated[name]) for other in found.values())
+        and any(_reached(other[name]["cost"], stated[name]) for other in by_solver.values())
     ]
     return [
         *(f"{solved(stated, (each,))} of {sum(end['set'] == each for end in ends.values())}" for each in SETS),
@@ -115,13 +116,13 @@ def _row(ends: Ends, stated: dict[str, float], best: dict[str, float], found: di
         f"{median(end['jacobians'] for end in ends.values()):g}",
         seconds(sum(end["seconds"] for end in ends.values())),
         "1",
-        ", ".join(missed[:8]) + (f" and {len(missed) - 8} more" if len(missed) > 8 else ""),
+        join_names(missed),
     ]
 
 
-def _notes(found: dict[str, Ends], stated: dict[str, float], best: dict[str, float]) -> list[str]:
+def _notes(by_solver: dict[str, Ends], stated: dict[str, float], best: dict[str, float]) -> list[str]:
     nobody = [name for name in stated if not _reached(best[name], stated[name])]
-    ours = found.get("Kennfeld", {})
+    ours = by_solver.get("Kennfeld", {})
     behind = [name for name, end in ours.items() if not _reached(end["cost"], best[name])]
     return [
         f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (absolutely within {ZERO:g} "

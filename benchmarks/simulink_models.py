@@ -1,4 +1,4 @@
-"""What becomes of Simulink files: `python -m benchmarks.simulink_models FOLDER [GIVEN.json]` prints a table.
+"""Import of Simulink files: `python -m benchmarks.simulink_models FOLDER [GIVEN.json]` prints a table.
 
 For each file whether it is whole, how many of its blocks are supported, what stops it, and its largest subsystem that
 can be imported by itself. The second file says what is given to a model, all of it as wanted, files beside the JSON:
@@ -11,25 +11,25 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import InputError
+from kennfeld.formatting import shorten
 from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink
 
 
-def row(path: Path, given: dict[str, Any], beside: Path) -> str:
+def row(path: Path, settings: dict[str, Any], beside: Path) -> str:
     """One line of the table."""
-    parameters = [*(beside / name for name in given.get("files", ())), given.get("values", {})]
-    folders = [beside / name for name in given.get("folders", ())]
+    parameters = [*(beside / name for name in settings.get("files", ())), settings.get("values", {})]
+    folders = [beside / name for name in settings.get("folders", ())]
     try:
-        report = _bound(path, parameters, folders, given.get("bind"))
+        report = _bound(path, parameters, folders, settings.get("bind"))
         parts = () if report.whole else inspect_simulink(path, parameters=parameters, folders=folders).subsystems
     except InputError as error:
         return f"| {path.name} | refused | | {error.findings[0]} | |"
-    stops = [f"{finding.place}: {finding.message}" for finding in report.findings]
-    told = "; ".join(stops[:4]) + (f"; and {len(stops) - 4} more" if len(stops) > 4 else "")
+    reasons = "; ".join(shorten([f"{finding.location}: {finding.message}" for finding in report.findings], 4))
     largest = f"{parts[0].path} ({parts[0].blocks} blocks)" if parts else ""
     kind = "whole" if report.whole else "partial"
-    return f"| {path.name} | {kind} | {report.supported} of {report.total} | {told} | {largest} |"
+    return f"| {path.name} | {kind} | {report.supported} of {report.total} | {reasons} | {largest} |"
 
 
 def _bound(path: Path, parameters: list[Any], folders: list[Path], bind: dict[str, str] | None) -> ImportReport:
@@ -44,11 +44,11 @@ def main() -> None:
     """Print the table."""
     folder = Path(sys.argv[1])
     file = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    given = json.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+    settings = json.loads(file.read_text(encoding="utf-8")) if file is not None else {}
     print("| file | | blocks | what stops it | largest subsystem that can be imported |\n|---|---|---|---|---|")
     for path in sorted(folder.iterdir()):
         if path.suffix in (".slx", ".mdl"):
-            print(row(path, given.get(path.stem, {}), file.parent if file is not None else folder))
+            print(row(path, settings.get(path.stem, {}), file.parent if file is not None else folder))
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def read(path: Path) -> Columns:
     return {name.strip(): values[:, at] for at, name in enumerate(names)}
 
 
-def computed(model: Model, run: Columns, step: float | None) -> Mapping[str, npt.NDArray[np.float64]]:
+def compute_nodes(model: Model, run: Columns, step: float | None) -> Mapping[str, npt.NDArray[np.float64]]:
     """All nodes of the model, driven by the inputs of a run."""
     missing = [name for name in model.graph.inputs if name not in (*run, "t", "dt")]
     if missing:
@@ -49,26 +49,27 @@ def computed(model: Model, run: Columns, step: float | None) -> Mapping[str, npt
     return evaluate(model.graph, {name: run[name] for name in model.graph.inputs if name in run} | clock, model.values)
 
 
-def difference(found: npt.NDArray[np.float64], recorded: npt.NDArray[np.float64]) -> float:
+def relative_difference(computed_signal: npt.NDArray[np.float64], recorded: npt.NDArray[np.float64]) -> float:
     """The largest difference over the largest magnitude of the recorded signal; NaN at both is no difference."""
-    apart = np.abs(found - recorded)
-    apart[np.isnan(found) & np.isnan(recorded)] = 0.0
+    apart = np.abs(computed_signal - recorded)
+    apart[np.isnan(computed_signal) & np.isnan(recorded)] = 0.0
     scale = float(np.nanmax(np.abs(recorded), initial=0.0)) or 1.0
     return float("inf") if np.isnan(apart).any() else float(apart.max(initial=0.0)) / scale
 
 
-def table(model: Model, run: Columns, step: float | None) -> Table:
+def compare(model: Model, run: Columns, step: float | None) -> Table:
     """One row for each signal that both have."""
-    nodes = computed(model, run, step)
-    made = Table(f"{model.name} beside a recorded run", ["signal", "steps", "range", "largest relative difference"])
+    nodes = compute_nodes(model, run, step)
+    columns = ["signal", "steps", "range", "largest relative difference"]
+    comparison = Table(f"{model.name} beside a recorded run", columns)
     for name, column in run.items():
         if name in nodes and name not in model.graph.inputs:
             extent = f"{column.min():.4g} to {column.max():.4g}"
-            made.add(name, str(column.size), extent, f"{difference(nodes[name].copy(), column):.2g}")
+            comparison.add(name, str(column.size), extent, f"{relative_difference(nodes[name].copy(), column):.2g}")
     absent = [name for name in run if name not in nodes and name not in model.graph.inputs]
     if absent:
-        made.notes.append(f"Not in the model: {', '.join(absent)}.")
-    return made
+        comparison.notes.append(f"Not in the model: {', '.join(absent)}.")
+    return comparison
 
 
 def main() -> None:
@@ -80,11 +81,11 @@ def main() -> None:
     parser.add_argument("--parameters", nargs="*", type=Path, default=[])
     parser.add_argument("--bind", nargs="*", default=[])
     parser.add_argument("--step", type=float)
-    asked = parser.parse_args()
-    given: list[Any] = [json.loads(p.read_text("utf-8")) if p.suffix == ".json" else p for p in asked.parameters]
-    bind = dict(one.split("=", 1) for one in asked.bind)
-    model = simulink(asked.model, asked.subsystem, given, bind)
-    print(table(model, read(asked.run), asked.step))
+    options = parser.parse_args()
+    values: list[Any] = [json.loads(p.read_text("utf-8")) if p.suffix == ".json" else p for p in options.parameters]
+    bind = dict(binding.split("=", 1) for binding in options.bind)
+    model = simulink(options.model, options.subsystem, values, bind)
+    print(compare(model, read(options.run), options.step))
 
 
 if __name__ == "__main__":

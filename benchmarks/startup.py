@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import load
-from benchmarks.processes import ran, timed
+from benchmarks.processes import run_command, time_commands
 from benchmarks.table import Table
 
 __all__ = ["run"]
@@ -45,7 +45,7 @@ def run() -> list[Table]:
 def _demo(table: Table, command: Path, name: str, folder: Path) -> None:
     """`kennfeld calibrate` on a demo project that `kennfeld demo` wrote."""
     row = f"kennfeld calibrate ({name} demo)"
-    written = ran([str(command), "demo", name, "--dir", str(folder)])
+    written = run_command([str(command), "demo", name, "--dir", str(folder)])
     if written:
         table.add(row, "-", "-", "-", f"missing: {written}")
         return
@@ -75,7 +75,7 @@ def _fill_up(file: Path) -> None:
 
 def _row(table: Table, name: str, command: Sequence[str]) -> None:
     """Once to warm the disk, then with the clock."""
-    if wrong := ran(command):
-        table.add(name, "-", "-", "-", f"missing: {wrong}")
+    if problem := run_command(command):
+        table.add(name, "-", "-", "-", f"missing: {problem}")
     else:
-        timed(table, name, [command] * REPEATS)
+        time_commands(table, name, [command] * REPEATS)

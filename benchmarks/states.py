@@ -7,7 +7,7 @@ from typing import Any
 from benchmarks.exhaust_data import FORMULAS, NOISE, load_drive, parameters, write_drive
 from benchmarks.machine import load
 from benchmarks.measure import apart, threads
-from benchmarks.scaling import notes, row
+from benchmarks.scaling import COLUMNS, notes, row
 from benchmarks.table import Table, seconds
 
 __all__ = ["calibrate", "measure", "run"]
@@ -19,10 +19,10 @@ REPEATS = 3
 
 def measure(file: str, states: int) -> dict[str, Any]:
     """An iteration, in a process of its own."""
-    from benchmarks.iteration import measured
+    from benchmarks.iteration import measure_iteration
 
     grid, points = GRIDS[states]
-    return measured(
+    return measure_iteration(
         FORMULAS[states], "Temperature", "T", parameters(grid, states, points), lambda n: load_drive(file, n)
     )
 
@@ -55,25 +55,13 @@ def run() -> list[Table]:
 
 
 def _iterations(folder: Path) -> Table:
-    columns = (
-        "states",
-        "values",
-        "threads",
-        "prepare",
-        "cost",
-        "normal",
-        "iteration",
-        "median",
-        "memory",
-        "of the data",
-    )
-    table = Table(f"states: {SAMPLES} samples of the exhaust model, one recording", (*columns, "final cost"))
+    table = Table(f"states: {SAMPLES} samples of the exhaust model, one recording", ("states", *COLUMNS))
     for states in FORMULAS:
         file = folder / f"drive{states}.npy"
         write_drive(file, SAMPLES, 0.01, states)
         for cores in (1, None):
-            found = apart("benchmarks.states:measure", cores=cores, file=str(file), states=states)
-            table.add(str(states), *row(found, cores))
+            outcome = apart("benchmarks.states:measure", cores=cores, file=str(file), states=states)
+            table.add(str(states), *row(outcome, cores))
     budget = "Budget: one state in at most 500 ms on one core, three states in at most 1.5 s."
     table.notes = [budget, *notes("States need the samples one after the other, so one recording uses one thread.")]
     return table
@@ -96,15 +84,15 @@ def _calibration(folder: Path) -> Table:
     write_drive(file, 26_482, 0.1)
     for cores in (1, None):
         runs = [apart("benchmarks.states:calibrate", cores=cores, file=str(file)) for _ in range(REPEATS)]
-        found = min(runs, key=lambda one: one.get("total", float("inf")))
-        if "error" in found:
-            table.add("26482", "-", str(threads(cores)), found["error"])
+        outcome = min(runs, key=lambda run: run.get("total", float("inf")))
+        if "error" in outcome:
+            table.add("26482", "-", str(threads(cores)), outcome["error"])
             continue
         table.add(
-            *("26482", str(found["free"]), str(threads(cores))),
-            *(seconds(found[name]) for name in ("compile", "optimize", "total")),
-            *(str(found["iterations"]), f"{found['before']:.2f} degC", f"{found['after']:.3f} degC"),
-            *(f"{found['cost']:.6g}", found["status"]),
+            *("26482", str(outcome["free"]), str(threads(cores))),
+            *(seconds(outcome[name]) for name in ("compile", "optimize", "total")),
+            *(str(outcome["iterations"]), f"{outcome['before']:.2f} degC", f"{outcome['after']:.3f} degC"),
+            *(f"{outcome['cost']:.6g}", outcome["status"]),
         )
     table.notes = [
         f"The noise of the thermometer is {NOISE:g} degC. The shortest of {REPEATS} runs. Load at the end {load()}."

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.machine import load
 from benchmarks.measure import apart, installed
-from benchmarks.race import HIGHER, REPEATS, Entrant, agreement, cells, reached, scaled_and_not, solved
+from benchmarks.race import HIGHER, REPEATS, Entrant, cells, compare_costs, run_entrant, scaled_and_not, times_to_cost
 from benchmarks.table import Table, seconds
 from benchmarks.torque_problem import TorqueProblem, problem
 
@@ -30,10 +30,10 @@ ENTRANTS = (
 
 def run(cap: float = 60.0) -> list[Table]:
     """Check that the cost functions agree, then let everyone solve, the peers for at most `cap` s each."""
-    given = problem()
-    agreed = agreement(given, _with_a_cost_of_their_own())
-    found = {e.name: solved(e, given, given.fresh_rmse, cap) for e in ENTRANTS if installed(*e.packages)}
-    return [_table(found, given, agreed, cap), _seeds(cap)]
+    task = problem()
+    agreement = compare_costs(task, _with_a_cost_of_their_own())
+    outcomes = {e.name: run_entrant(e, task, task.fresh_rmse, cap) for e in ENTRANTS if installed(*e.packages)}
+    return [_table(outcomes, task, agreement, cap), _seeds(cap)]
 
 
 def _with_a_cost_of_their_own() -> set[str]:
@@ -42,28 +42,28 @@ def _with_a_cost_of_their_own() -> set[str]:
     return modules - {"benchmarks.peers.scipy_trf", "benchmarks.peers.lmfit_leastsq"}
 
 
-def _table(found: dict[str, dict[str, Any]], given: TorqueProblem, agreed: str, cap: float) -> Table:
-    ended = {name: one for name, one in found.items() if "error" not in one}
-    peers = [ended[e.name]["cost"] for e in ENTRANTS if e.peer and e.name in ended]
-    best, known = min(one["cost"] for one in ended.values()), min(peers, default=np.inf)
+def _table(outcomes: dict[str, dict[str, Any]], task: TorqueProblem, agreement: str, cap: float) -> Table:
+    completed = {name: outcome for name, outcome in outcomes.items() if "error" not in outcome}
+    peers = [completed[e.name]["cost"] for e in ENTRANTS if e.peer and e.name in completed]
+    best, known = min(outcome["cost"] for outcome in completed.values()), min(peers, default=np.inf)
     goals = [f"to {goal:.1%}" for goal in GOALS]
     columns = ("solver", "set-up", "solve", "median of", *goals, "threads", "cost", "RMSE, fresh points", "remark")
-    table = Table(f"torque: {len(given.training.torque)} points, {given.start.size} free values", columns)
+    table = Table(f"torque: {len(task.training.torque)} points, {task.start.size} free values", columns)
     for entrant in ENTRANTS:
-        one = found.get(entrant.name)
-        if one is None:
+        outcome = outcomes.get(entrant.name)
+        if outcome is None:
             table.add(entrant.name, *["-"] * 8, "missing")
-        elif "error" in one:
-            table.add(entrant.name, *["-"] * 8, one["error"])
+        elif "error" in outcome:
+            table.add(entrant.name, *["-"] * 8, outcome["error"])
         else:
-            table.add(entrant.name, *cells(one, best, [known * (1 + goal) for goal in GOALS], "Nm"))
+            table.add(entrant.name, *cells(outcome, best, [known * (1 + goal) for goal in GOALS], "Nm"))
     table.notes = [
-        agreed,
+        agreement,
         "Budget: to 0.1% in at most 250 ms, 4 times faster than the fastest peer that gets there, 100 times faster "
         "than finite differences.",
         *(
             f"To {goal:.1%}: until the cost is that close to the best of a peer, {known:.6g}. "
-            + _ratios(ended, known, goal)
+            + _ratios(completed, known, goal)
             for goal in GOALS
         ),
         f"A solver that ends more than {HIGHER:.1%} above the best cost of all, {best:.6g}, stops higher.",
@@ -75,9 +75,9 @@ def _table(found: dict[str, dict[str, Any]], given: TorqueProblem, agreed: str, 
     return table
 
 
-def _ratios(ended: dict[str, dict[str, Any]], known: float, goal: float) -> str:
-    """How many times the peers' times to a cost are those of Kennfeld."""
-    times = {name: time for name, one in ended.items() if (time := reached(one, known * (1 + goal))) is not None}
+def _ratios(completed: dict[str, dict[str, Any]], known: float, goal: float) -> str:
+    """Compare the peers' times to a cost with that of Kennfeld."""
+    times = times_to_cost(completed, known * (1 + goal))
     own = [times[e.name] for e in ENTRANTS if not e.peer and e.name in times]
     peers = {e.name: times[e.name] for e in ENTRANTS if e.peer and e.name in times}
     if not own:
@@ -95,22 +95,22 @@ def _ratios(ended: dict[str, dict[str, Any]], known: float, goal: float) -> str:
 
 def _seeds(cap: float) -> Table:
     """The fastest solvers on other noise: where a descent among creases ends is partly chance."""
-    wanted = [e for e in ENTRANTS if not e.peer or "sparse" in e.name]
-    wanted = [e for e in wanted if installed(*e.packages)]
-    costs: dict[str, list[float]] = {e.name: [] for e in wanted}
-    times: dict[str, list[float]] = {e.name: [] for e in wanted}
+    entrants = [e for e in ENTRANTS if not e.peer or "sparse" in e.name]
+    entrants = [e for e in entrants if installed(*e.packages)]
+    costs: dict[str, list[float]] = {e.name: [] for e in entrants}
+    times: dict[str, list[float]] = {e.name: [] for e in entrants}
     for seed in SEEDS:
-        given = problem(seed)
-        for entrant in wanted:
-            found = apart(entrant.target, cores=1, timeout=60 + 3 * cap, seed=seed, **entrant.capped(cap))
-            if "error" in found:
-                raise RuntimeError(f"{entrant.name} failed: {found['error']}")
-            costs[entrant.name].append(given.cost(np.array(found["values"])))
-            times[entrant.name].append(found["seconds"])
+        task = problem(seed)
+        for entrant in entrants:
+            outcomes = apart(entrant.target, cores=1, timeout=60 + 3 * cap, seed=seed, **entrant.capped(cap))
+            if "error" in outcomes:
+                raise RuntimeError(f"{entrant.name} failed: {outcomes['error']}")
+            costs[entrant.name].append(task.cost(np.array(outcomes["values"])))
+            times[entrant.name].append(outcomes["seconds"])
     best = np.min(list(costs.values()), axis=0)
     columns = ("solver", "median solve", "threads", "mean cost", "above the best: median", "worst", "within 0.1%")
     table = Table(f"torque: the same with the noise of {len(SEEDS)} other seeds", columns)
-    for entrant in wanted:
+    for entrant in entrants:
         above = np.array(costs[entrant.name]) / best - 1
         table.add(
             *(entrant.name, seconds(float(np.median(times[entrant.name]))), "1", f"{np.mean(costs[entrant.name]):.6g}"),

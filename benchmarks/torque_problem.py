@@ -51,8 +51,8 @@ class Cells:
 
     def __call__(self, values: Float) -> Float:
         """The map's value at each point."""
-        found: Float = np.einsum("ij,ij->i", values[self.index], self.weight)
-        return found
+        interpolated: Float = np.einsum("ij,ij->i", values[self.index], self.weight)
+        return interpolated
 
     @property
     def matrix(self) -> sparse.csr_array:

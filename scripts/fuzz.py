@@ -46,7 +46,7 @@ _EXTREME = (b"\x00", b"\xff", b"\x7f", b"\x80", b"\x01")
 def damaged(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     """A copy of a file with one to four kinds of damage; `other` is a file of the same kind."""
     if raw.startswith(b"PK\x03\x04") and draw.random() < 0.7:
-        return _repacked(raw, draw)
+        return _repack(raw, draw)
     if raw.startswith(b"\x1f\x8b") and draw.random() < 0.5:
         content = gzip.decompress(raw)
         return gzip.compress(draw.choice(_DAMAGES)(content, content, draw), mtime=0)
@@ -55,81 +55,81 @@ def damaged(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     return raw
 
 
-def _cut(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _truncate(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     return raw[: draw.randrange(len(raw) + 1)]
 
 
-def _turned(raw: bytes, other: bytes, draw: random.Random) -> bytes:
-    made = bytearray(raw)
+def _change_bytes(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+    content = bytearray(raw)
     for _ in range(draw.choice((1, 2, 8, 64))):
-        if made:
-            made[draw.randrange(len(made))] = draw.randrange(256)
-    return bytes(made)
+        if content:
+            content[draw.randrange(len(content))] = draw.randrange(256)
+    return bytes(content)
 
 
-def _extreme(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _insert_extreme(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     """A field of 1, 2, 4 or 8 bytes, early in the file as a rule, with the largest or the smallest number."""
     width, near = draw.choice((1, 2, 4, 8)), draw.choice((64, 512, len(raw) or 1))
     at = draw.randrange(min(near, len(raw)) + 1)
     return raw[:at] + draw.choice(_EXTREME) * width + raw[at + width :]
 
 
-def _absurd(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _replace_number(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     """A number of a text replaced."""
-    found = list(_NUMBER.finditer(raw[: 1 << 16]))
-    if not found:
-        return _turned(raw, other, draw)
-    one = draw.choice(found)
-    return raw[: one.start()] + draw.choice(_ABSURD) + raw[one.end() :]
+    chosen = list(_NUMBER.finditer(raw[: 1 << 16]))
+    if not chosen:
+        return _change_bytes(raw, other, draw)
+    process = draw.choice(chosen)
+    return raw[: process.start()] + draw.choice(_ABSURD) + raw[process.end() :]
 
 
-def _without_lines(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _remove_lines(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     lines = raw.splitlines(keepends=True)
     at = draw.randrange(len(lines) + 1)
     return b"".join(lines[:at] + lines[at + draw.choice((1, 1, 5)) :])
 
 
-def _doubled(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _repeat(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     begin, end = sorted((draw.randrange(len(raw) + 1), draw.randrange(len(raw) + 1)))
     return raw[:end] + raw[begin:end] * draw.choice((1, 1, 20)) + raw[end:]
 
 
-def _deleted(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _delete(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     begin = draw.randrange(len(raw) + 1)
     return raw[:begin] + raw[begin + draw.choice((1, 4, 100)) :]
 
 
-def _spliced(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+def _splice(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     return raw[: draw.randrange(len(raw) + 1)] + other[draw.randrange(len(other) + 1) :]
 
 
-def _repacked(raw: bytes, draw: random.Random) -> bytes:
+def _repack(raw: bytes, draw: random.Random) -> bytes:
     """An archive with one member damaged, whose sums are right all the same."""
-    made = BytesIO()
+    repacked = BytesIO()
     try:
-        with zipfile.ZipFile(BytesIO(raw)) as before, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as after:
+        with zipfile.ZipFile(BytesIO(raw)) as before, zipfile.ZipFile(repacked, "w", zipfile.ZIP_DEFLATED) as after:
             names = before.namelist()
             chosen = draw.choice(names)
             for name in names:
                 content = before.read(name)
                 after.writestr(name, draw.choice(_DAMAGES)(content, content, draw) if name == chosen else content)
     except (zipfile.BadZipFile, ValueError):
-        return _turned(raw, raw, draw)
-    return made.getvalue()
+        return _change_bytes(raw, raw, draw)
+    return repacked.getvalue()
 
 
 _DAMAGES: tuple[Callable[[bytes, bytes, random.Random], bytes], ...] = (
-    _cut,
-    _turned,
-    _turned,
-    _extreme,
-    _extreme,
-    _absurd,
-    _absurd,
-    _without_lines,
-    _doubled,
-    _deleted,
-    _spliced,
+    _truncate,
+    _change_bytes,
+    _change_bytes,
+    _insert_extreme,
+    _insert_extreme,
+    _replace_number,
+    _replace_number,
+    _remove_lines,
+    _repeat,
+    _delete,
+    _splice,
 )
 
 
@@ -165,8 +165,8 @@ def _read(path: Path) -> bool:
     good = False
     for work in (
         lambda: describe_file(path).lines(),
-        *([lambda: _imported(path)] if path.suffix in (".slx", ".mdl") else []),
-        *([lambda: _checked(path)] if path.suffix == ".toml" else []),
+        *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
+        *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1),
         lambda: measurement.read(path),
@@ -180,14 +180,14 @@ def _read(path: Path) -> bool:
     return good
 
 
-def _checked(path: Path) -> None:
+def _check_project(path: Path) -> None:
     """Check a project with all its files."""
     from kennfeld.project import Project
 
     Project.read(path).check()
 
 
-def _imported(path: Path) -> None:
+def _import_model(path: Path) -> None:
     """Import a model as a project does, with the script beside it."""
     from kennfeld.models.simulink.importing import simulink
 
@@ -196,7 +196,7 @@ def _imported(path: Path) -> None:
 
 @dataclass
 class Outcome:
-    """What became of the files of a kind."""
+    """Numbers of files of a kind, and the failures among them."""
 
     files: int = 0
     read: int = 0
@@ -204,7 +204,7 @@ class Outcome:
     failures: list[tuple[int, str]] = field(default_factory=list)
 
 
-def work(seed: int, numbers: Sequence[int], samples: Sequence[Sample], at: "object", told: "object") -> None:
+def work(seed: int, numbers: Sequence[int], samples: Sequence[Sample], at: "object", queue: "object") -> None:
     """Read some of the files in a process that may crash; `at` says which one it reads."""
     _limit_memory()
     warnings.simplefilter("error")
@@ -227,7 +227,7 @@ def work(seed: int, numbers: Sequence[int], samples: Sequence[Sample], at: "obje
                 wrong, before = "more than a gigabyte of memory", _most_memory()
             if not wrong and spent > LONGEST / 2:
                 wrong = f"took {spent:.1f} s"
-            told.put((number, kind, good, spent, wrong))  # type: ignore[attr-defined]
+            queue.put((number, kind, good, spent, wrong))  # type: ignore[attr-defined]
             shutil.rmtree(folder, ignore_errors=True)
     at.value = -1  # type: ignore[attr-defined]
 
@@ -269,59 +269,60 @@ class Campaign:
 
     def run(self) -> Mapping[str, Outcome]:
         """Read all files."""
-        told = self.context.Queue()
-        running = [self._started(share, told) for share in self.shares]
+        queue = self.context.Queue()
+        running = [self._start(share, queue) for share in self.shares]
         reported = time.monotonic()
         while any(running):
-            self._hear(told)
-            running = [self._watched(one, share, told) for one, share in zip(running, self.shares, strict=True)]
+            self._hear(queue)
+            pairs = zip(running, self.shares, strict=True)
+            running = [self._watch(process, share, queue) for process, share in pairs]
             if time.monotonic() - reported > REPORT:
                 reported = time.monotonic()
                 done = sum(outcome.files for outcome in self.outcomes.values())
                 failed = sum(len(outcome.failures) for outcome in self.outcomes.values())
                 print(f"{done} files, {failed} failures", file=sys.stderr, flush=True)
-        self._hear(told)
+        self._hear(queue)
         return self.outcomes
 
-    def _started(self, share: range, told: object) -> "Running | None":
+    def _start(self, share: range, queue: object) -> "Running | None":
         """A process for what is left of a share; what one that crashed had not told yet is read again."""
-        left = tuple(number for number in share if number not in self.done)
-        if not left:
+        remaining = tuple(number for number in share if number not in self.done)
+        if not remaining:
             return None
-        at = self.context.Value("q", left[0])
-        process = self.context.Process(target=work, args=(self.seed, left, self.samples, at, told), daemon=True)
+        at = self.context.Value("q", remaining[0])
+        process = self.context.Process(target=work, args=(self.seed, remaining, self.samples, at, queue), daemon=True)
         process.start()
-        return Running(process, at, left[0], time.monotonic() + STARTING)
+        return Running(process, at, remaining[0], time.monotonic() + STARTING)
 
-    def _watched(self, one: "Running | None", share: range, told: object) -> "Running | None":
-        if one is None:
+    def _watch(self, running: "Running | None", share: range, queue: object) -> "Running | None":
+        if running is None:
             return None
-        number = one.at.value
-        if not one.process.is_alive():
-            self._hear(told)
+        number = running.at.value
+        if not running.process.is_alive():
+            self._hear(queue)
             if number < 0:
                 return None
-            self._failed(number, f"crash, exit status {one.process.exitcode}")
-            return self._started(share, told)
-        if number != one.number:
-            return Running(one.process, one.at, number, time.monotonic())
-        if number >= 0 and time.monotonic() - one.since > LONGEST:
-            one.process.kill()
-            one.process.join()
-            self._hear(told)
-            self._failed(number, "hangs")
-            return self._started(share, told)
-        return one
+            self._add_failure(number, f"crash, exit status {running.process.exitcode}")
+            return self._start(share, queue)
+        if number != running.number:
+            return Running(running.process, running.at, number, time.monotonic())
+        if number >= 0 and time.monotonic() - running.since > LONGEST:
+            running.process.kill()
+            running.process.join()
+            self._hear(queue)
+            self._add_failure(number, "hangs")
+            return self._start(share, queue)
+        return running
 
-    def _failed(self, number: int, wrong: str) -> None:
+    def _add_failure(self, number: int, wrong: str) -> None:
         with tempfile.TemporaryDirectory() as folder:
             kind, _ = put(self.samples, self.seed, number, Path(folder))
         self._take(number, kind, False, 0.0, wrong)
 
-    def _hear(self, told: "object") -> None:
+    def _hear(self, queue: "object") -> None:
         with suppress(Exception):
             while True:
-                self._take(*told.get(timeout=0.2))  # type: ignore[attr-defined]
+                self._take(*queue.get(timeout=0.2))  # type: ignore[attr-defined]
 
     def _take(self, number: int, kind: str, good: bool, spent: float, wrong: str) -> None:
         if number in self.done:
@@ -345,40 +346,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kinds", nargs="*", help="these kinds alone")
     parser.add_argument("--keep", type=Path, help="a folder for the files that failed")
     parser.add_argument("--only", type=int, help="one number: its traceback, and its file in --keep")
-    given = parser.parse_args(arguments)
-    found = [one for one in samples(given.seed, given.files) if not given.kinds or one.kind in given.kinds]
-    if given.only is not None:
-        return _only(found, given)
+    options = parser.parse_args(arguments)
+    chosen = [
+        sample for sample in samples(options.seed, options.files) if not options.kinds or sample.kind in options.kinds
+    ]
+    if options.only is not None:
+        return _read_one(chosen, options)
     began = time.monotonic()
-    outcomes = Campaign(given.seed, given.count, given.workers, found).run()
-    return _told(found, given, outcomes, time.monotonic() - began)
+    outcomes = Campaign(options.seed, options.count, options.workers, chosen).run()
+    return _print_outcomes(chosen, options, outcomes, time.monotonic() - began)
 
 
-def _only(found: Sequence[Sample], given: argparse.Namespace) -> int:
-    folder = given.keep or Path(tempfile.mkdtemp())
+def _read_one(chosen: Sequence[Sample], options: argparse.Namespace) -> int:
+    folder = options.keep or Path(tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
-    kind, path = put(found, given.seed, given.only, folder)
+    kind, path = put(chosen, options.seed, options.only, folder)
     print(f"{kind}: {path}")
     print("read" if read(path) else "refused")
     return 0
 
 
-def _told(found: Sequence[Sample], given: argparse.Namespace, outcomes: Mapping[str, Outcome], seconds: float) -> int:
+def _print_outcomes(
+    chosen: Sequence[Sample], options: argparse.Namespace, outcomes: Mapping[str, Outcome], seconds: float
+) -> int:
     print(f"{'kind':20} {'files':>7} {'read':>7} {'refused':>7} {'slowest':>8} failures")
-    for kind, one in sorted(outcomes.items()):
-        failed = len(one.failures)
-        refused = one.files - one.read - failed
-        print(f"{kind:20} {one.files:7} {one.read:7} {refused:7} {one.slowest:7.2f}s {failed}")
-    failures = [(number, kind, wrong) for kind, one in outcomes.items() for number, wrong in one.failures]
+    for kind, outcome in sorted(outcomes.items()):
+        failed = len(outcome.failures)
+        refused = outcome.files - outcome.read - failed
+        print(f"{kind:20} {outcome.files:7} {outcome.read:7} {refused:7} {outcome.slowest:7.2f}s {failed}")
+    failures = [(number, kind, wrong) for kind, outcome in outcomes.items() for number, wrong in outcome.failures]
     for (kind, wrong), count in Counter((kind, wrong) for _, kind, wrong in failures).most_common():
         first = min(number for number, its, same in failures if (its, same) == (kind, wrong))
         print(f"FAILED {count} times, {kind}: {wrong}; first with --only {first}")
-        if given.keep:
-            folder = given.keep / str(first)
+        if options.keep:
+            folder = options.keep / str(first)
             folder.mkdir(parents=True, exist_ok=True)
-            put(found, given.seed, first, folder)
-    total = sum(one.files for one in outcomes.values())
-    print(f"seed {given.seed}: {total} damaged files, {len(failures)} failures, {seconds:.0f} s")
+            put(chosen, options.seed, first, folder)
+    total = sum(outcome.files for outcome in outcomes.values())
+    print(f"seed {options.seed}: {total} damaged files, {len(failures)} failures, {seconds:.0f} s")
     return 1 if failures else 0
 
 

@@ -37,8 +37,8 @@ class Sample:
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:
     """Some files a kind, and the small ones of a folder as kind `real`."""
     sys.path += WRITERS  # what writes files for the tests
-    made = [sample for maker in _MAKERS for sample in maker(seed)]
-    return made + ([] if folder is None else list(_real(folder)))
+    collected = [sample for maker in _MAKERS for sample in maker(seed)]
+    return collected + ([] if folder is None else list(_real(folder)))
 
 
 def _real(folder: Path) -> Iterator[Sample]:
@@ -67,7 +67,7 @@ def _parameters(draw: random.Random, cubes: bool = False, variants: bool = False
 
 
 def _calibrations(seed: int) -> Iterator[Sample]:
-    """What can be written as every format that Kennfeld writes."""
+    """Parameters in every format that Kennfeld writes."""
     from kennfeld.calfiles import write
 
     for ending in (".dcm", ".csv", ".cdfx", ".json", ".xlsx", ".m", ".mat"):
@@ -119,8 +119,8 @@ def _recordings(seed: int) -> Iterator[Sample]:
 
 
 def _columns(numbers: np.random.Generator, rows: int = 40) -> dict[str, np.ndarray]:
-    made = {name: np.round(numbers.normal(size=rows), 3) for name in ("Speed", "Load")}
-    return {"time": 0.1 * np.arange(rows)} | made
+    collected = {name: np.round(numbers.normal(size=rows), 3) for name in ("Speed", "Load")}
+    return {"time": 0.1 * np.arange(rows)} | collected
 
 
 def _csv(path: Path, numbers: np.random.Generator) -> None:
@@ -264,7 +264,8 @@ def _images(seed: int) -> Iterator[Sample]:
     memory = bytes(draw.randrange(1, 4) for _ in range(48))
     files = {"ecu.a2l": _A2L.encode(), "ecu.hex": _hex(memory), "ecu.s19": _s19(memory)}
     for name in files:
-        yield Sample(f"image {Path(name).suffix}", name, {one: files[one] for one in dict.fromkeys((name, "ecu.a2l"))})
+        members = {member: files[member] for member in (name, "ecu.a2l")}
+        yield Sample(f"image {Path(name).suffix}", name, members)
 
 
 def _models(seed: int) -> Iterator[Sample]:

@@ -24,10 +24,10 @@ def lowest(text: str) -> Iterator[str]:
     """
     project = tomllib.loads(text)["project"]
     for requirement in (*project["dependencies"], *project.get("optional-dependencies", {}).get("dev", ())):
-        found = _REQUIREMENT.fullmatch(requirement)
-        if found is None:
+        match = _REQUIREMENT.fullmatch(requirement)
+        if match is None:
             raise ValueError(f"{requirement!r} must have the form name>=version")
-        yield "==".join(found.groups())
+        yield "==".join(match.groups())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 import pytest
 
-from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, visible
+from kennfeld.errors import ArgumentError, Finding, InputError, KennfeldError, Location, visible
 from kennfeld.formatting import nearest
 
 
@@ -14,16 +14,16 @@ def test_everything_raised_on_purpose_has_one_root():
 @pytest.mark.parametrize(
     ("finding", "text"),
     [
-        (Finding("a.kf line 4", "X is no parameter"), "a.kf line 4: X is no parameter"),
+        (Finding(Location("a.kf", 4), "X is no parameter"), "a.kf line 4: X is no parameter"),
         (
-            Finding("a.kf line 4", "X is no parameter", "Did you mean Y?"),
+            Finding(Location("a.kf", 4), "X is no parameter", "Did you mean Y?"),
             "a.kf line 4: X is no parameter. Did you mean Y?",
         ),
-        (Finding("a.kf", "X ends.", "Mend it."), "a.kf: X ends. Mend it."),
-        (Finding("a.kf", "What is X?", "Mend it."), "a.kf: What is X? Mend it."),
-        (Finding("a.kf", "X!", "Mend it."), "a.kf: X! Mend it."),
-        (Finding("", "X is wrong"), "X is wrong"),
-        (Finding("", "X is wrong", "Mend it."), "X is wrong. Mend it."),
+        (Finding(Location("a.kf"), "X ends.", "Mend it."), "a.kf: X ends. Mend it."),
+        (Finding(Location("a.kf"), "What is X?", "Mend it."), "a.kf: What is X? Mend it."),
+        (Finding(Location("a.kf"), "X!", "Mend it."), "a.kf: X! Mend it."),
+        (Finding(Location(), "X is wrong"), "X is wrong"),
+        (Finding(Location(), "X is wrong", "Mend it."), "X is wrong. Mend it."),
     ],
 )
 def test_a_finding_reads_as_place_problem_and_mend(finding, text):
@@ -31,20 +31,20 @@ def test_a_finding_reads_as_place_problem_and_mend(finding, text):
 
 
 def test_a_finding_is_an_error_unless_it_says_warning():
-    assert Finding("a", "b").severity == "error"
-    assert Finding("a", "b", severity="warning").severity == "warning"
+    assert Finding(Location("a"), "b").severity == "error"
+    assert Finding(Location("a"), "b", severity="warning").severity == "warning"
 
 
 def test_an_input_error_carries_every_finding_in_order():
-    findings = [Finding("line 1", "one"), Finding("line 2", "two")]
+    findings = [Finding(Location("line 1"), "one"), Finding(Location("line 2"), "two")]
     error = InputError(iter(findings))
     assert error.findings == tuple(findings)
     assert str(error) == "line 1: one\nline 2: two"
 
 
 def test_an_input_error_of_a_single_finding():
-    error = InputError.of("line 1", "one", "Mend it.", "x = ")
-    assert error.findings == (Finding("line 1", "one", "Mend it.", "x = "),)
+    error = InputError.of(Location("line 1"), "one", "Mend it.", "x = ")
+    assert error.findings == (Finding(Location("line 1"), "one", "Mend it.", "x = "),)
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,9 @@ def test_the_nearest_name_is_offered(name, candidates, question):
 )
 def test_characters_that_act_on_a_terminal_become_escapes(text, shown):
     assert visible(text) == shown
-    assert str(Finding(text, "is odd")) == f"{shown}: is odd"
+    assert str(Finding(Location(text), "is odd")) == f"{shown}: is odd"
     assert str(ArgumentError(text)) == shown
-    assert str(InputError.of("a", text)) == f"a: {shown}"
+    assert str(InputError.of(Location("a"), text)) == f"a: {shown}"
 
 
 def test_the_nearest_of_very_many_names_is_found():

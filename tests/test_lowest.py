@@ -1,6 +1,7 @@
 """The oldest versions that pyproject.toml admits, as `scripts/lowest` tests them."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -26,3 +27,19 @@ def test_every_dependency_of_this_project_states_one(lowest):
 def test_a_dependency_that_states_none_or_more_is_refused(lowest, requirement):
     with pytest.raises(ValueError, match="must have the form name>=version"):
         list(lowest(f'[project]\ndependencies = ["{requirement}"]\n'))
+
+
+def test_the_files_that_are_tested_with_them_exist():
+    script = (ROOT / "scripts" / "lowest").read_text(encoding="utf-8")
+    paths = [path for pattern in re.findall(r"tests/\S+", script) for path in expanded(pattern)]
+    assert len(paths) > 10
+    assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def expanded(pattern):
+    """Return the paths of a pattern with alternatives in braces, as the shell expands them."""
+    head, brace, rest = pattern.partition("{")
+    if not brace:
+        return [pattern]
+    names, _, tail = rest.partition("}")
+    return [f"{head}{name}{tail}" for name in names.split(",")]

@@ -11,15 +11,15 @@ from benchmarks.peers.recorder import Recorder
 __all__ = ["cost_at", "solve"]
 
 
-def _residual(given: ExhaustProblem) -> Any:
+def _residual(task: ExhaustProblem) -> Any:
     import jax
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)
-    drive = given.drive
+    drive = task.drive
     index, weight = jnp.asarray(drive.cells.index), jnp.asarray(drive.cells.weight)
     left, share = jnp.asarray(drive.left), jnp.asarray(drive.share)
-    measured, rough = jnp.asarray(drive.measured), jnp.asarray(given.roughness)
+    measured, rough = jnp.asarray(drive.measured), jnp.asarray(task.roughness)
     kept = np.flatnonzero(drive.scored)
 
     def step(y: Any, now: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -31,8 +31,8 @@ def _residual(given: ExhaustProblem) -> Any:
         settled = jnp.sum(values[:MAP][index] * weight, axis=1)
         curve = values[MAP:]
         constant = curve[left] * (1 - share) + curve[left + 1] * share
-        _, found = jax.lax.scan(step, settled[0], (settled, constant))
-        return jnp.concatenate([(found - measured)[kept], rough @ values])
+        _, temperature = jax.lax.scan(step, settled[0], (settled, constant))
+        return jnp.concatenate([(temperature - measured)[kept], rough @ values])
 
     return residual
 
@@ -50,21 +50,21 @@ def solve(cap: float, scaled: bool) -> dict[str, Any]:
     import jax
     from scipy.optimize import least_squares
 
-    given = problem()
-    plain = _residual(given)
+    task = problem()
+    plain = _residual(task)
     began = time.perf_counter()
     compiled, jacobian = jax.jit(plain), jax.jit(jax.jacfwd(plain))
-    compiled(given.start).block_until_ready()
-    jacobian(given.start).block_until_ready()
+    compiled(task.start).block_until_ready()
+    jacobian(task.start).block_until_ready()
     ready = time.perf_counter()
-    residual = Recorder(lambda values: np.asarray(compiled(values)), given.start, cap)
-    found = residual.run(
+    residual = Recorder(lambda values: np.asarray(compiled(values)), task.start, cap)
+    temperature = residual.run(
         lambda: least_squares(
             residual,
-            given.start,
+            task.start,
             jac=lambda values: np.asarray(jacobian(values)),
-            bounds=given.bounds,
+            bounds=task.bounds,
             x_scale="jac" if scaled else 1.0,
         )
     )
-    return found | {"setup": ready - began}
+    return temperature | {"setup": ready - began}

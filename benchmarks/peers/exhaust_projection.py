@@ -22,10 +22,10 @@ Float = NDArray[np.float64]
 class _Projected:
     """Residuals and Jacobian as functions of the time constants alone."""
 
-    def __init__(self, given: ExhaustProblem) -> None:
-        self.given = given
-        self.first = int(np.argmax(given.drive.scored))  # the scored samples are all from here on
-        rough = given.roughness[np.any(given.roughness[:, :MAP] != 0, axis=1)][:, :MAP]
+    def __init__(self, task: ExhaustProblem) -> None:
+        self.given = task
+        self.first = int(np.argmax(task.drive.scored))  # the scored samples are all from here on
+        rough = task.roughness[np.any(task.roughness[:, :MAP] != 0, axis=1)][:, :MAP]
         self.penalty = rough.T @ rough
         self.at: Float | None = None
 
@@ -63,13 +63,13 @@ def solve(cap: float, scaled: bool) -> dict[str, Any]:
     """Solve; what is reported are all values."""
     from scipy.optimize import least_squares
 
-    given = problem()
-    projected = _Projected(given)
-    lower, upper = given.bounds
-    begin = given.start[MAP:]
+    task = problem()
+    projected = _Projected(task)
+    lower, upper = task.bounds
+    begin = task.start[MAP:]
     projected.given.drive.basis, projected.given.drive.slopes  # noqa: B018  # data alone, made before the clock starts
     recorder = Recorder(projected.residual, begin, cap)
-    found = recorder.run(
+    outcome = recorder.run(
         lambda: least_squares(
             recorder,
             begin,
@@ -78,7 +78,7 @@ def solve(cap: float, scaled: bool) -> dict[str, Any]:
             x_scale="jac" if scaled else 1.0,
         )
     )
-    values = projected.solved(np.array(found["values"]))
+    values = projected.solved(np.array(outcome["values"]))
     outside = int(np.sum((values < lower) | (values > upper)))
-    notes = [*([found["note"]] if found["note"] else []), *([f"{outside} values outside"] if outside else [])]
-    return found | {"values": values.tolist(), "note": "; ".join(notes)}
+    notes = [*([outcome["note"]] if outcome["note"] else []), *([f"{outside} values outside"] if outside else [])]
+    return outcome | {"values": values.tolist(), "note": "; ".join(notes)}

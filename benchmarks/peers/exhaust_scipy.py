@@ -14,9 +14,9 @@ __all__ = ["solve"]
 
 def solve(cap: float, jacobian: str, scaled: bool) -> dict[str, Any]:
     """Solve with a Jacobian `differences` or `filtered` (the basis through the lag); `scaled` says x_scale="jac"."""
-    given = problem()
+    task = problem()
     jacobians: dict[str, str | Callable[[NDArray[np.float64]], Any]] = {
         "differences": "2-point",
-        "filtered": given.jacobian,
+        "filtered": task.jacobian,
     }
-    return run_trf(given, cap, jacobians[jacobian], scaled, "exact")
+    return run_trf(task, cap, jacobians[jacobian], scaled, "exact")

@@ -14,17 +14,17 @@ def solve(cap: float) -> dict[str, Any]:
     """Solve with lmfit's defaults but for the number of evaluations."""
     import lmfit
 
-    given = problem()
+    task = problem()
     parameters = lmfit.Parameters()
-    lower, upper = np.full(given.total, -np.inf), np.full(given.total, np.inf)
-    lower[given.kept], upper[given.kept] = given.bounds
-    for number, value in enumerate(given.whole(given.start)):
-        free = number != given.pinned
+    lower, upper = np.full(task.total, -np.inf), np.full(task.total, np.inf)
+    lower[task.kept], upper[task.kept] = task.bounds
+    for number, value in enumerate(task.whole(task.start)):
+        free = number != task.pinned
         parameters.add(f"p{number}", value=value, vary=free, min=lower[number], max=upper[number])
-    recorder = Recorder(given.residual, given.start, cap)
+    recorder = Recorder(task.residual, task.start, cap)
 
-    def residual(found: lmfit.Parameters) -> Any:
-        values = np.fromiter((p.value for p in found.values()), dtype=float, count=given.total)
-        return recorder(values[given.kept])
+    def residual(current: lmfit.Parameters) -> Any:
+        values = np.fromiter((p.value for p in current.values()), dtype=float, count=task.total)
+        return recorder(values[task.kept])
 
     return recorder.run(lambda: lmfit.minimize(residual, parameters, method="leastsq", max_nfev=10**9))

@@ -11,19 +11,19 @@ from benchmarks.torque_problem import NAMES, TorqueProblem, problem
 __all__ = ["cost_at", "solve"]
 
 
-def _residual(given: TorqueProblem) -> Callable[[Any, Any], tuple[Any, None]]:
+def _residual(task: TorqueProblem) -> Callable[[Any, Any], tuple[Any, None]]:
     import jax
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)
-    points, axis = given.training, jnp.asarray(given.eta_axis)
-    rough = jnp.asarray(given.roughness.toarray())
+    points, axis = task.training, jnp.asarray(task.eta_axis)
+    rough = jnp.asarray(task.roughness.toarray())
     cells = [(jnp.asarray(c.index), jnp.asarray(c.weight)) for c in points.maps.values()]
     measured, ignition = jnp.asarray(points.torque), jnp.asarray(points.ignition)
 
     def residual(free: Any, _: Any) -> tuple[Any, None]:
-        values = jnp.concatenate([free[: given.pinned], jnp.ones(1), free[given.pinned :]])
-        part = {n: values[given.offsets[n] : given.offsets[n] + given.sizes[n]] for n in NAMES}
+        values = jnp.concatenate([free[: task.pinned], jnp.ones(1), free[task.pinned :]])
+        part = {n: values[task.offsets[n] : task.offsets[n] + task.sizes[n]] for n in NAMES}
         best, spark, drag = (
             jnp.sum(part[name][index] * weight, axis=1)
             for name, (index, weight) in zip(points.maps, cells, strict=True)
@@ -51,10 +51,10 @@ def solve(cap: float) -> dict[str, Any]:
     import jax.numpy as jnp
     import optimistix as optx
 
-    given = problem()
-    residual = _residual(given)
+    task = problem()
+    residual = _residual(task)
     solver = optx.LevenbergMarquardt(rtol=1e-8, atol=1e-8)
-    at = jnp.asarray(given.start)
+    at = jnp.asarray(task.start)
     shape = jax.eval_shape(lambda: residual(at, None))
     common = {"fn": residual, "args": None, "options": {}, "tags": frozenset()}
     state = solver.init(residual, at, None, {}, *shape, frozenset())
@@ -71,7 +71,7 @@ def solve(cap: float) -> dict[str, Any]:
         at, state, _ = step(y=at, state=state)
         done = bool(terminate(y=at, state=state)[0])
         trace.append((time.perf_counter() - ready, float(cost(at))))
-    lower, upper = given.bounds
+    lower, upper = task.bounds
     outside = int(np.sum((np.asarray(at) < lower) | (np.asarray(at) > upper)))
     notes = ["no bounds" + (f", {outside} values outside" if outside else "")] + ([] if done else ["out of time"])
     return {

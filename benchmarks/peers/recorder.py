@@ -1,4 +1,4 @@
-"""What a peer's residual function saw: the best values so far, when, and that its time is up."""
+"""Record of a peer's residual function: the best values so far, when, and that its time is up."""
 
 import time
 from collections.abc import Callable
@@ -27,8 +27,8 @@ class Recorder:
 
     def __call__(self, values: Float) -> Float:
         """The residuals."""
-        found = self._residual(values)
-        cost = float(found @ found)
+        residual = self._residual(values)
+        cost = float(residual @ residual)
         now = time.perf_counter() - self.began
         self.calls += 1
         if cost < self.best:
@@ -36,7 +36,7 @@ class Recorder:
             self.trace.append((now, cost))
         if now > self._cap:
             raise OutOfTime
-        return found
+        return residual
 
     def run(self, solve: Callable[[], Any]) -> dict[str, Any]:
         """Time `solve` and report where it ended, or where it was when its time was up."""

@@ -14,10 +14,10 @@ __all__ = ["solve"]
 
 def solve(cap: float, jacobian: str, scaled: bool, seed: int = 0) -> dict[str, Any]:
     """Solve with a Jacobian `differences`, `dense` or `sparse` (with lsmr); `scaled` says x_scale="jac"."""
-    given = problem(seed)
+    task = problem(seed)
     jacobians: dict[str, str | Callable[[NDArray[np.float64]], Any]] = {
         "differences": "2-point",
-        "dense": lambda values: given.jacobian(values).toarray(),
-        "sparse": given.jacobian,
+        "dense": lambda values: task.jacobian(values).toarray(),
+        "sparse": task.jacobian,
     }
-    return run_trf(given, cap, jacobians[jacobian], scaled, "lsmr" if jacobian == "sparse" else "exact")
+    return run_trf(task, cap, jacobians[jacobian], scaled, "lsmr" if jacobian == "sparse" else "exact")

@@ -8,18 +8,18 @@ from benchmarks.peers.recorder import Recorder
 __all__ = ["run_trf"]
 
 
-def run_trf(given: Any, cap: float, jacobian: str | Callable[..., Any], scaled: bool, solver: str) -> dict[str, Any]:
+def run_trf(task: Any, cap: float, jacobian: str | Callable[..., Any], scaled: bool, solver: str) -> dict[str, Any]:
     """Solve a problem within its bounds; `scaled` says x_scale="jac", `solver` is scipy's tr_solver."""
     from scipy.optimize import least_squares
 
-    residual = Recorder(given.residual, given.start, cap)
-    given.jacobian(given.start)
+    residual = Recorder(task.residual, task.start, cap)
+    task.jacobian(task.start)
     return residual.run(
         lambda: least_squares(
             residual,
-            given.start,
+            task.start,
             jac=jacobian,
-            bounds=given.bounds,
+            bounds=task.bounds,
             x_scale="jac" if scaled else 1.0,
             tr_solver=solver,
         )

@@ -97,85 +97,30 @@ __all__ = [
 
 __version__ = "0.1.0"
 
-_MODULES = {
-    "analysis": (
-        "cross_validate",
-        "residuals",
-    ),
-    "analysis.extrapolation": ("find_extrapolation",),
-    "calfiles": ("read_parameters",),
-    "constraints": (
-        "Equality",
-        "Limit",
-        "Pin",
-        "Shape",
-        "Term",
-    ),
-    "criteria": (
-        "Criterion",
-        "Region",
-        "Target",
-    ),
-    "dataset": (
-        "Channel",
-        "Dataset",
-        "Settling",
-    ),
-    "errors": (
-        "ArgumentError",
-        "Finding",
-        "InputError",
-        "InputWarning",
-        "KennfeldError",
-    ),
-    "graph": ("Graph",),
-    "measurement": ("read",),
-    "models": ("Model",),
-    "models.formula": ("formula",),
-    "models.simulink.importable_subsystems": ("inspect_simulink",),
-    "models.simulink.importing": (
-        "import_simulink",
-        "simulink",
-    ),
-    "optimize": (
-        "Options",
-        "Problem",
-        "Quality",
-        "Result",
-        "Step",
-        "Stop",
-        "Trust",
-        "calibrate",
-        "simulate",
-    ),
-    "parameter_set": ("ParameterSet",),
-    "parameters": (
-        "Axis",
-        "Block",
-        "Cube",
-        "Curve",
-        "Map",
-        "Scalar",
-        "Text",
-    ),
-    "project": ("Project",),
-    "rbf": (
-        "RBF",
-        "Expansion",
-    ),
-    "surrogate": (
-        "DynamicSurrogate",
-        "StaticSurrogate",
-        "read_surrogate",
-        "write_surrogate",
-    ),
-    "surrogate.rbf_fit": ("compress_map",),
-    "surrogate.training": (
-        "SurrogateSettings",
-        "train_surrogate",
-    ),
+_NAMES = {
+    "analysis": "cross_validate residuals",
+    "analysis.extrapolation": "find_extrapolation",
+    "calfiles": "read_parameters",
+    "constraints": "Equality Limit Pin Shape Term",
+    "criteria": "Criterion Region Target",
+    "dataset": "Channel Dataset Settling",
+    "errors": "ArgumentError Finding InputError InputWarning KennfeldError",
+    "graph": "Graph",
+    "measurement": "read",
+    "models": "Model",
+    "models.formula": "formula",
+    "models.simulink.importable_subsystems": "inspect_simulink",
+    "models.simulink.importing": "import_simulink simulink",
+    "optimize": "Options Problem Quality Result Step Stop Trust calibrate simulate",
+    "parameter_set": "ParameterSet",
+    "parameters": "Axis Block Cube Curve Map Scalar Text",
+    "project": "Project",
+    "rbf": "RBF Expansion",
+    "surrogate": "DynamicSurrogate StaticSurrogate read_surrogate write_surrogate",
+    "surrogate.rbf_fit": "compress_map",
+    "surrogate.training": "SurrogateSettings train_surrogate",
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names.split()}
 _NAME_THERE = {"read_parameters": "read"}
 
 

@@ -3,6 +3,7 @@
 import re
 import zipfile
 import zlib
+from collections.abc import Iterator
 
 LARGE = 100_000_000  # bytes; smaller members are harmless
 MAX_RATIO = 100  # sheets of a workbook shrink to a tenth, repetitive ones to a thirtieth
@@ -23,21 +24,12 @@ def find_oversized(archive: zipfile.ZipFile) -> str:
             size = max(size, _real_size(archive, member))
         if size > LARGE and size > MAX_RATIO * packed:
             return f"{member.filename[:80]} holds {size / 1e6:.0f} MB or more, packed into {packed / 1e6:.1f} MB"
-    return _claimed(archive)
-
-
-def _claimed(archive: zipfile.ZipFile) -> str:
-    """Return a message if a workbook claims more shared strings than its file can hold.
-
-    Readers allocate memory for that many at once, and abort the process if there is not enough.
-    """
     if _SHARED not in archive.namelist():
         return ""
-    with archive.open(_SHARED) as member:
-        counts = [int(count) for count in _COUNT.findall(member.read(_HEAD))]
-    if max(counts, default=0) <= archive.getinfo(_SHARED).file_size:
-        return ""
-    return f"{_SHARED} claims to hold {max(counts)} texts"
+    # readers allocate memory for as many texts as a workbook claims, and abort the process if there is not enough
+    with archive.open(_SHARED) as file:
+        claimed = max(map(int, _COUNT.findall(file.read(_HEAD))), default=0)
+    return f"{_SHARED} claims to hold {claimed} texts" if claimed > archive.getinfo(_SHARED).file_size else ""
 
 
 def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
@@ -61,3 +53,12 @@ def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
         except zlib.error:
             break  # damaged; reported by the reader
     return size
+
+
+def iterate_chunks(archive: zipfile.ZipFile, member: str | zipfile.ZipInfo, overlap: int) -> Iterator[bytes]:
+    """Yield the unpacked content of a member in parts that overlap by so many bytes."""
+    tail = b""
+    with archive.open(member) as stream:
+        while chunk := stream.read(_CHUNK):
+            yield tail + chunk
+            tail = chunk[-overlap:]

@@ -52,16 +52,18 @@ class Location:
         file: name of the file or dataset, or the argument of a call.
         line: line of the file from 1 on; 0 if the location is the file as a whole, or has no lines.
         path: place within the file, such as a section and key, a label or a block; may be empty.
+        column: column from 1 on of the line, or of the text at the path; 0 if the location is all of it.
 
     >>> print(Location("engine.dcm", 12, "MapX"), "|", Location("kennfeld.toml", 4, "[model] step"))
     engine.dcm line 12 (MapX) | kennfeld.toml line 4 [model] step
-    >>> print(Location("engine.slx", path="Controller/Gain"))
-    engine.slx Controller/Gain
+    >>> print(Location("engine.slx", path="Controller/Gain"), "|", Location("torque.kf", 4, column=9))
+    engine.slx Controller/Gain | torque.kf line 4, column 9
     """
 
     file: str = ""
     line: int = 0
     path: str = ""
+    column: int = 0
 
     def within(self, path: str) -> "Location":
         """Return the location of a part: `path` is appended to the own path."""
@@ -70,7 +72,8 @@ class Location:
     def __str__(self) -> str:
         line = f"line {self.line}" if self.line else ""
         path = f"({self.path})" if line and self.path and not self.path.startswith("[") else self.path
-        return " ".join(part for part in (self.file, line, path) if part)
+        place = " ".join(part for part in (self.file, line, path) if part)
+        return f"{place}, column {self.column}" if self.column else place
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class Finding:
     torque.kf line 4: unknown parameter MapOptTorqe. Did you mean MapOptTorque?
     """
 
-    location: Location | str
+    location: Location
     message: str
     remedy: str = ""
     excerpt: str = ""
@@ -110,15 +113,15 @@ class Findings:
     def __init__(self, findings: Iterable[Finding] = ()) -> None:
         self._findings = list(findings)
 
-    def error(self, location: Location | str, message: str, remedy: str = "", excerpt: str = "") -> None:
+    def error(self, location: Location, message: str, remedy: str = "", excerpt: str = "") -> None:
         """Add an error; `excerpt` is the text that the location shows."""
         self.add(Finding(location, message, remedy, excerpt))
 
-    def warning(self, location: Location | str, message: str, remedy: str = "") -> None:
+    def warning(self, location: Location, message: str, remedy: str = "") -> None:
         """Add a warning."""
         self.add(Finding(location, message, remedy, severity="warning"))
 
-    def remark(self, location: Location | str, message: str, remedy: str = "") -> None:
+    def remark(self, location: Location, message: str, remedy: str = "") -> None:
         """Add a remark."""
         self.add(Finding(location, message, remedy, severity="remark"))
 
@@ -145,7 +148,7 @@ class Findings:
 
 
 def _line(finding: Finding) -> int:
-    return finding.location.line if isinstance(finding.location, Location) else 0
+    return finding.location.line
 
 
 class KennfeldError(Exception):
@@ -163,7 +166,7 @@ class InputError(KennfeldError):
         super().__init__("\n".join(str(finding) for finding in self.findings))
 
     @classmethod
-    def of(cls, location: Location | str, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
+    def of(cls, location: Location, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
         """Return an error with a single finding."""
         return cls([Finding(location, message, remedy, excerpt)])
 

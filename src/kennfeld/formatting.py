@@ -1,6 +1,7 @@
-"""Text for messages: similar names, short lists, counts and quotes."""
+"""Text for messages: similar names, short lists, counts, numbers, sizes and quotes."""
 
 import difflib
+import math
 import re
 from collections.abc import Collection, Iterable, Sequence
 from heapq import nlargest
@@ -64,6 +65,30 @@ def join_names(names: Collection[str], limit: int = 8, separator: str = ", ") ->
     """
     more = f" and {len(names) - limit} more" if len(names) > limit else ""
     return separator.join(islice(names, limit)) + more
+
+
+def shorten(lines: Sequence[str], limit: int, pointer: str = "") -> list[str]:
+    """Return the first `limit` lines, and one with the number of the others and a pointer to them.
+
+    >>> shorten(["a", "b", "c", "d"], 2, "; see result.json")
+    ['a', 'b', 'and 2 more; see result.json']
+    """
+    return [*lines[:limit], *count_more(len(lines) - limit, pointer)]
+
+
+def count_more(count: int, pointer: str = "") -> list[str]:
+    """Return a line with the number of entries that are not listed, none if all are."""
+    return [f"and {count} more{pointer}"] if count > 0 else []
+
+
+def number_text(value: float | None) -> str:
+    """Return a number with six digits, nothing if it is unknown."""
+    return "" if value is None or math.isnan(value) else f"{value:.6g}"
+
+
+def size_text(shape: Iterable[int]) -> str:
+    """Return a shape as `18 x 14`."""
+    return " x ".join(map(str, shape))
 
 
 def quoted(name: str) -> str:

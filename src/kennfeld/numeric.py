@@ -45,13 +45,13 @@ def number(
     return result
 
 
-def array(given: Any, label: str) -> Float:
+def array(source: Any, label: str) -> Float:
     """Return numbers of any numeric type as a float64 array.
 
     Missing elements become NaN: None, pandas' NA, and masked elements of a masked array.
 
     Args:
-        given: a list, an array, or a column of a table.
+        source: a list, an array, or a column of a table.
         label: the name of the numbers, for the message.
 
     Raises:
@@ -60,11 +60,11 @@ def array(given: Any, label: str) -> Float:
     >>> array([1, None, True], "values of Gain")
     array([ 1., nan,  1.])
     """
-    if hasattr(given, "to_numpy") and hasattr(given, "dtype") and not isinstance(given.dtype, np.dtype):
-        given = given.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
-    masked = np.ma.getmask(given)
+    if hasattr(source, "to_numpy") and hasattr(source, "dtype") and not isinstance(source.dtype, np.dtype):
+        source = source.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
+    masked = np.ma.getmask(source)
     try:
-        values = np.asarray(given)
+        values = np.asarray(source)
     except ValueError:
         raise ArgumentError(f"{label} must be numbers in rows of equal length") from None
     if values.dtype.kind in _NUMERIC:
@@ -72,16 +72,16 @@ def array(given: Any, label: str) -> Float:
         return plain if masked is np.ma.nomask else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
         raise ArgumentError(f"{label} must be numbers, got {_OTHER[values.dtype.kind]}")
-    objects = np.array(given, dtype=object)
+    objects = np.array(source, dtype=object)
     objects[masked] = None
     return _of_objects(objects, label)
 
 
-def truths(given: Any, label: str) -> Bool:
+def truths(source: Any, label: str) -> Bool:
     """Return truth values, or numbers in their place, as an array of bool.
 
     Args:
-        given: a list, an array, or a column of a table; 0 is false, any other number true.
+        source: a list, an array, or a column of a table; 0 is false, any other number true.
         label: the name of the values, for the message.
 
     Raises:
@@ -90,7 +90,7 @@ def truths(given: Any, label: str) -> Bool:
     >>> truths([1, False], "locked of Gain")
     array([ True, False])
     """
-    values = array(given, label)
+    values = array(source, label)
     if np.isnan(values).any():
         raise ArgumentError(f"{label} must be true or false, but a value is missing")
     return np.asarray(values != 0)

@@ -55,20 +55,16 @@ class ParameterSet(Mapping[str, Parameter]):
                 raise ArgumentError(f"parameter {member.name} is defined twice")
             by_name[member.name] = member
         seen = {(member.name, member.variant) for member in members} | {(text.name, text.variant) for text in notes}
-        for thing in rest:
-            if (thing.name, thing.variant) in seen:
-                raise ArgumentError(f"parameter {thing.name} is defined twice in the variant {thing.variant!r}")
-            seen.add((thing.name, thing.variant))
-        object.__setattr__(self, "parameters", members)
-        object.__setattr__(self, "texts", notes)
-        object.__setattr__(self, "axes", _group_axes(members, axes))
-        object.__setattr__(self, "others", rest)
-        object.__setattr__(self, "origin", origin)
-        object.__setattr__(self, "_by_name", by_name)
+        for item in rest:
+            if (item.name, item.variant) in seen:
+                raise ArgumentError(f"parameter {item.name} is defined twice in the variant {item.variant!r}")
+            seen.add((item.name, item.variant))
+        vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, _by_name=by_name)
+        vars(self)["axes"] = _group_axes(members, axes)
 
     def __getitem__(self, name: str | tuple[str, str]) -> Parameter:
         """Return the parameter of a name, in the selected variant, or of a name and a variant."""
-        by_name: dict[str, Parameter] = self.__dict__["_by_name"]
+        by_name: dict[str, Parameter] = vars(self)["_by_name"]
         if isinstance(name, tuple):
             member = self.everything.get(name)
             if isinstance(member, Parameter):
@@ -79,10 +75,10 @@ class ParameterSet(Mapping[str, Parameter]):
         return by_name[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.__dict__["_by_name"]
+        return name in vars(self)["_by_name"]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.__dict__["_by_name"])
+        return iter(vars(self)["_by_name"])
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -104,7 +100,15 @@ class ParameterSet(Mapping[str, Parameter]):
     @property
     def everything(self) -> dict[tuple[str, str], Parameter | Text]:
         """All parameters and texts in all their variants, by name and variant."""
-        return {(thing.name, thing.variant): thing for thing in (*self.chosen, *self.others)}
+        return {(item.name, item.variant): item for item in (*self.chosen, *self.others)}
+
+    @property
+    def others_by_name(self) -> dict[str, list[Parameter | Text]]:
+        """The further variants of each label that has any."""
+        others: dict[str, list[Parameter | Text]] = {}
+        for item in self.others:
+            others.setdefault(item.name, []).append(item)
+        return others
 
     @property
     def variants(self) -> tuple[str, ...]:
@@ -117,12 +121,12 @@ class ParameterSet(Mapping[str, Parameter]):
         Raises `ArgumentError` if no member has the variant.
         """
         if variant not in self.variants:
-            known = ", ".join(self.variants) or "none"
-            remedy = nearest(variant, self.variants)
-            raise ArgumentError(
-                f"no parameter has the variant {variant!r}. The variants are: {known}. {remedy}".strip()
-            )
-        return self.merged(_of([thing for (_, one), thing in self.everything.items() if one == variant]))
+            known, remedy = ", ".join(self.variants) or "none", nearest(variant, self.variants)
+            message = f"no parameter has the variant {variant!r}. The variants are: {known}. {remedy}"
+            raise ArgumentError(message.strip())
+        items = [item for item in self.everything.values() if item.variant == variant]
+        members = [item for item in items if isinstance(item, Parameter)]
+        return self.merged(ParameterSet(members, [item for item in items if isinstance(item, Text)]))
 
     def merged(self, other: "ParameterSet") -> "ParameterSet":
         """Return the set with the members of `other`, which replace those of the same name.
@@ -159,7 +163,7 @@ class ParameterSet(Mapping[str, Parameter]):
     def select(self, names: Iterable[str]) -> "ParameterSet":
         """Return the named parameters alone, in the order of `names`."""
         chosen = [self[name] for name in names]
-        others = [thing for thing in self.others if any(thing.name == member.name for member in chosen)]
+        others = [item for item in self.others if item.name in {member.name for member in chosen}]
         return ParameterSet(chosen, others=others, origin=self.origin)
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
@@ -169,7 +173,7 @@ class ParameterSet(Mapping[str, Parameter]):
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""
         kept = [member for member in self.parameters if member.name not in names]
-        others = [thing for thing in self.others if thing.name not in names]
+        others = [item for item in self.others if item.name not in names]
         return ParameterSet(kept, self.texts, self.axes, others, self.origin)
 
     def save(self, path: str | Path) -> None:
@@ -179,12 +183,6 @@ class ParameterSet(Mapping[str, Parameter]):
         if _writer is None:
             raise ArgumentError("no calibration format is registered")
         _writer(self, Path(path))
-
-
-def _of(things: Iterable[Parameter | Text]) -> ParameterSet:
-    known = list(things)
-    members = [thing for thing in known if isinstance(thing, Parameter)]
-    return ParameterSet(members, [thing for thing in known if isinstance(thing, Text)])
 
 
 _Member = TypeVar("_Member", Parameter, Text)

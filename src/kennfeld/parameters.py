@@ -16,7 +16,8 @@ from kennfeld.numeric import array, truths
 
 Extrapolation = Literal["clip", "linear"]
 TextKind = Literal["text", "enumeration", "boolean"]
-_LABELS = ("functions", "display_name", "variant")
+AXIS_LETTERS = ("x", "y", "z", "w")
+LABELS = ("description", "display_name", "variant", "functions")  # attributes that parameters and texts share
 MIN_SPACING = 0.05  # of the mean distance of breakpoints, to which free ones may approach each other
 
 
@@ -53,10 +54,9 @@ class Axis:
         min_distance: float | None = None,
         range: tuple[float, float] | None = None,  # noqa: A002
     ) -> None:
-        for attribute, value in (("input", input), ("unit", unit), ("name", name), ("free", bool(free))):
-            object.__setattr__(self, attribute, value)
-        object.__setattr__(self, "min_distance", None if min_distance is None else float(min_distance))
-        object.__setattr__(self, "range", None if range is None else (float(range[0]), float(range[1])))
+        vars(self).update(input=input, unit=unit, name=name, free=bool(free))
+        vars(self)["min_distance"] = None if min_distance is None else float(min_distance)
+        vars(self)["range"] = None if range is None else (float(range[0]), float(range[1]))
         points = readonly(np.atleast_1d(array(breakpoints, f"breakpoints of axis {self.label}")))
         if points.ndim != 1 or points.size == 0:
             raise ArgumentError(f"breakpoints of axis {self.label} must be one-dimensional, got shape {points.shape}")
@@ -69,11 +69,11 @@ class Axis:
                 f"breakpoints of axis {self.label} must increase: "
                 f"number {at + 2} ({points[at + 1]:g}) does not exceed number {at + 1} ({points[at]:g})"
             )
-        object.__setattr__(self, "breakpoints", points)
+        vars(self)["breakpoints"] = points
         self._check_freedom()
 
     def _check_freedom(self) -> None:
-        """Return whether the start keeps what it shall keep while it moves."""
+        """Check that the breakpoints are within the limits that free ones will keep."""
         points = self.breakpoints
         if self.range is not None and not (self.range[0] <= points[0] and points[-1] <= self.range[1]):
             low, high = self.range
@@ -151,34 +151,32 @@ class Parameter:
     variant: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "functions", tuple(self.functions))
-        values = readonly(self.values)
+        attributes = vars(self)  # the class is frozen
+        attributes["functions"] = tuple(self.functions)
+        values = attributes["values"] = readonly(self.values)
         shape = self._expected_shape(values)
         if values.shape != shape:
             raise ArgumentError(f"{self.name} has values of shape {values.shape}, its axes require {shape}")
-        object.__setattr__(self, "values", values)
         if self.extrapolation not in ("clip", "linear"):
             raise ArgumentError(f"extrapolation={self.extrapolation!r} of {self.name} must be clip or linear")
         for side in ("lower", "upper"):
-            bounds = array(getattr(self, side), f"{side} bounds of {self.name}")
-            object.__setattr__(self, side, self._spread(side, bounds))
-        object.__setattr__(self, "locked", self._spread("locked", truths(self.locked, f"locked of {self.name}")))
+            attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
+        attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
         crossed = ~(self.lower <= self.upper)
         if crossed.any():
             at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
-            raise ArgumentError(
-                f"{self.name}{_subscript(at)} has the lower bound {self.lower[at]:g} "
-                f"above its upper bound {self.upper[at]:g}"
-            )
+            place = f"{self.name}{list(at)}" if at else self.name
+            bounds = f"the lower bound {self.lower[at]:g} above its upper bound {self.upper[at]:g}"
+            raise ArgumentError(f"{place} has {bounds}")
 
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         return tuple(len(axis) for axis in self.axes)
 
-    def _spread(self, attribute: str, given: NDArray[Any]) -> Any:
+    def _spread(self, attribute: str, numbers: NDArray[Any]) -> Any:
         try:
-            spread = np.broadcast_to(given, self.values.shape).copy()
+            spread = np.broadcast_to(numbers, self.values.shape).copy()
         except ValueError:
-            message = f"{attribute} of {self.name} has shape {given.shape}, its values have {self.values.shape}"
+            message = f"{attribute} of {self.name} has shape {numbers.shape}, its values have {self.values.shape}"
             raise ArgumentError(message) from None
         spread.setflags(write=False)
         return spread
@@ -228,7 +226,7 @@ class Parameter:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Parameter):
             return NotImplemented
-        plain = ("kind", "name", "axes", "unit", "description", "extrapolation", *_LABELS)
+        plain = ("kind", "name", "axes", "unit", "extrapolation", *LABELS)
         arrays = ("values", "lower", "upper", "locked")
         return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
             np.array_equal(getattr(self, a), getattr(other, a), equal_nan=a == "values") for a in arrays
@@ -236,10 +234,6 @@ class Parameter:
 
     def __hash__(self) -> int:
         return hash((self.kind, self.name, self.values.tobytes()))
-
-
-def _subscript(at: tuple[int, ...]) -> str:
-    return f"[{', '.join(str(int(i)) for i in at)}]" if at else ""
 
 
 class Scalar(Parameter):

@@ -55,9 +55,9 @@ class Expansion:
             )
         shape = (self.weights.size, self.slopes.size)
         for name in ("centres", "widths"):
-            given = getattr(self, name).shape
-            if given != shape:
-                raise ArgumentError(f"{name} of an expansion have shape {given}, weights and slopes require {shape}")
+            own = getattr(self, name).shape
+            if own != shape:
+                raise ArgumentError(f"{name} of an expansion have shape {own}, weights and slopes require {shape}")
         if not np.all(self.widths > 0):
             raise ArgumentError(f"widths of an expansion must be > 0, the smallest is {self.widths.min():g}")
 

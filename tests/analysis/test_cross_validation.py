@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.analysis import CrossValidation, cross_validated
+from kennfeld.analysis import CrossValidation
 from kennfeld.optimize.api import build_problem
 
 
@@ -75,12 +75,12 @@ def test_targets_held_back_are_not_seen(kind):
     """Wild targets in one fold change nothing of what is fitted for it."""
     data = line()
     problem = build_problem(LINE, data, START, target="y")
-    first = cross_validated(problem, 3, kind).folds[0]
+    first = kf.cross_validate(problem, folds=3, kind=kind).folds[0]
     from kennfeld.analysis.cross_validation import folds_of
 
     held = folds_of(problem.datasets, 3, kind, memory=False)[0].held[0]
     wild = replace(problem, datasets=(kf.Dataset.of("training", data | {"y": np.where(held, 1e6, data["y"])}),))
-    again = cross_validated(wild, 3, kind).folds[0]
+    again = kf.cross_validate(wild, folds=3, kind=kind).folds[0]
     assert again.rmse_training == first.rmse_training
     assert again.rmse_held > 1e5
 

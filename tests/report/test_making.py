@@ -12,7 +12,7 @@ from report_projects import limited, scattered
 from kennfeld import InputError
 from kennfeld.project import Project
 from kennfeld.project.results import write
-from kennfeld.report import document, from_folder, safely
+from kennfeld.report import document, document_safely, from_folder
 
 
 def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):
@@ -269,7 +269,7 @@ def test_a_report_that_cannot_be_made_loses_no_result(shop, monkeypatch):
         raise ZeroDivisionError("<so>")
 
     monkeypatch.setattr("kennfeld.report.page.page", fails)
-    text = safely(project, result)
+    text = document_safely(project, result)
     assert "could not be created" in text
     assert "ZeroDivisionError: &lt;so&gt;" in text
 

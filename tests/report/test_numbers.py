@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from kennfeld.report.figures import TraceEnvelope, histogram, sample_indices
-from kennfeld.report.markup import element, percent, rounded, shown, table
+from kennfeld.report.markup import decimal, element, percent, round_digits, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 
 
 @given(arrays(np.float64, array_shapes(max_dims=3, max_side=5), elements=FLOATS))
 def test_rounded_numbers_are_close_and_fit_json(values):
-    text = json.dumps(rounded(values), allow_nan=False)
+    text = json.dumps(round_digits(values), allow_nan=False)
     back = np.array(json.loads(text), dtype=object).astype(np.float64)
     assert back.shape == values.shape
     known = np.isfinite(values) & (np.abs(values) > 1e-290) & (np.abs(values) < 1e290)
@@ -25,16 +25,16 @@ def test_rounded_numbers_are_close_and_fit_json(values):
 
 @given(st.floats(1e-4, 9e6), st.booleans())
 def test_shown_numbers_have_four_digits(value, negative):
-    text = shown(-value if negative else value)
+    text = decimal(-value if negative else value)
     assert float(text) == pytest.approx(-value if negative else value, rel=6e-4)
     assert len(text.replace("-", "").replace(".", "").lstrip("0")) <= 7
 
 
 @given(FLOATS)
 def test_every_number_can_be_shown(value):
-    assert isinstance(shown(value), str)
+    assert isinstance(decimal(value), str)
     assert isinstance(percent(value), str)
-    assert math.isfinite(value) or shown(value) == "–"
+    assert math.isfinite(value) or decimal(value) == "–"
 
 
 @given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60))
@@ -68,11 +68,11 @@ def test_a_histogram_loses_no_finite_number(values):
 def test_markup_escapes_whatever_stands_in_it(text, title):
     import html
 
-    made = element("p", text, title=title)
-    assert made.count("<") == 2
-    assert html.unescape(made) == f'<p title="{title}">{text}</p>'
+    created = element("p", text, title=title)
+    assert created.count("<") == 2
+    assert html.unescape(created) == f'<p title="{title}">{text}</p>'
 
 
 def test_a_table_puts_numbers_to_the_right():
-    made = table(["name", "x"], [["a<b", "1"]])
-    assert '<td>a&lt;b</td><td class="number">1</td>' in made
+    created = table(["name", "x"], [["a<b", "1"]])
+    assert '<td>a&lt;b</td><td class="number">1</td>' in created

@@ -19,8 +19,8 @@ class Direction:
 
 @dataclass
 class NullSpace:
-    sentence: str
-    advice: str
+    sentence: str = ""
+    advice: str = ""
 
 
 @dataclass
@@ -31,20 +31,19 @@ class Trust:
     leverage: dict = field(default_factory=dict)
     by_smoothness: dict = field(default_factory=dict)
     directions: tuple = ()
-    null_space: NullSpace | None = None
+    null_space: NullSpace = field(default_factory=NullSpace)
     holdings: tuple = ()
     remark: str = ""
     noise: float = 1.0
 
 
-def test_a_mapping_marks_the_informed_values_alone():
+def test_the_informed_values_may_be_known_alone():
     informed = {"a": np.array([True, False])}
-    assert summarise_trust(informed) == TrustSummary(informed=informed)
+    assert summarise_trust(Trust(informed=informed)) == TrustSummary(informed=informed)
 
 
-@pytest.mark.parametrize("trust", [None, object()])
-def test_what_is_not_there_is_not_shown(trust):
-    assert summarise_trust(trust) == TrustSummary()
+def test_what_is_not_known_is_not_shown():
+    assert summarise_trust(Trust()) == TrustSummary()
 
 
 def calibrated(shop):
@@ -81,7 +80,7 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
 
 
 def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):
-    page = opened(document(shop, {}))
+    page = opened(document(shop, Trust()))
     (figure,) = page.figures("parameter")
     assert figure["samples"] == [18, 27, 0]
     assert (figure["deviation"], figure["informed"], figure["bySmoothness"]) == (None, None, None)

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from kennfeld import cli
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, Location
 from kennfeld.terminal.diff_lines import _RED, _paint
-from kennfeld.terminal.output import aligned, print_findings, print_lines
+from kennfeld.terminal.output import align, print_findings, print_lines
 
 EVIL = "Sp\x1b]0;title\x07e\x1b[2Jed\r\u202e[red]\x9b"
 SHOWN = r"Sp\u001b]0;title\u0007e\u001b[2Jed\u000d\u202e[red]\u009b"
@@ -15,19 +15,19 @@ SHOWN = r"Sp\u001b]0;title\u0007e\u001b[2Jed\u000d\u202e[red]\u009b"
 
 def test_lines_show_control_characters_as_escapes(capsys):
     print_lines(f"channel {EVIL}", "plain äöü °C µ 转速")
-    print_findings(Finding(f"{EVIL}.csv line 4", "is odd", excerpt=f"{EVIL};1"), f"no file {EVIL}")
+    print_findings(Finding(Location(f"{EVIL}.csv", 4), "is odd", excerpt=f"{EVIL};1"), f"no file {EVIL}")
     out, err = capsys.readouterr()
     assert out == f"channel {SHOWN}\nplain äöü °C µ 转速\n"
     assert err == f"{SHOWN}.csv line 4: is odd\n    {SHOWN};1\nno file {SHOWN}\n"
 
 
 def test_colours_of_our_own_stay(capsys):
-    print_lines(_paint(aligned([("name",), (EVIL,)])[1], _RED))
+    print_lines(_paint(align([("name",), (EVIL,)])[1], _RED))
     assert capsys.readouterr().out == f"\x1b[31m{SHOWN}\x1b[0m\n"
 
 
 def test_columns_of_a_table_fit_what_is_shown():
-    heading, row = aligned([("name", "unit"), (f"a\n{EVIL}", "rpm")])
+    heading, row = align([("name", "unit"), (f"a\n{EVIL}", "rpm")])
     assert row == rf"a\u000a{SHOWN}  rpm"
     assert heading.index("unit") == row.index("rpm")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
 from kennfeld.parameter_set import ParameterSet
@@ -42,14 +42,18 @@ def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Criterion
     """Sum errors by criterion, cell and use, and count samples at grid points, in one pass over all lookups."""
     sums: dict[tuple[str, int, Use], Float] = {}
     touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
-    for (_, use), same in _by_dataset(series).items():
+    by_dataset: dict[tuple[str, Use], list[CriterionSeries]] = {}
+    for entry in series:
+        by_dataset.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
+    for (_, use), same in by_dataset.items():
         bound = same[0].bound
         counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in same])
         fits = use == "training" and bound.dataset.weight > 0
         for lookup in lookups.blocks(bound):
             name = lookup.table.name
-            if fits:
-                _count(touching[name], lookup, counts[lookup.samples])
+            known = counts[lookup.samples] & lookup.known
+            for at, weight in lookup.corners() if fits else ():
+                touching[name] += np.bincount(at[known & (weight != 0)], minlength=touching[name].size)
             for errors in same:
                 if errors.criterion in lookups.reached[name]:
                     cells = int(np.prod(cell_shape(lookup.table)))
@@ -58,12 +62,6 @@ def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Criterion
         tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items()),
         {name: total.reshape(parameters[name].values.shape) for name, total in touching.items()},
     )
-
-
-def _count(total: Int, lookup: Lookup, counts: Bool) -> None:
-    counts = counts & lookup.known
-    for at, weight in lookup.corners():
-        total += np.bincount(at[counts & (weight != 0)], minlength=total.size)
 
 
 def _add(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
@@ -75,13 +73,6 @@ def _add(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
     total[1] += np.bincount(cell, errors, minlength=total.shape[1])
     with np.errstate(over="ignore"):  # a function that explodes
         total[2] += np.bincount(cell, errors * errors, minlength=total.shape[1])
-
-
-def _by_dataset(series: Sequence[CriterionSeries]) -> Mapping[tuple[str, Use], list[CriterionSeries]]:
-    grouped: dict[tuple[str, Use], list[CriterionSeries]] = {}
-    for entry in series:
-        grouped.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
-    return grouped
 
 
 def _cells(name: str, criterion: int, use: Use, shape: tuple[int, ...], total: Float) -> CellErrors:

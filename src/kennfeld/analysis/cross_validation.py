@@ -6,7 +6,7 @@ of a model are correct, but their targets are not used. A fold is made of whole 
 points at random.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -14,18 +14,19 @@ import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
+from kennfeld.optimize.result import Progress, Result, finite_or_none
 from kennfeld.optimize.search.multistart import run
 
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
 
 HELD_OUT = " (held out)"
+PLACE = Location("cross-validation")
 
 
 @dataclass(frozen=True)
@@ -66,66 +67,64 @@ def folds_of(
         kind = "files" if len(pieces) >= count else "blocks" if timed else "random"
     if kind == "random" and memory:
         message = "a model with states cannot be cross-validated on random samples"
-        raise InputError.of("cross-validation", message, 'Use kind = "blocks".')
+        raise InputError.of(PLACE, message, 'Use kind = "blocks".')
     available = len(pieces) if kind == "files" else sum(data.samples for data in datasets)
     if available < count:
         message = f"cannot make {count} folds of {available} {'pieces' if kind == 'files' else 'samples'}"
-        raise InputError.of("cross-validation", message, "Use fewer folds.")
-    if kind == "files":
-        return _pieces(datasets, pieces, count)
-    return _blocks(datasets, pieces, count) if kind == "blocks" else _random(datasets, count, seed)
+        raise InputError.of(PLACE, message, "Use fewer folds.")
+    if kind == "random":
+        return _hold_out_random_samples(datasets, count, seed)
+    hold_out = _hold_out_pieces if kind == "files" else _hold_out_blocks
+    return hold_out(datasets, pieces, count)
 
 
-def _masks(datasets: Sequence[Dataset]) -> list[Bool]:
-    return [np.zeros(data.samples, dtype=bool) for data in datasets]
+def _masks(datasets: Sequence[Dataset]) -> tuple[Bool, ...]:
+    return tuple(np.zeros(data.samples, dtype=bool) for data in datasets)
 
 
-def _pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
+def _hold_out_pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
     """Assign whole pieces, the longest first, each to the smallest fold."""
-    held = [_masks(datasets) for _ in range(count)]
-    sizes, names = [0] * count, [dict[str, list[int]]() for _ in range(count)]
-    numbers = [list(data.starts) for data in datasets]
+    held_out = [_masks(datasets) for _ in range(count)]
+    sizes, members = [0] * count, [dict[int, list[int]]() for _ in range(count)]
     for i, piece in sorted(pieces, key=lambda entry: (entry[1].start - entry[1].stop, entry[0], entry[1].start)):
         at = int(np.argmin(sizes))
-        held[at][i][piece] = True
+        held_out[at][i][piece] = True
         sizes[at] += piece.stop - piece.start
-        names[at].setdefault(datasets[i].name, []).append(numbers[i].index(piece.start) + 1)
-    single = {data.name: len(data.pieces) == 1 for data in datasets}
-    titles = [
-        ", ".join(_named(data.name, named[data.name], single[data.name]) for data in datasets if data.name in named)
-        for named in names
-    ]
-    return [Fold(title, tuple(masks), tuple(_masks(datasets))) for title, masks in zip(titles, held, strict=True)]
+        members[at].setdefault(i, []).append(list(datasets[i].starts).index(piece.start) + 1)
+    titles = [", ".join(_describe_pieces(datasets[i], own[i]) for i in sorted(own)) for own in members]
+    return [Fold(title, masks, _masks(datasets)) for title, masks in zip(titles, held_out, strict=True)]
 
 
-def _named(dataset: str, pieces: Sequence[int], single: bool) -> str:
-    return dataset if single else f"{dataset} piece{'s' * (len(pieces) > 1)} {', '.join(map(str, sorted(pieces)))}"
+def _describe_pieces(data: Dataset, numbers: Sequence[int]) -> str:
+    if len(data.pieces) == 1:
+        return data.name
+    return f"{data.name} piece{'s' * (len(numbers) > 1)} {', '.join(map(str, sorted(numbers)))}"
 
 
-def _blocks(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
+def _hold_out_blocks(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, slice]], count: int) -> list[Fold]:
     """Hold out the same part of every piece; its neighbours are not fitted, because they are correlated with it."""
     folds = []
     for number in range(count):
-        held, excluded = _masks(datasets), _masks(datasets)
+        held_out, excluded = _masks(datasets), _masks(datasets)
         for i, piece in pieces:
             edges = np.linspace(piece.start, piece.stop, count + 1).round().astype(int)
             first, last = int(edges[number]), int(edges[number + 1])
             gap = int(GAP * (last - first)) if datasets[i].time is not None else 0
             excluded[i][max(first - gap, piece.start) : min(last + gap, piece.stop)] = True
-            held[i][first:last] = True
+            held_out[i][first:last] = True
             excluded[i][first:last] = False
-        folds.append(Fold(f"block {number + 1}", tuple(held), tuple(excluded)))
+        folds.append(Fold(f"block {number + 1}", held_out, excluded))
     return folds
 
 
-def _random(datasets: Sequence[Dataset], count: int, seed: int) -> list[Fold]:
+def _hold_out_random_samples(datasets: Sequence[Dataset], count: int, seed: int) -> list[Fold]:
     edges = np.cumsum([0, *(data.samples for data in datasets)])
     order = np.random.default_rng(seed).permutation(edges[-1])
     folds = []
     for number, part in enumerate(np.array_split(order, count), 1):
         chosen = np.zeros(edges[-1], dtype=bool)
         chosen[part] = True
-        folds.append(Fold(f"random {number}", tuple(np.split(chosen, edges[1:-1])), tuple(_masks(datasets))))
+        folds.append(Fold(f"random {number}", tuple(np.split(chosen, edges[1:-1])), _masks(datasets)))
     return folds
 
 
@@ -155,18 +154,20 @@ class CrossValidation:
 
     def mean(self, criterion: str) -> float:
         """Return the mean RMSE on held-out data; NaN if no fold was scored."""
-        return float(np.mean(self._held(criterion))) if self._held(criterion) else float("nan")
+        errors = self._held_out(criterion)
+        return float(np.mean(errors)) if errors else float("nan")
 
     def spread(self, criterion: str) -> float:
         """Return the standard deviation of the RMSE over the folds; NaN for fewer than two."""
-        return float(np.std(self._held(criterion), ddof=1)) if len(self._held(criterion)) > 1 else float("nan")
+        errors = self._held_out(criterion)
+        return float(np.std(errors, ddof=1)) if len(errors) > 1 else float("nan")
 
     def training(self, criterion: str) -> float:
         """Return the mean RMSE on the fitted data."""
         errors = [row.rmse_training for row in self.folds if row.criterion == criterion]
         return float(np.mean(errors)) if errors else float("nan")
 
-    def _held(self, criterion: str) -> list[float]:
+    def _held_out(self, criterion: str) -> list[float]:
         return [row.rmse_held for row in self.folds if row.criterion == criterion and row.samples]
 
     def as_json(self) -> dict[str, Any]:
@@ -207,7 +208,7 @@ class CrossValidation:
 
     def __str__(self) -> str:
         table = self.table()
-        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
         return "\n".join([*lines, *self.summary()])
 
@@ -252,30 +253,18 @@ def cross_validate(
     >>> round(result.mean("model"), 9)
     0.0
     """
-    if isinstance(model, Problem):
-        if arguments or data is not None or start is not None or target is not None:
-            raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
-        problem = model
-    else:
+    if not isinstance(model, Problem):
         problem = build_problem(model, data, start, target, **arguments)
-    return cross_validated(problem, folds, kind, seed, options or Options(), progress)
-
-
-def cross_validated(
-    problem: Problem,
-    folds: int,
-    kind: Kind = "auto",
-    seed: int = 0,
-    options: Options | None = None,
-    progress: Progress | None = None,
-) -> CrossValidation:
-    """Cross-validate a problem; see `cross_validate`."""
+    elif arguments or data is not None or start is not None or target is not None:
+        raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
+    else:
+        problem = model
     training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
     memory = bool(problem.model.graph.states)
     rows: list[FoldQuality] = []
     for number, fold in enumerate(folds_of(training, folds, kind, memory=memory, seed=seed), 1):
-        result = run(_fold_problem(problem, training, fold), options or Options(), _labelled(progress, number))
-        rows += _rows(number, fold, result)
+        result = run(_fold_problem(problem, training, fold), options or Options(), _name_fold(progress, number))
+        rows += _fold_quality(number, fold, result)
         if result.status == "stopped":
             break
     return CrossValidation(tuple(rows))
@@ -285,50 +274,35 @@ def _fold_problem(problem: Problem, training: Sequence[Dataset], fold: Fold) -> 
     """Return the problem of one fold, with the held-out samples as test datasets."""
     datasets: list[Dataset] = []
     shifts: dict[str, Sequence[str]] = {}
-    for data, held, excluded in zip(training, fold.held, fold.excluded, strict=True):
+    for data, held_out, excluded in zip(training, fold.held, fold.excluded, strict=True):
         scored = np.ones(data.samples, dtype=bool) if data.scored is None else data.scored
-        parts = (data.name, "training", scored & ~held & ~excluded), (data.name + HELD_OUT, "test", scored & held)
-        for name, use, mask in parts:
-            datasets.append(_masked(data, name, use, mask))
-            if data.name in problem.unknown_shifts:
-                shifts[name] = problem.unknown_shifts[data.name]
+        parts = [
+            replace(data, scored=scored & ~held_out & ~excluded),
+            replace(data, name=data.name + HELD_OUT, use="test", scored=scored & held_out),
+        ]
+        datasets += parts
+        if data.name in problem.unknown_shifts:
+            shifts |= {part.name: problem.unknown_shifts[data.name] for part in parts}
     return replace(problem, datasets=tuple(datasets), unknown_shifts=shifts)
 
 
-def _masked(data: Dataset, name: str, use: Any, scored: Bool) -> Dataset:
-    return replace(data, name=name, use=use, scored=scored)
-
-
-def _labelled(progress: Progress | None, number: int) -> Progress | None:
+def _name_fold(progress: Progress | None, number: int) -> Progress | None:
+    """Return the same progress, but stages name their fold."""
     if progress is None:
         return None
-
-    def labelled(line: TraceLine) -> None:
-        progress(replace(line, stage=f"fold {number} {line.stage}"))
-
-    return labelled
+    return lambda line: progress(replace(line, stage=f"fold {number} {line.stage}"))
 
 
-def _rows(number: int, fold: Fold, result: Result) -> list[FoldQuality]:
-    names = dict.fromkeys(row.criterion for row in result.quality)
-    return [
-        FoldQuality(
-            fold=number,
-            held=fold.name,
-            criterion=name,
-            samples=sum(row.samples for row in _of(result.quality, name, "test")),
-            rmse_training=_rmse(_of(result.quality, name, "training")),
-            rmse_held=_rmse(_of(result.quality, name, "test")),
-            status=result.status,
-        )
-        for name in names
-    ]
+def _fold_quality(number: int, fold: Fold, result: Result) -> Iterator[FoldQuality]:
+    for name in dict.fromkeys(row.criterion for row in result.quality):
+        _, training = _pool(result.quality, name, "training")
+        samples, held_out = _pool(result.quality, name, "test")
+        yield FoldQuality(number, fold.name, name, samples, training, held_out, result.status)
 
 
-def _of(quality: Sequence[Quality], criterion: str, use: str) -> list[Quality]:
-    return [row for row in quality if row.criterion == criterion and row.use == use and row.samples]
-
-
-def _rmse(rows: Sequence[Quality]) -> float:
+def _pool(quality: Sequence[Quality], criterion: str, use: str) -> tuple[int, float]:
+    """Return the number of samples and the RMSE over all datasets of one use."""
+    rows = [row for row in quality if row.criterion == criterion and row.use == use and row.samples]
     samples = sum(row.samples for row in rows)
-    return float(np.sqrt(sum(row.samples * row.rmse_after**2 for row in rows) / samples)) if samples else float("nan")
+    total = sum(row.samples * row.rmse_after**2 for row in rows)
+    return samples, float(np.sqrt(total / samples)) if samples else float("nan")

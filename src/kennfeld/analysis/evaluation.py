@@ -1,16 +1,16 @@
 """Simulation of all criteria of a problem on all its datasets."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.criteria import Criterion
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 
 
@@ -67,45 +67,38 @@ class Evaluator:
 
     def series(self, parameters: ParameterSet) -> tuple[CriterionSeries, ...]:
         """Return every criterion on every dataset that scores it, dataset by dataset."""
-        nodes = self._compiled(parameters)
-        self.values = []
-        return tuple(series for bound in self.bounds for series in self._of(bound, nodes, parameters))
-
-    def _compiled(self, parameters: ParameterSet) -> NodeSimulator:
         if self._nodes is None or not _same_axes(self._nodes[0], parameters):
             self._nodes = parameters, NodeSimulator(self._graph, parameters, self._names)
-        return self._nodes[1]
+        self.values = []
+        values = ((bound, self._nodes[1].values(bound, parameters)) for bound in self.bounds)
+        return tuple(series for bound, nodes in values for series in self._series(bound, nodes))
 
-    def _of(self, bound: BoundDataset, nodes: NodeSimulator, parameters: ParameterSet) -> Sequence[CriterionSeries]:
-        values = nodes.values(bound, parameters)
+    def _series(self, bound: BoundDataset, values: Float) -> Iterator[CriterionSeries]:
         count = len(self._problem.criteria)
         own = iter(values[count:])
         self.values.append(values[len(self._names) - len(self._extra) :])
-        series = []
         for i, criterion in enumerate(self._problem.criteria):
             target = self._problem.target(criterion, bound)
             model = next(own) if self._against_node[i] else values[i]
             # a target that is a node is model minus the scored difference
             measured = model - (values[i] - target) if self._against_node[i] else target
             if np.isfinite(target).any():
-                series.append(CriterionSeries(i, bound, self._unit(criterion, bound), model, measured))
-        return series
-
-    def _unit(self, criterion: Criterion, bound: BoundDataset) -> str:
-        own = self._problem.model.graph.units.get(criterion.node, "")
-        channel = criterion.target.name
-        recorded = bound.dataset[channel].unit if channel in bound.dataset else ""
-        return recorded or own
+                channel = criterion.target.name
+                unit = bound.dataset[channel].unit if channel in bound.dataset else ""
+                unit = unit or self._problem.model.graph.units.get(criterion.node, "")
+                yield CriterionSeries(i, bound, unit, model, measured)
 
 
 def _same_axes(first: ParameterSet, second: ParameterSet) -> bool:
     """Return True if two sets hold the same tables over the same breakpoints."""
-    if list(first) != list(second):
-        return False
-    pairs = [(first[name], second[name]) for name in first]
-    return all(
-        a.values.shape == b.values.shape
-        and a.extrapolation == b.extrapolation
-        and all(np.array_equal(x.breakpoints, y.breakpoints) for x, y in zip(a.axes, b.axes, strict=True))
-        for a, b in pairs
+    return list(first) == list(second) and all(
+        same_grid(first[name], second[name]) and first[name].extrapolation == second[name].extrapolation
+        for name in first
+    )
+
+
+def same_grid(first: Parameter, second: Parameter) -> bool:
+    """Return True if two tables have the same shape and breakpoints."""
+    return first.values.shape == second.values.shape and all(
+        np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(first.axes, second.axes, strict=True)
     )

@@ -1,23 +1,23 @@
 """Use of data-driven models outside the range of their training data."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
+from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
 from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-
-if TYPE_CHECKING:
-    from kennfeld.surrogate.surrogate_file import Surrogate
-    from kennfeld.surrogate.validity import Validity
+from kennfeld.surrogate.surrogate_file import Surrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+from kennfeld.surrogate.validity import Validity
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,15 @@ class Extrapolation:
         if self.worst is None:
             return f"{self.name} stays within its training data over {self.samples} samples of {self.dataset}"
         counted = f"at {self.outside} of {self.samples} samples of {self.dataset} ({_percent(self.share)})"
-        return (
-            f"{self.name} is used outside its training data {counted}, "
-            f"worst at {self.place}, where {self.worst.sentence}"
-        )
+        worst = f"worst at {self.place}, where {self.worst.sentence}"
+        return f"{self.name} is used outside its training data {counted}, {worst}"
 
     def as_json(self) -> dict[str, Any]:
         """Return a row of `surrogates` in `result.json`; numbers that are not finite are None."""
-        worst = None
-        if self.worst is not None:
-            worst = {name: finite_or_none(value) for name, value in vars(self.worst).items()}
-            worst["sentence"] = self.worst.sentence
+        worst = self.worst and {
+            **{name: finite_or_none(value) for name, value in vars(self.worst).items()},
+            "sentence": self.worst.sentence,
+        }
         rest = {name: getattr(self, name) for name in ("dataset", "use", "samples", "outside")}
         return {"name": self.name, **rest, "worst": worst}
 
@@ -118,7 +116,7 @@ def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extr
 class _Calls:
     """The calls of one surrogate over the datasets of a problem."""
 
-    def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
+    def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: Surrogate) -> None:
         nodes = problem.graph.nodes
         self.problem, self.parameters, self.surrogate = problem, parameters, surrogate
         self.calls = [n.args for n in nodes if n.op == "lookup" and n.payload == surrogate.name]
@@ -128,29 +126,26 @@ class _Calls:
 
     def rows(self) -> Iterator[Extrapolation]:
         """Yield a row per dataset."""
-        validity, nodes = self.surrogate.validity, None
+        name, validity, nodes = self.surrogate.name, self.surrogate.validity, None
         if validity is not None and self.computed:
             grown = with_names(self.problem.graph, self.computed)
             nodes = NodeSimulator(grown, self.parameters, list(self.computed.values()))
         for data in self.problem.datasets:
             bound = self.problem.bind(data)
-            samples = bound.shown.count
-            if validity is None:
-                yield Extrapolation(self.surrogate.name, data.name, data.use, samples, None)
-                continue
-            search = _FarthestPoint(validity)
-            for at, points in self._points(bound, nodes):
-                search.add(at, points)
-            worst = self._farthest(bound, search)
-            several = bound.shown.starts.size > 1
-            yield Extrapolation(self.surrogate.name, data.name, data.use, samples, search.outside, worst, several)
+            row = Extrapolation(name, data.name, data.use, bound.shown.count, None)
+            if validity is not None:
+                search = _FarthestPoint(validity)
+                for at, points in self._points(bound, nodes):
+                    search.add(at, points)
+                several = bound.shown.starts.size > 1
+                row = replace(row, outside=search.outside, worst=self._farthest(bound, search), several=several)
+            yield row
 
     def _points(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[Int, Sequence[Float]]]:
         """Yield numbers of kept samples, and the points Float[samples, inputs] of each call, block by block."""
-        columns = bound.columns
         for here, values in self._blocks(bound, nodes):
-            coordinates: Mapping[int, Float] = dict(zip(self.computed, values, strict=True))
-            coordinates = {**coordinates, **{at: columns[name][here] for at, name in self.inputs.items()}}
+            coordinates: dict[int, Float] = dict(zip(self.computed, values, strict=True))
+            coordinates |= {at: bound.columns[name][here] for at, name in self.inputs.items()}
             at = np.arange(here.start, here.stop)
             counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
             yield at[counted], [np.column_stack([coordinates[a] for a in args])[counted] for args in self.calls]
@@ -175,50 +170,50 @@ class _Calls:
         if not beyond[d] > 0:
             return Farthest(sample + 1, piece, stamp)
         end = validity.least[d] if point[d] < validity.least[d] else validity.most[d]
-        return Farthest(sample + 1, piece, stamp, _coordinates(self.surrogate)[d], float(point[d]), float(end))
+        name, lag = surrogate_coordinates(self.surrogate)[d]
+        label = f"{name} {count_noun(lag, 'sample')} before" if lag else name
+        return Farthest(sample + 1, piece, stamp, label, float(point[d]), float(end))
 
 
 class _FarthestPoint:
     """Counts the samples outside, and finds the farthest: beyond an end, or else by the distance of the validity."""
 
-    def __init__(self, validity: "Validity") -> None:
+    def __init__(self, validity: Validity) -> None:
         self.validity, self.outside = validity, 0
         self.at, self.point, self._worst = 0, np.empty(0), (0.0, 0.0)
 
     def add(self, at: Int, calls: Sequence[Float]) -> None:
         """Add samples by number, and the points Float[samples, inputs] of each call."""
-        out = np.zeros(at.size, dtype=bool)
+        outside = np.zeros(at.size, dtype=bool)
         for points in calls:
-            measure = self.validity.distance(points)
-            beyond = measure > self.validity.threshold
-            out |= beyond
-            self._keep(at[beyond], points[beyond], measure[beyond])
-        self.outside += int(np.count_nonzero(out))
+            distance = self.validity.distance(points)
+            beyond = distance > self.validity.threshold
+            outside |= beyond
+            if beyond.any():
+                self._keep(at[beyond], points[beyond], distance[beyond])
+        self.outside += int(np.count_nonzero(outside))
 
-    def _keep(self, at: Int, points: Float, measure: Float) -> None:
-        if not at.size:
-            return
+    def _keep(self, at: Int, points: Float, distance: Float) -> None:
         excess = _beyond(self.validity, points).max(axis=-1)
-        i = int(np.lexsort((-at, measure, excess))[-1])
-        if (float(excess[i]), float(measure[i])) > self._worst:
-            self.at, self.point, self._worst = int(at[i]), points[i], (float(excess[i]), float(measure[i]))
+        i = int(np.lexsort((-at, distance, excess))[-1])
+        score = float(excess[i]), float(distance[i])
+        if score > self._worst:
+            self.at, self.point, self._worst = int(at[i]), points[i], score
 
 
-def _beyond(validity: "Validity", points: Float) -> Float:
+def _beyond(validity: Validity, points: Float) -> Float:
     """Return the distance of each coordinate beyond the training data, in lengths: Float[..., inputs]."""
     with np.errstate(invalid="ignore", over="ignore"):
         past = np.maximum(validity.least - points, points - validity.most) / validity.lengths
     return np.where(np.isnan(past), np.inf, np.maximum(past, 0.0))
 
 
-def _coordinates(surrogate: "Surrogate") -> list[str]:
-    """Return the label of each coordinate: `throttle`, `n 2 samples before`."""
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-
+def surrogate_coordinates(surrogate: Surrogate) -> list[tuple[str, int]]:
+    """Return the channel and the lag, in samples, of each coordinate of a surrogate."""
     if not isinstance(surrogate, DynamicSurrogate):
-        return list(surrogate.inputs)
-    looked = [(surrogate.output, surrogate.output_lags), *zip(surrogate.inputs, surrogate.lags, strict=True)]
-    return [f"{name} {lag} sample{'s' * (lag > 1)} before" if lag else name for name, lags in looked for lag in lags]
+        return [(name, 0) for name in surrogate.inputs]
+    delayed = [(surrogate.output, surrogate.output_lags), *zip(surrogate.inputs, surrogate.lags, strict=True)]
+    return [(name, lag) for name, lags in delayed for lag in lags]
 
 
 def _apart(value: float, end: float) -> tuple[str, str]:

@@ -1,12 +1,12 @@
 """Active limits at given values, and the range of limited outputs."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.constraints import Equality, Limit, Shape
+from kennfeld.errors import Location
 from kennfeld.free_axes import free_axes, with_fixed_axes
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.models.formula import extend
@@ -70,23 +70,23 @@ def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRan
         return ()
     texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}
     wheres = {f"\0where {i}": limit.where for i, limit in enumerate(problem.limits) if limit.where}
-    grown = replace(problem, model=extend(problem.model, texts | wheres, "limit"), limits=(), parameters=parameters)
+    grown = replace(
+        problem, model=extend(problem.model, texts | wheres, Location("limit")), limits=(), parameters=parameters
+    )
     nodes = NodeSimulator(grown.model.graph, parameters, [*texts, *wheres])
-    parts: list[list[Float]] = [[] for _ in problem.limits]
+    parts = [[np.zeros(0)] for _ in problem.limits]
     for bound in grown.training:
         values = dict(zip([*texts, *wheres], nodes.values(bound, parameters), strict=True))
-        for i, counted in enumerate(parts):
-            met = bound.scored & (values.get(f"\0where {i}", np.ones(bound.count)) != 0)
-            counted.append(values[f"\0output {i}"][met])
-    return tuple(_ranges(problem.limits, parts))
+        for i, part in enumerate(parts):
+            applies = bound.scored & (values.get(f"\0where {i}", np.ones(bound.count)) != 0)
+            part.append(values[f"\0output {i}"][applies])
+    return tuple(map(_output_range, problem.limits, map(np.concatenate, parts)))
 
 
-def _ranges(limits: Sequence[Limit], parts: Sequence[Sequence[Float]]) -> Iterator[OutputRange]:
-    for limit, counted in zip(limits, parts, strict=True):
-        values = np.concatenate([np.zeros(0), *counted])
-        known = values[np.isfinite(values)]
-        low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
-        scale = 1e-6 * np.array([abs(limit.lower), abs(limit.upper)])
-        slack = np.where(np.isfinite(scale) & (scale > 0), scale, 1e-6 * max(abs(low), abs(high)) if known.size else 0)
-        within = (values >= limit.lower - slack[0]) & (values <= limit.upper + slack[1])
-        yield OutputRange(limit, values.size, int(np.count_nonzero(~within)), float(low), float(high))
+def _output_range(limit: Limit, values: Float) -> OutputRange:
+    known = values[np.isfinite(values)]
+    low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+    scale = 1e-6 * np.array([abs(limit.lower), abs(limit.upper)])
+    slack = np.where(np.isfinite(scale) & (scale > 0), scale, 1e-6 * max(abs(low), abs(high)) if known.size else 0)
+    within = (values >= limit.lower - slack[0]) & (values <= limit.upper + slack[1])
+    return OutputRange(limit, values.size, int(np.count_nonzero(~within)), float(low), float(high))

@@ -1,7 +1,8 @@
 """Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Literal
 
 import numpy as np
@@ -44,16 +45,14 @@ def sample_leverage(
     training = {i: entry for i, entry in enumerate(series) if entry.bound.dataset.use == "training"}
     weights = {i: _weight(problem, entry) for i, entry in training.items()}
     totals = {name: np.zeros(values.size) for name, values in leverage.items() if name in lookups.reached}
-    for i, lookup in _reaching(lookups, training, totals):
+    for i, lookup, at, weight in _corners(lookups, training, totals):
         total = totals[lookup.table.name]
-        for at, weight in lookup.corners():
-            total += np.bincount(at, _share(weight, weights[i][lookup.samples]), minlength=total.size)
+        total += np.bincount(at, weight * weights[i][lookup.samples], minlength=total.size)
     pulls = {i: np.zeros(entry.bound.count) for i, entry in training.items()}
-    for i, lookup in _reaching(lookups, training, totals):
-        name = lookup.table.name
-        each = np.divide(leverage[name].ravel(), totals[name], out=np.zeros(totals[name].size), where=totals[name] > 0)
-        for at, weight in lookup.corners():
-            pulls[i][lookup.samples] += each[at] * _share(weight, weights[i][lookup.samples])
+    for i, lookup, at, weight in _corners(lookups, training, totals):
+        total, own = totals[lookup.table.name], leverage[lookup.table.name].ravel()
+        each = np.divide(own, total, out=np.zeros(total.size), where=total > 0)
+        pulls[i][lookup.samples] += each[at] * (weight * weights[i][lookup.samples])
     return {i: np.clip(np.nan_to_num(values), 0.0, MAX_LEVERAGE) for i, values in pulls.items()}
 
 
@@ -65,18 +64,15 @@ def _weight(problem: Problem, series: CriterionSeries) -> Float:
     return np.where(series.scored, each, 0.0)
 
 
-def _share(weight: Float, of_sample: Float) -> Float:
-    return np.clip(weight, 0.0, None) * of_sample
-
-
-def _reaching(
+def _corners(
     lookups: Lookups, training: Mapping[int, CriterionSeries], tables: Mapping[str, Float]
-) -> Iterator[tuple[int, Lookup]]:
-    """Yield lookups of the given tables, with the number of each series that depends on them."""
+) -> Iterator[tuple[int, Lookup, Int, Float]]:
+    """Yield the grid points and weights of lookups of these tables, by number of the series that depends on them."""
     for i, entry in training.items():
         for lookup in lookups.blocks(entry.bound):
             if lookup.table.name in tables and entry.criterion in lookups.reached[lookup.table.name]:
-                yield i, lookup
+                for at, weight in lookup.corners():
+                    yield i, lookup, at, np.clip(weight, 0.0, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,52 +177,56 @@ def residuals(
         The residuals of each criterion that has a scored sample.
 
     Source of the studentized residual: R. D. Cook, S. Weisberg: Residuals and Influence in Regression, 1982, ch. 2.
-
-    >>> import kennfeld as kf
-    >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
-    >>> residuals(project.problem(), project.calibrate().parameters)[0].worst[0].error  # doctest: +SKIP
     """
-    known = Evaluator(problem).series(parameters) if series is None else series
-    places = Lookups(problem, parameters) if lookups is None else lookups
-    given = getattr(trust, "leverage", None) or {}
-    leverage = sample_leverage(problem, places, known, given) if given else None
-    found = tally(places, parameters, known).cells if cells is None else cells
+    series = Evaluator(problem).series(parameters) if series is None else series
+    lookups = Lookups(problem, parameters) if lookups is None else lookups
+    cells = tally(lookups, parameters, series).cells if cells is None else cells
+    by_table = getattr(trust, "leverage", None)
+    leverage = sample_leverage(problem, lookups, series, by_table) if by_table else None
+    pairs = [(entry, (leverage or {}).get(i, np.zeros(entry.bound.count))) for i, entry in enumerate(series)]
     return tuple(
-        _of_criterion(problem, i, known, leverage, tuple(c for c in found if c.criterion == i), worst)
-        for i in range(len(problem.criteria))
-        if any(one.criterion == i for one in known)
+        _residuals_of_criterion(
+            problem,
+            list(group),
+            "standardised" if leverage is None else "studentized",
+            tuple(cell for cell in cells if cell.criterion == number),
+            worst,
+        )
+        for number, group in groupby(sorted(pairs, key=_criterion), _criterion)
     )
 
 
-def _of_criterion(
+def _criterion(pair: tuple[CriterionSeries, Float]) -> int:
+    return pair[0].criterion
+
+
+def _residuals_of_criterion(
     problem: Problem,
-    number: int,
-    series: Sequence[CriterionSeries],
-    leverage: Mapping[int, Float] | None,
+    pairs: Sequence[tuple[CriterionSeries, Float]],
+    scaling: Scaling,
     cells: tuple[CellErrors, ...],
     worst: int,
 ) -> Residuals:
-    criterion = problem.criteria[number]
-    mine = {i: one for i, one in enumerate(series) if one.criterion == number}
-    pulls = {i: (leverage or {}).get(i, np.zeros(one.bound.count)) for i, one in mine.items()}
-    deviation = _deviation(list(mine.values()), list(pulls.values()))
-    errors = tuple(_errors(one, deviation * np.sqrt(1.0 - pulls[i])) for i, one in mine.items())
+    """Return the residuals of the series of one criterion, each paired with the leverage of its samples."""
+    series = [entry for entry, _ in pairs]
+    criterion = problem.criteria[series[0].criterion]
+    deviation = _deviation(pairs)
+    errors = tuple(_errors(entry, deviation * np.sqrt(1.0 - leverage)) for entry, leverage in pairs)
     return Residuals(
         criterion=criterion.node,
         target=str(criterion.target),
-        unit=next(iter(mine.values())).unit,
-        scaling="standardised" if leverage is None else "studentized",
+        unit=series[0].unit,
+        scaling=scaling,
         deviation=deviation,
         errors=errors,
-        summaries=tuple(_summary(one, of) for one, of in zip(mine.values(), errors, strict=True)),
+        summaries=tuple(map(_summary, series, errors)),
         cells=cells,
-        worst=_worst(problem, list(mine.values()), errors, worst),
+        worst=_worst(problem, series, errors, worst),
     )
 
 
-def _deviation(series: Sequence[CriterionSeries], pulls: Sequence[Float]) -> float:
+def _deviation(pairs: Sequence[tuple[CriterionSeries, Float]]) -> float:
     """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
-    pairs = list(zip(series, pulls, strict=True))
     used = [(s, h) for s, h in pairs if s.bound.dataset.use == "training" and s.bound.dataset.weight > 0] or pairs
     with np.errstate(over="ignore", invalid="ignore"):
         total = sum(float(np.nansum(s.error**2)) for s, _ in used)
@@ -244,42 +244,32 @@ def _errors(series: CriterionSeries, deviation: Float) -> Errors:
 
 
 def _summary(series: CriterionSeries, errors: Errors) -> Summary:
-    error = errors.absolute[np.isfinite(errors.absolute)]
-    known = error.size > 0
+    measured = series.measured[series.scored]
+    variation = spread(measured)
+    determined = variation > 0 and np.isfinite(errors.absolute).sum() == measured.size
+    size = np.abs(errors.absolute)
     with np.errstate(over="ignore", invalid="ignore"):
-        size = np.abs(error)
-        median, high = np.quantile(size, [0.5, 0.95]) if known else (np.nan, np.nan)
         return Summary(
             dataset=errors.dataset,
             use=errors.use,
-            samples=int(series.scored.sum()),
-            mean=_mean(error),
-            deviation=float(error.std()) if known else float("nan"),
-            rmse=float(np.sqrt(_mean(error**2))),
-            r2=_r2(series, error),
-            median=float(median),
-            percentile_95=float(high),
-            largest=float(size.max()) if known else float("nan"),
-            relative=_median(np.abs(errors.relative)),
-            beyond=_mean(np.abs(errors.scaled[np.isfinite(errors.scaled)]) > 3),
+            samples=measured.size,
+            mean=_of_known(errors.absolute, np.mean),
+            deviation=_of_known(errors.absolute, np.std),
+            rmse=_of_known(errors.absolute, lambda error: np.sqrt(np.mean(error**2))),
+            r2=_of_known(errors.absolute, lambda error: 1.0 - np.sum(error**2) / variation) if determined else np.nan,
+            median=_of_known(size, lambda size: np.quantile(size, 0.5)),
+            percentile_95=_of_known(size, lambda size: np.quantile(size, 0.95)),
+            largest=_of_known(size, np.max),
+            relative=_of_known(np.abs(errors.relative), np.median),
+            beyond=_of_known(errors.scaled, lambda scaled: np.mean(np.abs(scaled) > 3)),
             autocorrelation=_autocorrelation(series),
         )
 
 
-def _mean(values: Any) -> float:
-    return float(np.mean(values)) if values.size else float("nan")
-
-
-def _median(values: Float) -> float:
+def _of_known(values: Float, statistic: Callable[[Float], Any]) -> float:
+    """Return a statistic of the finite values, NaN if there are none."""
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
-
-
-def _r2(series: CriterionSeries, error: Float) -> float:
-    measured = series.measured[series.scored]
-    variation = spread(measured)
-    whole = error.size == measured.size
-    return 1.0 - float(np.sum(error**2)) / variation if variation > 0 and whole else float("nan")
+    return float(statistic(known)) if known.size else float("nan")
 
 
 def _autocorrelation(series: CriterionSeries) -> Autocorrelation | None:
@@ -299,15 +289,14 @@ def _worst(
 
     Of neighbours in time whose errors have the same sign only the worst is listed: they are one event.
     """
-    found: list[tuple[float, int, int]] = []
-    for i, (one, of) in enumerate(zip(series, errors, strict=True)):
-        size = np.where(one.scored, np.nan_to_num(np.abs(of.absolute), nan=np.inf), -1.0)
-        places = np.arange(size.size) if one.time is None else _peaks(size, of.absolute, one.bound.starts)
+    largest: list[tuple[float, int, int]] = []
+    for i, (entry, own) in enumerate(zip(series, errors, strict=True)):
+        size = np.where(entry.scored, np.nan_to_num(np.abs(own.absolute), nan=np.inf), -1.0)
+        places = np.arange(size.size) if entry.time is None else _peaks(size, own.absolute, entry.bound.starts)
         if places.size > count:
             places = places[np.argpartition(-size[places], count)[:count]]
-        found += [(float(size[at]), i, int(at)) for at in places if size[at] >= 0]
-    found.sort(key=lambda entry: (-entry[0], entry[1], entry[2]))
-    return tuple(_sample(problem, series[i], errors[i], at) for _, i, at in found[:count])
+        largest += [(-float(size[at]), i, int(at)) for at in places if size[at] >= 0]
+    return tuple(_worst_sample(problem, series[i], errors[i], at) for _, i, at in sorted(largest)[:count])
 
 
 def _peaks(size: Float, error: Float, starts: Int) -> Int:
@@ -322,9 +311,8 @@ def _peaks(size: Float, error: Float, starts: Int) -> Int:
     return places[np.unique(run[places], return_index=True)[1]]
 
 
-def _sample(problem: Problem, series: CriterionSeries, errors: Errors, at: int) -> WorstSample:
-    number = int(series.bound.kept[at])
-    time = series.time
+def _worst_sample(problem: Problem, series: CriterionSeries, errors: Errors, at: int) -> WorstSample:
+    number, time = int(series.bound.kept[at]), series.time
     return WorstSample(
         dataset=errors.dataset,
         use=errors.use,

@@ -1,7 +1,8 @@
 """Figures of a report as plain data that the page draws, reduced to a bounded number of points."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import zip_longest
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from kennfeld.analysis.cell_errors import CellErrors
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.residuals import Residuals
 from kennfeld.arrays import Float, Int
-from kennfeld.parameters import Axis, Parameter
-from kennfeld.report.markup import rounded
+from kennfeld.optimize.result import TraceLine
+from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.report.markup import Html, element, round_digits
 from kennfeld.report.report_data import ParameterChange, ReportData
 
 TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
@@ -22,6 +24,21 @@ EQUAL_TOLERANCE = 1e-12  # relative range of errors up to which they count as eq
 OUTLIER_SHARE = 0.001  # of errors that may lie beyond the ends of a histogram
 
 Figure = Mapping[str, Any]
+
+
+class Pictures:
+    """The figures of a page by number; each has a placeholder in which the page draws it."""
+
+    def __init__(self) -> None:
+        self.data: list[Figure] = []
+
+    def place(self, figure: Figure | None, caption: str, label: str) -> Html | None:
+        """Return the placeholder of a figure, with a caption and a label for screen readers."""
+        if figure is None:
+            return None
+        plot = element("div", class_="plot", data_figure=str(len(self.data)), role="img", aria_label=label)
+        self.data.append(figure)
+        return element("figure", plot, element("figcaption", caption) if caption else None, class_=figure["kind"])
 
 
 class TraceEnvelope:
@@ -68,24 +85,19 @@ def strip(before: CriterionSeries, after: CriterionSeries, series: int) -> Figur
     most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
     groups = TraceEnvelope(after.model.size, most)
     x, title, unit = _along(after)
-    traces = {
-        "measured": after.measured,
-        "before": before.model,
-        "after": after.model,
-        "errorBefore": before.error,
-        "error": after.error,
-    }
+    traces = {"measured": after.measured, "before": before.model, "after": after.model}
+    traces |= {"errorBefore": before.error, "error": after.error}
     return {
         "kind": "strip",
         "samples": after.model.size,
         "whole": groups.whole,
         "time": after.time is not None,
-        "x": rounded(groups.places(x), 7),
+        "x": round_digits(groups.places(x), 7),
         "xTitle": title,
         "xUnit": unit,
-        "pieces": rounded(x[after.bound.starts[1:]], 7),
+        "pieces": round_digits(x[after.bound.starts[1:]], 7),
         "unit": after.unit,
-        **{name: rounded(groups.trace(values)) for name, values in traces.items()},
+        **{name: round_digits(groups.trace(values)) for name, values in traces.items()},
     }
 
 
@@ -117,22 +129,22 @@ def scatter(before: CriterionSeries, after: CriterionSeries, series: int, worst:
         "samples": scored.size,
         "unit": after.unit,
         "number": after.bound.kept[chosen].tolist(),
-        "measured": rounded(after.measured[chosen]),
-        "before": rounded(before.model[chosen]),
-        "after": rounded(after.model[chosen]),
+        "measured": round_digits(after.measured[chosen]),
+        "before": round_digits(before.model[chosen]),
+        "after": round_digits(after.model[chosen]),
     }
 
 
 def histograms(before: CriterionSeries, after: CriterionSeries) -> Figure:
     """Return histograms of the errors before and after, on axes of their own and on a common one."""
-    old, new = before.error, after.error
-    own = {"before": _ends(old), "after": _ends(new)}
-    shared = (min(e[0] for e in own.values()), max(e[1] for e in own.values()))
+    errors = {"before": before.error, "after": after.error}
+    ends = {name: _ends(error) for name, error in errors.items()}
+    shared = (min(low for low, _ in ends.values()), max(high for _, high in ends.values()))
     return {
         "kind": "histograms",
         "unit": after.unit,
-        "own": {n: _bins(v, own[n]) for n, v in (("before", old), ("after", new))},
-        "equal": {n: _bins(v, shared) for n, v in (("before", old), ("after", new))},
+        "own": {name: _bins(error, ends[name]) for name, error in errors.items()},
+        "equal": {name: _bins(error, shared) for name, error in errors.items()},
     }
 
 
@@ -154,7 +166,7 @@ def _ends(error: Float) -> tuple[float, float]:
 def _bins(error: Float, ends: tuple[float, float]) -> Figure:
     known = error[np.isfinite(error)]
     beyond = int(np.count_nonzero((known < ends[0]) | (known > ends[1])))
-    return {"ends": rounded(ends), "counts": histogram(error, ends, BINS).tolist(), "beyond": beyond}
+    return {"ends": round_digits(ends), "counts": histogram(error, ends, BINS).tolist(), "beyond": beyond}
 
 
 def autocorrelation(of: Residuals, dataset: str) -> Figure | None:
@@ -167,73 +179,62 @@ def autocorrelation(of: Residuals, dataset: str) -> Figure | None:
     return {
         "kind": "autocorrelation",
         "unit": memory.unit,
-        "lags": rounded(memory.lags[:end]),
-        "values": rounded(memory.values[:end], 4),
-        "band": rounded(memory.band, 4),
+        "lags": round_digits(memory.lags[:end]),
+        "values": round_digits(memory.values[:end], 4),
+        "band": round_digits(memory.band, 4),
     }
 
 
 def cells(parts: Sequence[CellErrors], table: Parameter, unit: str, inputs: Sequence[str]) -> Figure:
     """Return the errors by cell of a table, for training and test data; of a cube, over its first two axes."""
-    axes = table.index_axes[:2]
     return {
         "kind": "cells",
         "unit": unit,
-        "axes": _axes(axes, inputs),
-        "uses": {part.use: _flat(part) for part in parts},
+        "axes": _axes(table.index_axes[:2], inputs),
+        "uses": {part.use: _cells_of_plane(part) for part in parts},
     }
 
 
-def _flat(part: CellErrors) -> Figure:
+def _cells_of_plane(part: CellErrors) -> Figure:
     further = tuple(range(2, part.samples.ndim))
     count = part.samples.sum(axis=further)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.nansum(part.samples * part.mean, axis=further) / count
         square = np.nansum(part.samples * part.rmse**2, axis=further) / count
-    return {"samples": count.tolist(), "mean": rounded(mean, 4), "rmse": rounded(np.sqrt(square), 4)}
+    return {"samples": count.tolist(), "mean": round_digits(mean, 4), "rmse": round_digits(np.sqrt(square), 4)}
 
 
 def _axes(axes: Sequence[Axis], inputs: Sequence[str]) -> list[Figure]:
     """Return axes with the name of their input, or of the coordinate with which the function looks them up."""
-    named = zip_longest(axes, inputs[: len(axes)], "xyzw"[: len(axes)], fillvalue="")
     return [
         {
             "title": axis.input or coordinate or axis.name or letter,
             "unit": axis.unit,
-            "points": rounded(axis.breakpoints, 8),
+            "points": round_digits(axis.breakpoints, 8),
         }
-        for axis, coordinate, letter in named
-        if isinstance(axis, Axis)
+        for axis, coordinate, letter in zip(axes, [*inputs, *repeat("", len(axes))], AXIS_LETTERS, strict=False)
     ]
 
 
 def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
     """Return a table over its `inputs` before and after, with the uncertainty of its values, flat in C order."""
-    after = change.after
-    extras = {
-        "samples": change.samples,
-        "informed": change.informed,
-        "bySmoothness": change.by_smoothness,
-    }
+    after, deviation = change.after, change.deviation
+    if deviation is not None:
+        deviation = np.where(np.isinf(deviation), -1.0, deviation).ravel()  # an unknown one is None
+    counts = {"samples": change.samples, "informed": change.informed, "bySmoothness": change.by_smoothness}
     return {
         "kind": "parameter",
         "name": after.name,
         "unit": after.unit,
         "type": after.kind,
         "axes": _axes(after.index_axes, inputs),
-        "before": rounded(change.before.values.ravel(), 8),
-        "after": rounded(after.values.ravel(), 8),
+        "before": round_digits(change.before.values.ravel(), 8),
+        "after": round_digits(after.values.ravel(), 8),
         "bound": change.bound.ravel().tolist(),
         "locked": after.locked.ravel().astype(int).tolist(),
-        "deviation": None if change.deviation is None else _deviations(change.deviation),
-        **{n: None if a is None else np.asarray(a).ravel().astype(int).tolist() for n, a in extras.items()},
+        "deviation": None if deviation is None else round_digits(deviation),
+        **{name: None if a is None else np.asarray(a).ravel().astype(int).tolist() for name, a in counts.items()},
     }
-
-
-def _deviations(deviation: Float) -> list[float | None]:
-    """Encode standard deviations: -1 for an infinite one, None for an unknown one."""
-    flat = deviation.ravel()
-    return [-1 if np.isinf(value) else shown for value, shown in zip(flat, rounded(flat), strict=True)]
 
 
 def convergence(report: ReportData) -> Figure | None:
@@ -242,23 +243,20 @@ def convergence(report: ReportData) -> Figure | None:
         return None
     return {
         "kind": "convergence",
-        "before": rounded(report.result.cost_before, 7),
-        "stages": list(_stages(report.result.trace)),
+        "before": round_digits(report.result.cost_before, 7),
+        "stages": _stages(report.result.trace),
     }
 
 
-def _stages(trace: Sequence[Any]) -> Iterator[dict[str, Any]]:
+def _stages(trace: Sequence[TraceLine]) -> Sequence[Figure]:
     """Group consecutive lines of one stage; steps are numbered through each start."""
-    stage: dict[str, Any] | None = None
-    steps: dict[int, int] = {}
+    stages: list[dict[str, Any]] = [{}]
+    steps: Counter[int] = Counter()
     for line in trace:
-        if stage is None or (stage["name"], stage["start"]) != (line.stage, line.start) or line.iteration == 1:
-            if stage is not None:
-                yield stage
-            stage = {"name": line.stage, "start": line.start, "x": [], "cost": [], "rmse": []}
-        steps[line.start] = steps.get(line.start, 0) + 1
-        stage["x"].append(steps[line.start])
-        stage["cost"].append(rounded(line.cost, 7))
-        stage["rmse"].append(rounded(line.rmse, 5))
-    if stage is not None:
-        yield stage
+        if line.iteration == 1 or (stages[-1].get("name"), stages[-1].get("start")) != (line.stage, line.start):
+            stages.append({"name": line.stage, "start": line.start, "x": [], "cost": [], "rmse": []})
+        steps[line.start] += 1
+        stages[-1]["x"].append(steps[line.start])
+        stages[-1]["cost"].append(round_digits(line.cost, 7))
+        stages[-1]["rmse"].append(round_digits(line.rmse, 5))
+    return stages[1:]

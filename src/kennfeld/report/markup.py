@@ -16,10 +16,10 @@ Child: TypeAlias = "str | Iterable[Child] | None"
 _VOID = frozenset({"meta", "br", "input"})
 
 
-def rounded(values: Any, digits: int = 5) -> list[Any]:
+def round_digits(values: Any, digits: int = 5) -> list[Any]:
     """Round numbers to significant digits, as nested lists with None for NaN and infinity.
 
-    >>> rounded([1 / 3, float("nan"), 123456.7])
+    >>> round_digits([1 / 3, float("nan"), 123456.7])
     [0.33333, None, 123460.0]
     """
     numbers: Float = np.asarray(values, dtype=np.float64)
@@ -35,10 +35,10 @@ def rounded(values: Any, digits: int = 5) -> list[Any]:
     return with_none.tolist()  # type: ignore[no-any-return]
 
 
-def shown(value: float | None, digits: int = 4) -> str:
+def decimal(value: float | None, digits: int = 4) -> str:
     """Format a number with significant digits.
 
-    >>> shown(76.38123), shown(123456.7), shown(0.00001234), shown(float("nan")), shown(2812)
+    >>> decimal(76.38123), decimal(123456.7), decimal(0.00001234), decimal(float("nan")), decimal(2812)
     ('76.38', '123457', '1.234e-05', '–', '2812')
     """
     if value is None or not math.isfinite(value):
@@ -50,10 +50,10 @@ def shown(value: float | None, digits: int = 4) -> str:
     return f"{value:.{digits - 1}e}"
 
 
-def recorded(value: float | None) -> str:
+def full_decimal(value: float | None) -> str:
     """Format a recorded number, without trailing zeros.
 
-    >>> recorded(2554.1), recorded(48.0)
+    >>> full_decimal(2554.1), full_decimal(48.0)
     ('2554.1', '48')
     """
     if value is not None and math.isinf(value):
@@ -61,10 +61,10 @@ def recorded(value: float | None) -> str:
     return MISSING if value is None or math.isnan(value) else f"{value:.7g}"
 
 
-def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+def quantity(value: float | None, unit: str, digits: int = 3) -> str:
     """Format a number with its unit: `1.83 Nm`."""
     plain = "" if unit in ("", "-", "1") else f" {unit}"
-    return shown(value, digits) + plain
+    return decimal(value, digits) + plain
 
 
 def percent(share: float | None) -> str:
@@ -93,43 +93,37 @@ def element(tag: str, /, *children: Child, **attributes: str | int | bool | None
     >>> element("p", "a < b", class_="note")
     '<p class="note">a &lt; b</p>'
     """
-    written = "".join(_attribute(key, value) for key, value in attributes.items() if value not in (None, False))
-    inside = "".join(_flat(children))
-    return Html(f"<{tag}{written}>" if tag in _VOID else f"<{tag}{written}>{inside}</{tag}>")
+    start = tag
+    for key, value in attributes.items():
+        if value not in (None, False):
+            start += f" {key.rstrip('_').replace('_', '-')}"
+            start += "" if value is True else f'="{html.escape(str(value))}"'
+    return Html(f"<{start}>" if tag in _VOID else f"<{start}>{_escape(children)}</{tag}>")
 
 
-def _attribute(key: str, value: str | int | bool | None) -> str:
-    name = key.rstrip("_").replace("_", "-")
-    return f" {name}" if value is True else f' {name}="{html.escape(str(value))}"'
+def _escape(child: Child) -> str:
+    if child is None or isinstance(child, Html):
+        return child or ""
+    return html.escape(child) if isinstance(child, str) else "".join(map(_escape, child))
 
 
-def _flat(children: Iterable[Child]) -> Iterable[str]:
-    for child in children:
-        if child is None:
-            continue
-        if isinstance(child, Html):
-            yield child
-        elif isinstance(child, str):
-            yield html.escape(child)
-        else:
-            yield from _flat(child)
+def note(text: str) -> Html:
+    """Return an explanatory paragraph."""
+    return element("p", text, class_="note")
 
 
 def table(heading: Iterable[str], rows: Iterable[Iterable[str]], *, words: int = 1, class_: str | None = None) -> Html:
     """Return a table; the first `words` columns hold text, the others numbers."""
-    head = element(
-        "tr", [element("th", cell, class_=None if i < words else "number") for i, cell in enumerate(heading)]
-    )
-    body = [
-        element("tr", [element("td", cell, class_=None if i < words else "number") for i, cell in enumerate(row)])
-        for row in rows
-    ]
-    whole = element("table", element("thead", head), element("tbody", body), class_=class_)
-    return element("div", whole, class_="scroll")
+    head = element("thead", _row("th", heading, words))
+    body = element("tbody", [_row("td", row, words) for row in rows])
+    return element("div", element("table", head, body, class_=class_), class_="scroll")
+
+
+def _row(tag: str, cells: Iterable[str], words: int) -> Html:
+    return element("tr", [element(tag, cell, class_=None if i < words else "number") for i, cell in enumerate(cells)])
 
 
 def details(summary: Child, *children: Child, open_: bool = False, **more: str) -> Html:
     """Return a collapsible part."""
-    return element(
-        "details", element("summary", summary), element("div", *children, class_="inner"), open=open_, **more
-    )
+    inner = element("div", *children, class_="inner")
+    return element("details", element("summary", summary), inner, open=open_, **more)

@@ -6,22 +6,19 @@ from collections.abc import Sequence
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kennfeld import __version__
+from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.errors import Finding
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
+from kennfeld.report.figures import Pictures
 from kennfeld.report.markup import Html, element
-from kennfeld.report.pieces import Pictures
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, read_result, read_trust
-
-if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Extrapolation
-
 
 STATIC = Path(__file__).parent / "static"
 SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")
@@ -29,18 +26,13 @@ SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
-def page(report: ReportData, made: datetime | None = None) -> str:
-    """Return the report as the text of an HTML file; `made` is the time it shows, now by default."""
-    time = (made or datetime.now().astimezone()).isoformat(" ", "seconds")
+def page(report: ReportData) -> str:
+    """Return the report as the text of an HTML file."""
+    time = datetime.now().astimezone().isoformat(" ", "seconds")
     pictures = Pictures()
     parts = list(sections(report, pictures))
     title = f"{report.project.name}: calibration report"
-    data = {
-        "version": __version__,
-        "made": time,
-        "result": report.written,
-        "figures": pictures.data,
-    }
+    data = {"version": __version__, "made": time, "result": report.written, "figures": pictures.data}
     return "<!doctype html>\n" + element(
         "html",
         element(
@@ -54,7 +46,12 @@ def page(report: ReportData, made: datetime | None = None) -> str:
         element(
             "body",
             _contents(parts),
-            element("main", _head(report, time), [_section(*part[:3]) for part in parts], _foot(time)),
+            element(
+                "main",
+                _head(report, time),
+                [element("section", element("h2", title), text, id=anchor) for anchor, title, text, _ in parts],
+                element("footer", f"Created by kennfeld {__version__} at {time}. This file is self-contained."),
+            ),
             element("script", _json(data), type="application/json", id="report-data"),
             [element("script", Html(_static(name))) for name in SCRIPTS],
         ),
@@ -86,14 +83,6 @@ def _head(report: ReportData, time: str) -> Html:
     )
 
 
-def _section(anchor: str, title: str, content: Html) -> Html:
-    return element("section", element("h2", title), content, id=anchor)
-
-
-def _foot(time: str) -> Html:
-    return element("footer", f"Created by kennfeld {__version__} at {time}. This file is self-contained.")
-
-
 @cache
 def _static(name: str) -> str:
     return (STATIC / name).read_text(encoding="utf-8")
@@ -109,7 +98,7 @@ def document(
     project: Project,
     result: Result | None = None,
     findings: Sequence[Finding] = (),
-    left: "Sequence[Extrapolation] | None" = None,
+    extrapolation: Sequence[Extrapolation] | None = None,
 ) -> str:
     """Return the report on a result, or on the start values if there is none, as the text of one HTML file.
 
@@ -117,16 +106,12 @@ def document(
         project: the project.
         result: its calibration result.
         findings: the findings of `project.check()`, which the report lists.
-        left: use of surrogates outside their training data; computed by default.
+        extrapolation: use of surrogates outside their training data; computed by default.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
-
-    >>> import kennfeld as kf
-    >>> project = kf.Project.read("kennfeld.toml")  # doctest: +SKIP
-    >>> text = document(project, project.calibrate(), project.check())  # doctest: +SKIP
     """
-    return page(collect_report_data(project, result, findings, left=left))
+    return page(collect_report_data(project, result, findings, extrapolation=extrapolation))
 
 
 def from_folder(project: Project, folder: str | Path) -> str:
@@ -149,12 +134,15 @@ def from_folder(project: Project, folder: str | Path) -> str:
     return page(collect_report_data(project, result, findings, read_trust(Path(folder), result.parameters), contents))
 
 
-def safely(
-    project: Project, result: Result, findings: Sequence[Finding] = (), left: "Sequence[Extrapolation] | None" = None
+def document_safely(
+    project: Project,
+    result: Result,
+    findings: Sequence[Finding] = (),
+    extrapolation: Sequence[Extrapolation] | None = None,
 ) -> str:
     """Return the report on a result, or a page with the error if it cannot be created: the result must not be lost."""
     try:
-        return document(project, result, findings, left)
+        return document(project, result, findings, extrapolation)
     except Exception:
         sentence = "This report could not be created; the other files of the result are complete. Please report:"
         body = element("body", element("p", sentence), element("pre", traceback.format_exc()))

@@ -9,24 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.formatting import size_text
 from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
-from kennfeld.project.schema import TargetEntry
+from kennfeld.project.value_forms import TargetEntry
 
 Row = tuple[str, str, str]  # section, key, value
 
-_HIDDEN = ("path", "name", "place", "findings")
+_HIDDEN = ("path", "name", "location", "lines")
 _SINGULAR = {"criteria": "criterion", "equalities": "equality"}
 
 
 def settings(project: Project) -> list[Row]:
     """Return the settings of a project file that differ from their defaults, by section."""
-    rows: list[Row] = []
-    for field in fields(project.file):
-        value = getattr(project.file, field.name)
-        if field.name not in _HIDDEN:
-            rows += _part(field.name, value)
-    return rows
+    sections = {field.name: getattr(project.file, field.name) for field in fields(project.file)}
+    return [row for name, value in sections.items() if name not in _HIDDEN for row in _part(name, value)]
 
 
 def _part(name: str, value: Any) -> Iterator[Row]:
@@ -74,28 +71,19 @@ def format_setting(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.8g}"
     if isinstance(value, np.ndarray):
-        return _array(value)
+        if value.size == 1:
+            return f"{value.item():.8g}"
+        return f"{size_text(value.shape)} values from {np.nanmin(value):.6g} to {np.nanmax(value):.6g}"
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {format_setting(inner)}" for key, inner in value.items())
     if isinstance(value, TargetEntry):
-        return (
-            format_setting(value.value)
-            if value.kind == "number"
-            else f"{value.kind} {value.name}".removeprefix("name ")
-        )
-    if hasattr(value, "__dataclass_fields__"):
+        number = format_setting(value.value)
+        return number if value.kind == "number" else f"{value.kind} {value.name}".removeprefix("name ")
+    if is_dataclass(value):
         return ", ".join(f"{key} {text}" for _, key, text in _entry("", value) if text)
     if isinstance(value, Sequence) and not isinstance(value, str):
-        shown = [format_setting(inner) for inner in value[:40]]
-        return ", ".join([*shown, f"... {len(value)} in all"] if len(value) > 40 else shown)
+        return ", ".join([*map(format_setting, value[:40]), *([f"... {len(value)} in all"] if value[40:] else [])])
     return str(value)
-
-
-def _array(value: Any) -> str:
-    if value.size == 1:
-        return f"{value.item():.8g}"
-    shape = " x ".join(map(str, value.shape))
-    return f"{shape} values from {np.nanmin(value):.6g} to {np.nanmax(value):.6g}"
 
 
 @dataclass(frozen=True)
@@ -120,30 +108,17 @@ def sources(project: Project) -> list[SourceFile]:
 def _named(project: Project) -> Iterator[tuple[str, Path]]:
     file = project.file
     yield "project", file.path
-    yield "model", _without_function(file.folder / file.model.file)
-    for name in file.model.parameters:
-        yield "values of the model", file.folder / name
-    for name in file.surrogates.values():
-        yield "surrogate", file.folder / name
-    for name in file.calibration.initial:
-        yield "start", file.folder / name
-    for name in file.calibration.descriptions.values():
-        yield "start", file.folder / name
+    model = file.folder / file.model.file
+    # `module.py:function` is a function of a file
+    yield "model", model if model.is_file() else model.with_name(model.name.partition(":")[0])
+    yield from (("values of the model", file.folder / name) for name in file.model.parameters)
+    yield from (("surrogate", file.folder / name) for name in file.surrogates.values())
+    starts = (*file.calibration.files, *file.calibration.descriptions.values())
+    yield from (("start", file.folder / name) for name in starts)
     for entry in file.datasets:
-        for pattern in entry.files:
-            for path in find_recordings(file.folder, pattern):
-                yield f"data, {entry.use}", _without_sheet(path)
-
-
-def _without_function(path: Path) -> Path:
-    """Return the file of `module.py:function`."""
-    return path if path.is_file() else path.with_name(path.name.partition(":")[0])
-
-
-def _without_sheet(path: str) -> Path:
-    """Return the file of `file.xlsx#sheet`."""
-    whole = Path(path)
-    return whole if whole.is_file() else Path(path.rpartition("#")[0])
+        for path in (path for pattern in entry.files for path in find_recordings(file.folder, pattern)):
+            # `file.xlsx#sheet` is a sheet of a file
+            yield f"data, {entry.use}", Path(path if Path(path).is_file() else path.rpartition("#")[0])
 
 
 def _source(role: str, path: Path, folder: Path) -> SourceFile:

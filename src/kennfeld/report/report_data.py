@@ -1,14 +1,15 @@
 """The data of a report, computed once."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kennfeld.analysis.cell_errors import tally
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator, same_grid
+from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.residuals import Residuals, residuals
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
@@ -23,9 +24,6 @@ from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
-
-if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Extrapolation
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,8 @@ class ParameterChange:
     def bound(self) -> Int:
         """-1 at the lower bound, 1 at the upper bound, else 0; locked values count as 0."""
         p = self.after
-        held = p.locked | (p.lower == p.upper)
-        at = (p.values >= p.upper).astype(np.int64) - (p.values <= p.lower).astype(np.int64)
-        return np.where(held, 0, at)
+        side = (p.values >= p.upper).astype(np.int64) - (p.values <= p.lower).astype(np.int64)
+        return np.where(p.locked | (p.lower == p.upper), 0, side)
 
     @property
     def uncovered(self) -> Bool:
@@ -103,10 +100,10 @@ class ReportData:
     after: tuple[CriterionSeries, ...]
     residuals: tuple[Residuals, ...]
     changes: tuple[ParameterChange, ...]
-    trust: TrustSummary = field(default_factory=TrustSummary)
-    written: Mapping[str, Any] | None = None  # the contents of `result.json`
-    extrapolation: "tuple[Extrapolation, ...]" = ()  # use of surrogates outside their training data
-    seen: tuple[Finding, ...] = ()  # test data that are also training data
+    trust: TrustSummary
+    written: Mapping[str, Any] | None  # the contents of `result.json`
+    extrapolation: tuple[Extrapolation, ...]  # use of surrogates outside their training data
+    seen: tuple[Finding, ...]  # test data that are also training data
 
     @property
     def parameters(self) -> ParameterSet:
@@ -120,58 +117,58 @@ class ReportData:
     @cached_property
     def scores(self) -> tuple[Score, ...]:
         """A score for each criterion and dataset; numbers in `result.json` take precedence."""
-        summaries = {(i, r.dataset): r for i, of in self.numbered for r in of.summaries}
-        written = self._written()
+        summaries = {(i, r.dataset): r for i, of in self.numbered.items() for r in of.summaries}
         scores = []
-        for old, new in zip(self.before, self.after, strict=True):
-            name, row = old.bound.dataset.name, written.get((old.criterion, old.bound.dataset.name))
-            now = summaries[new.criterion, name]
-            rmse = (_rms_known(old.error), now.rmse) if row is None else (row.rmse_before, row.rmse_after)
+        for old in self.before:
+            criterion, data = self.problem.criteria[old.criterion], old.bound.dataset
+            row, now = self._stored_quality.get((old.criterion, data.name)), summaries[old.criterion, data.name]
+            rmse = (_of_known(old.error, _rms), now.rmse) if row is None else (row.rmse_before, row.rmse_after)
             r2, largest = (now.r2, now.largest) if row is None else (row.r2_after, row.max_abs_after)
             scores.append(
                 Score(
                     number=old.criterion,
-                    criterion=self.problem.criteria[old.criterion].node,
-                    target=str(self.problem.criteria[old.criterion].target),
-                    dataset=name,
-                    use=old.bound.dataset.use,
+                    criterion=criterion.node,
+                    target=str(criterion.target),
+                    dataset=data.name,
+                    use=data.use,
                     unit=old.unit,
                     samples=now.samples,
                     rmse=rmse,
                     r2=(_r2(old), r2),
-                    largest=(_largest(old.error), largest),
+                    largest=(_of_known(np.abs(old.error), np.max), largest),
                 )
             )
         return tuple(scores)
 
     @property
-    def numbered(self) -> list[tuple[int, Residuals]]:
-        """The residuals with the number of their criterion."""
-        numbers = dict.fromkeys(series.criterion for series in self.after)
-        return list(zip(sorted(numbers), self.residuals, strict=True))
+    def numbered(self) -> dict[int, Residuals]:
+        """The residuals by the number of their criterion."""
+        return dict(zip(sorted({series.criterion for series in self.after}), self.residuals, strict=True))
 
-    def _written(self) -> dict[tuple[int, str], Quality]:
-        """Return the quality rows of the result by criterion number and dataset."""
-        rows: dict[tuple[int, str], Quality] = {}
-        counted: dict[tuple[str, str], int] = {}
+    @cached_property
+    def _stored_quality(self) -> dict[tuple[int, str], Quality]:
+        """The quality rows of the result by criterion number and dataset."""
+        by_node: dict[tuple[str, str], list[Quality]] = {}
         for row in self.result.quality if self.result else ():
-            key = (row.criterion, row.dataset)
+            by_node.setdefault((row.criterion, row.dataset), []).append(row)
+        return {
+            (number, dataset): row
+            for (node, dataset), rows in by_node.items()
             # a node with several targets has a row for each, in the order of the criteria
-            numbers = [i for i, c in enumerate(self.problem.criteria) if c.node == row.criterion]
-            position = counted.get(key, 0)
-            counted[key] = position + 1
-            if position < len(numbers):
-                rows[numbers[position], row.dataset] = row
-        return rows
+            for number, row in zip(
+                [i for i, criterion in enumerate(self.problem.criteria) if criterion.node == node], rows, strict=False
+            )
+        }
 
     @property
     def stale(self) -> bool:
         """True if the errors of the result cannot be reproduced, since the project or its data have changed."""
-        for key, row in self._written().items():
-            rmse = [_rms_known(s.error) for s in self.after if (s.criterion, s.bound.dataset.name) == key]
-            if row.samples and not (rmse and np.isclose(rmse[0], row.rmse_after, rtol=1e-3, equal_nan=True)):
-                return True
-        return False
+        rmse = {(s.criterion, s.bound.dataset.name): _of_known(s.error, _rms) for s in reversed(self.after)}
+        return any(
+            key not in rmse or not np.isclose(rmse[key], row.rmse_after, rtol=1e-3, equal_nan=True)
+            for key, row in self._stored_quality.items()
+            if row.samples
+        )
 
 
 def collect_report_data(
@@ -180,7 +177,7 @@ def collect_report_data(
     findings: Sequence[Finding] = (),
     trust: TrustSummary | None = None,
     written: Mapping[str, Any] | None = None,
-    left: "Sequence[Extrapolation] | None" = None,
+    extrapolation: Sequence[Extrapolation] | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -190,7 +187,7 @@ def collect_report_data(
         findings: the findings of the project check.
         trust: uncertainty of the values; by default that of the result.
         written: contents of `result.json`; by default those of the result.
-        left: use of surrogates outside their training data; computed by default.
+        extrapolation: use of surrogates outside their training data; computed by default.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -204,9 +201,9 @@ def collect_report_data(
     after = before if result is None else evaluator.series(parameters)
     lookups = Lookups(problem, parameters, evaluator.values if small else ())
     if trust is None:
-        trust = summarise_trust(None if result is None else result.trust)
+        trust = TrustSummary() if result is None else summarise_trust(result.trust)
     tallied = tally(lookups, parameters, after)
-    extrapolation = _extrapolation(problem, parameters) if left is None else tuple(left)
+    extrapolation = find_extrapolation(problem, parameters) if extrapolation is None else tuple(extrapolation)
     if result is not None and written is None:
         surrogates = [row.as_json() for row in extrapolation]
         written = result.as_json() | ({"surrogates": surrogates} if surrogates else {})
@@ -226,14 +223,6 @@ def collect_report_data(
     )
 
 
-def _extrapolation(problem: Problem, parameters: ParameterSet) -> "tuple[Extrapolation, ...]":
-    if not problem.model.surrogates:
-        return ()
-    from kennfeld.analysis.extrapolation import find_extrapolation
-
-    return find_extrapolation(problem, parameters)
-
-
 def _changes(
     problem: Problem, start: ParameterSet, parameters: ParameterSet, trust: TrustSummary, counted: Mapping[str, Int]
 ) -> tuple[ParameterChange, ...]:
@@ -241,35 +230,28 @@ def _changes(
     changes = []
     for name in problem.free_names:
         after, before = parameters[name], start[name]
-        moved = not _same_grid(before, after)
-        shape = after.values.shape
+        moved = not same_grid(before, after)
         changes.append(
             ParameterChange(
-                before=_resampled(before, after) if moved else before,
+                before=_resample(before, after) if moved else before,
                 after=after,
                 moved=moved,
-                samples=_shaped(trust.samples, name, shape) if name in trust.samples else counted.get(name),
-                informed=_shaped(trust.informed, name, shape),
-                deviation=_shaped(trust.deviation, name, shape),
-                by_smoothness=_shaped(trust.by_smoothness, name, shape),
+                samples=_array_of(after, trust.samples) if name in trust.samples else counted.get(name),
+                informed=_array_of(after, trust.informed),
+                deviation=_array_of(after, trust.deviation),
+                by_smoothness=_array_of(after, trust.by_smoothness),
             )
         )
     return tuple(sorted(changes, key=lambda change: -change.size))
 
 
-def _shaped(arrays: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Any:
-    """Return the array of a parameter, None if it has another shape."""
-    array = arrays.get(name)
-    return None if array is None or np.shape(array) != shape else np.asarray(array)
+def _array_of(table: Parameter, arrays: Mapping[str, Any]) -> Any:
+    """Return the array of a parameter, None if there is none or it has another shape."""
+    array = arrays.get(table.name)
+    return None if array is None or np.shape(array) != table.values.shape else np.asarray(array)
 
 
-def _same_grid(one: Parameter, other: Parameter) -> bool:
-    return one.values.shape == other.values.shape and all(
-        np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(one.axes, other.axes, strict=True)
-    )
-
-
-def _resampled(before: Parameter, after: Parameter) -> Parameter:
+def _resample(before: Parameter, after: Parameter) -> Parameter:
     points = np.meshgrid(*(axis.breakpoints for axis in after.index_axes), indexing="ij")
     sides = [
         cell_weights(position(x.ravel(), axis.breakpoints, before.extrapolation), len(axis))[0]
@@ -278,15 +260,11 @@ def _resampled(before: Parameter, after: Parameter) -> Parameter:
     return after.with_values(interpolate(before.values, sides))
 
 
-def _rms_known(error: Float) -> float:
+def _of_known(error: Float, statistic: Callable[[Float], Any]) -> float:
+    """Return a statistic of the errors at scored samples, infinite ones included; NaN if there are none."""
     known = error[~np.isnan(error)]
     with np.errstate(over="ignore", invalid="ignore"):
-        return _rms(known) if known.size else float("nan")
-
-
-def _largest(error: Float) -> float:
-    known = error[~np.isnan(error)]
-    return float(np.abs(known).max()) if known.size else float("nan")
+        return float(statistic(known)) if known.size else float("nan")
 
 
 def _r2(series: CriterionSeries) -> float:

@@ -3,25 +3,26 @@
 from collections.abc import Sequence
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.analysis.residuals import Residuals, WorstSample
+from kennfeld.analysis.residuals import Residuals
 from kennfeld.formatting import count_noun
 from kennfeld.report import figures
-from kennfeld.report.markup import Child, Html, details, element, percent, recorded, shown, table, with_unit
-from kennfeld.report.pieces import OPEN_PARTS, Pictures, note
+from kennfeld.report.figures import Pictures
+from kennfeld.report.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
 from kennfeld.report.report_data import ReportData
 
+OPEN_PARTS = 4  # datasets that are unfolded initially
 
-def fit(report: ReportData, pictures: Pictures) -> Html:
+
+def render_fit(report: ReportData, pictures: Pictures) -> Html:
     """Return a time plot, a scatter plot and a histogram for each criterion and dataset."""
     pairs = list(zip(report.before, report.after, strict=True))
     parts = []
     for i, (before, after) in enumerate(pairs):
-        of = dict(report.numbered)[after.criterion]
+        of = report.numbered[after.criterion]
         data = after.bound.dataset
         summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(after)}, {data.use}"]
-        parts.append(
-            details(summary, _pictures(before, after, of, len(pairs), pictures), open_=i < OPEN_PARTS, class_="part")
-        )
+        content = _pictures(before, after, of, len(pairs), pictures)
+        parts.append(details(summary, content, open_=i < OPEN_PARTS, class_="part"))
     return element("div", parts or note("No sample is scored."))
 
 
@@ -54,18 +55,18 @@ def _pictures(
     ]
 
 
-def residuals(report: ReportData, pictures: Pictures) -> Html:
+def render_residuals(report: ReportData, pictures: Pictures) -> Html:
     """Return the errors by dataset, time and cell, and the worst samples."""
-    return element("div", [_of_criterion(report, number, of, pictures) for number, of in report.numbered])
+    return element("div", [_of_criterion(report, of, pictures) for of in report.residuals])
 
 
-def _of_criterion(report: ReportData, number: int, of: Residuals, pictures: Pictures) -> Html:
+def _of_criterion(report: ReportData, of: Residuals, pictures: Pictures) -> Html:
     several = len(report.problem.criteria) > 1
     memories = [
         pictures.place(
             figures.autocorrelation(of, row.dataset),
             f"{row.dataset}: autocorrelation of the error. White noise stays within the grey band; "
-            f"{row.samples} samples count as {shown(row.autocorrelation.independent, 3)} independent ones.",
+            f"{row.samples} samples count as {decimal(row.autocorrelation.independent, 3)} independent ones.",
             f"autocorrelation of the errors on {row.dataset}",
         )
         for row in of.summaries
@@ -86,30 +87,28 @@ def _of_criterion(report: ReportData, number: int, of: Residuals, pictures: Pict
         _summary_table(of),
         note(_explain_scaling(of)),
         [element("h4", "In time"), element("div", memories, class_="row two")] if memories else None,
-        [element("h4", "By cell of a table"), _folded(maps)] if maps else None,
+        _by_cell(maps) if maps else None,
         element("h4", "The worst samples"),
         note("Of consecutive samples with errors of one sign, only the worst is listed.") if memories else None,
         _worst_table(of),
     )
 
 
-def _folded(maps: Sequence[Html | None]) -> list[Child]:
+def _by_cell(maps: Sequence[Html | None]) -> list[Child]:
     first, rest = (element("div", part, class_="row two") for part in (maps[:6], maps[6:]))
-    return [first, details(f"{len(maps) - 6} more tables", rest)] if len(maps) > 6 else [first]
+    more = details(f"{len(maps) - 6} more tables", rest) if len(maps) > 6 else None
+    return [element("h4", "By cell of a table"), first, more]
 
 
 def _explain_scaling(of: Residuals) -> str:
-    s = with_unit(of.deviation, of.unit)
+    s = quantity(of.deviation, of.unit)
     if of.scaling == "studentized":
-        return (
-            f"Errors are model minus measurement. Scaled errors are studentized: divided by s sqrt(1 - h), where "
-            f"s = {s} is their standard deviation over the training data and h the leverage of the sample. "
-            "Of normal errors, 0.27 % are beyond 3."
-        )
-    return (
-        f"Errors are model minus measurement. Scaled errors are standardised: divided by {s}, their root mean square "
-        "over the training data. Of normal errors, 0.27 % are beyond 3."
-    )
+        divisor = f"s sqrt(1 - h), where s = {s} is their standard deviation over the training data and h the leverage "
+        divisor += "of the sample"
+    else:
+        divisor = f"{s}, their root mean square over the training data"
+    scaled = f"Scaled errors are {of.scaling}: divided by {divisor}."
+    return f"Errors are model minus measurement. {scaled} Of normal errors, 0.27 % are beyond 3."
 
 
 def _summary_table(of: Residuals) -> Html:
@@ -119,8 +118,8 @@ def _summary_table(of: Residuals) -> Html:
         [
             *(row.dataset, row.use, str(row.samples)),
             # a mean that is rounding noise would look like a finding
-            shown(0.0 if abs(row.mean) < 1e-4 * row.rmse else row.mean),
-            *(shown(x) for x in (row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
+            decimal(0.0 if abs(row.mean) < 1e-4 * row.rmse else row.mean),
+            *(decimal(x) for x in (row.deviation, row.rmse, row.median, row.percentile_95, row.largest)),
             *(percent(row.relative), percent(row.beyond)),
         ]
         for row in of.summaries
@@ -133,13 +132,13 @@ def _worst_table(of: Residuals) -> Html:
     inputs = list(dict.fromkeys(name for w in of.worst for name in w.inputs))
     head = ["dataset", "use", "sample", *(["recording", "time [s]"] if timed else [])]
     head += ["measured", "calculated", "error", "relative", "scaled", *inputs]
-    return table(head, [_worst_row(w, inputs, timed=timed) for w in of.worst], words=2, class_="wide")
-
-
-def _worst_row(worst: WorstSample, inputs: Sequence[str], *, timed: bool) -> list[str]:
-    place = [str(worst.piece + 1), recorded(worst.time)] if timed else []
-    return [
-        *(worst.dataset, worst.use, str(worst.sample), *place, recorded(worst.measured), shown(worst.model, 5)),
-        *(shown(worst.error), percent(worst.relative), shown(worst.scaled, 3)),
-        *(recorded(worst.inputs[name]) for name in inputs),
+    rows = [
+        [
+            *(w.dataset, w.use, str(w.sample), *((str(w.piece + 1), full_decimal(w.time)) if timed else ())),
+            *(full_decimal(w.measured), decimal(w.model, 5), decimal(w.error)),
+            *(percent(w.relative), decimal(w.scaled, 3)),
+            *(full_decimal(w.inputs[name]) for name in inputs),
+        ]
+        for w in of.worst
     ]
+    return table(head, rows, words=2, class_="wide")

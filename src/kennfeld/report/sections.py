@@ -7,15 +7,16 @@ import numpy as np
 
 from kennfeld.formatting import count_noun
 from kennfeld.optimize.quality import CONSTANT
+from kennfeld.optimize.result import Result, StartResult
 from kennfeld.report import figures
-from kennfeld.report.markup import MISSING, Html, details, element, percent, shown, table, with_unit
-from kennfeld.report.parameter_section import parameters
-from kennfeld.report.pieces import Pictures, note
+from kennfeld.report.figures import Pictures
+from kennfeld.report.markup import MISSING, Html, decimal, details, element, note, percent, quantity, table
+from kennfeld.report.parameter_section import render_parameters
 from kennfeld.report.provenance import settings, sources
 from kennfeld.report.report_data import ReportData, Score
-from kennfeld.report.residual_sections import fit, residuals
-from kennfeld.report.summary import pooled, remarks, verdict
-from kennfeld.report.undetermined_section import limits, undetermined
+from kennfeld.report.residual_sections import render_fit, render_residuals
+from kennfeld.report.summary import by_criterion, observations, pool_scores, verdict
+from kennfeld.report.undetermined_section import render_limits, render_undetermined
 
 MAX_TEXT = 60_000  # characters of a formula or project file
 
@@ -24,21 +25,23 @@ Section = tuple[str, str, Html, Sequence[tuple[str, str]]]  # anchor, title, con
 
 def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     """Return the sections of a report, with their entries in the table of contents."""
-    yield "result", "Result", _result(report), ()
-    yield "fit", "Measured and calculated", fit(report, pictures), ()
-    yield "residuals", "Residuals", residuals(report, pictures), ()
-    content, entries = parameters(report, pictures)
+    yield "result", "Result", _render_result(report), ()
+    yield "fit", "Measured and calculated", render_fit(report, pictures), ()
+    yield "residuals", "Residuals", render_residuals(report, pictures), ()
+    content, entries = render_parameters(report, pictures)
     yield "parameters", "Parameters", content, entries
     if report.result is not None:
-        yield "undetermined", "Parameters not determined by the data", undetermined(report), ()
-        yield "limits", "Active limits", limits(report), ()
-        yield "search", "Search", _search(report, pictures), ()
-    yield "messages", "Project check", _messages(report), ()
-    yield "settings", "Settings and files", _settings(report), ()
+        yield "undetermined", "Parameters not determined by the data", render_undetermined(report), ()
+        yield "limits", "Active limits", render_limits(report), ()
+        yield "search", "Search", _render_search(report, report.result, pictures), ()
+    findings = [element("li", str(finding), class_=finding.severity) for finding in report.findings]
+    messages = element("ul", findings, class_="remarks") if findings else note("The project check found no problems.")
+    yield "messages", "Project check", messages, ()
+    yield "settings", "Settings and files", _render_settings(report), ()
 
 
-def _result(report: ReportData) -> Html:
-    points = [element("li", remark.text, class_=remark.kind) for remark in remarks(report)]
+def _render_result(report: ReportData) -> Html:
+    points = [element("li", observation.text, class_=observation.kind) for observation in observations(report)]
     return element(
         "div",
         element("p", verdict(report), class_="verdict"),
@@ -50,22 +53,20 @@ def _result(report: ReportData) -> Html:
 
 def _tiles(report: ReportData) -> Iterator[tuple[str, str, str]]:
     """Return label, number and explanation of each tile."""
-    done = report.result is not None
-    for number in dict.fromkeys(score.number for score in report.scores):
-        scores = [score for score in report.scores if score.number == number]
+    result = report.result
+    for scores in by_criterion(report.scores):
         name = f"{scores[0].criterion}, " if len(report.problem.criteria) > 1 else ""
         for use in ("training", "test"):
             if part := [score for score in scores if score.use == use]:
-                score = pooled(part)
-                below = f"before {with_unit(score.rmse[0], score.unit, 4)}" if done else f"{score.samples} samples"
-                yield f"{name}RMSE, {use}", with_unit(score.rmse[1], score.unit, 4), below
-                if number == 0:
-                    below = f"before {with_unit(score.largest[0], score.unit, 4)}" if done else use
-                    yield f"{name}largest error, {use}", with_unit(score.largest[1], score.unit, 4), below
-    if report.result is not None:
-        result = report.result
+                score = pool_scores(part)
+                before, after = (quantity(rmse, score.unit, 4) for rmse in score.rmse)
+                yield f"{name}RMSE, {use}", after, f"before {before}" if result else f"{score.samples} samples"
+                if score.number == 0:
+                    before, after = (quantity(largest, score.unit, 4) for largest in score.largest)
+                    yield f"{name}largest error, {use}", after, f"before {before}" if result else use
+    if result is not None:
         yield "values", str(result.free_values), f"of {count_noun(len(report.changes), 'parameter')}"
-        yield "time", f"{shown(result.seconds.total, 3)} s", f"{result.iterations} iterations"
+        yield "time", f"{decimal(result.seconds.total, 3)} s", f"{result.iterations} iterations"
 
 
 def _tile(label: str, number: str, below: str) -> Html:
@@ -75,38 +76,31 @@ def _tile(label: str, number: str, below: str) -> Html:
 
 
 def _score_table(report: ReportData) -> Html:
-    done = report.result is not None
     head = ["criterion", "dataset", "use", "samples", "unit"]
     head += ["RMSE before", "RMSE after", "change", "R2 before", "R2 after", "max |error| before", "max |error| after"]
-    if not done:
+    if report.result is None:
         head = [*head[:5], "RMSE", "R2", "max |error|"]
-    return table(head, [_score_row(score, done=done) for score in report.scores], words=3, class_="wide")
-
-
-def _score_row(score: Score, *, done: bool) -> list[str]:
-    first = [score.criterion, score.dataset, score.use, str(score.samples), score.unit or MISSING]
-    if not done:
-        return [*first, shown(score.rmse[1]), _r2(score, 1), shown(score.largest[1])]
-    before, after = score.rmse
-    change = percent(after / before - 1.0) if np.isfinite(before) and before > 0 else MISSING
-    return [
-        *first,
-        *(shown(before), shown(after), change if change.startswith(("-", MISSING)) else f"+{change}"),
-        *(_r2(score, 0), _r2(score, 1)),
-        *(shown(value) for value in score.largest),
-    ]
+    rows = []
+    for score in report.scores:
+        row = [score.criterion, score.dataset, score.use, str(score.samples), score.unit or MISSING]
+        before, after = score.rmse
+        if report.result is None:
+            rows.append([*row, decimal(after), _r2(score, 1), decimal(score.largest[1])])
+            continue
+        change = percent(after / before - 1.0) if np.isfinite(before) and before > 0 else MISSING
+        row += [decimal(before), decimal(after), change if change.startswith(("-", MISSING)) else f"+{change}"]
+        rows.append([*row, _r2(score, 0), _r2(score, 1), *map(decimal, score.largest)])
+    return table(head, rows, words=3, class_="wide")
 
 
 def _r2(score: Score, which: int) -> str:
     value, rmse = score.r2[which], score.rmse[which]
     if abs(value) < 1e4:
         return f"{value:.4f}"
-    return CONSTANT if np.isnan(value) and np.isfinite(rmse) and score.samples else shown(value)
+    return CONSTANT if np.isnan(value) and np.isfinite(rmse) and score.samples else decimal(value)
 
 
-def _search(report: ReportData, pictures: Pictures) -> Html:
-    result = report.result
-    assert result is not None
+def _render_search(report: ReportData, result: Result, pictures: Pictures) -> Html:
     picture = pictures.place(
         figures.convergence(report),
         "Cost over the accepted steps, coloured by stage. Smoothed stages have another cost than the exact model.",
@@ -115,23 +109,22 @@ def _search(report: ReportData, pictures: Pictures) -> Html:
     rows = [
         ("status", result.status),
         ("message", result.message),
-        ("cost before, after", f"{shown(result.cost_before, 6)}, {shown(result.cost_after, 6)}"),
+        ("cost before, after", f"{decimal(result.cost_before, 6)}, {decimal(result.cost_after, 6)}"),
         ("iterations, evaluations", f"{result.iterations}, {result.evaluations}"),
         ("values free, fixed", f"{result.free_values}, {result.fixed_values}"),
-        ("time", ", ".join(f"{name} {shown(value, 3)} s" for name, value in vars(result.seconds).items())),
+        ("time", ", ".join(f"{name} {decimal(value, 3)} s" for name, value in vars(result.seconds).items())),
     ]
-    return element("div", picture, table(["", ""], rows, words=2, class_="facts"), _starts(report))
+    return element("div", picture, table(["", ""], rows, words=2, class_="facts"), _starts(result.starts))
 
 
-def _starts(report: ReportData) -> Html | None:
-    starts = report.result.starts if report.result else ()
+def _starts(starts: Sequence[StartResult]) -> Html | None:
     if len(starts) < 2:
         return None
     head = ["start", "status", "message", "cost before", "cost after", "distance", "iterations"]
     rows = [
         [
             *(str(row.start), row.status, row.message),
-            *(shown(row.cost_before, 6), shown(row.cost_after, 6), shown(row.distance, 3), str(row.iterations)),
+            *(decimal(row.cost_before, 6), decimal(row.cost_after, 6), decimal(row.distance, 3), str(row.iterations)),
         ]
         for row in starts
     ]
@@ -139,13 +132,7 @@ def _starts(report: ReportData) -> Html | None:
     return element("div", table(head, rows, words=3, class_="where"), note(explanation))
 
 
-def _messages(report: ReportData) -> Html:
-    if not report.findings:
-        return note("The project check found no problems.")
-    return element("ul", [element("li", str(f), class_=f.severity) for f in report.findings], class_="remarks")
-
-
-def _settings(report: ReportData) -> Html:
+def _render_settings(report: ReportData) -> Html:
     project = report.project
     files = sources(project)
     rows = [[f.role, f.name, _size(f.size), f.changed or MISSING, element("code", f.digest or MISSING)] for f in files]
@@ -154,19 +141,16 @@ def _settings(report: ReportData) -> Html:
         "div",
         table(["file", "", "size", "changed", "SHA-256"], rows, words=5, class_="wide files"),
         details("Settings", table(["section", "key", "value"], settings(project), words=3), open_=True),
-        details(f"Project file {project.path.name}", _text(_read(project.path))),
-        details(f"Function {function.name}", _text(_read(function))) if function.suffix == ".kf" else None,
+        details(f"Project file {project.path.name}", _read_text(project.path)),
+        details(f"Function {function.name}", _read_text(function)) if function.suffix == ".kf" else None,
     )
 
 
-def _read(path: Path) -> str:
+def _read_text(path: Path) -> Html:
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        return f"cannot be read: {error.strerror}"
-
-
-def _text(text: str) -> Html:
+        text = f"cannot be read: {error.strerror}"
     return element("pre", text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + "\n...")
 
 
@@ -178,5 +162,5 @@ def _size(count: int) -> str:
     """
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= scale:
-            return f"{shown(count / scale, 3)} {unit}"
+            return f"{decimal(count / scale, 3)} {unit}"
     return f"{count} B"

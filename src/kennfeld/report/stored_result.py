@@ -2,7 +2,8 @@
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from itertools import groupby
 from pathlib import Path
@@ -12,10 +13,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
@@ -23,9 +25,13 @@ from kennfeld.project.manifest import RUN_AGAIN as AGAIN
 
 MAX_LEVERAGE_VALUES = 2000  # computing the leverage costs the third power of the number of values
 
-COLUMNS = ("samples", "deviation", "leverage", "informed", "by_smoothness")
-FLAGS = ("informed", "by_smoothness")
-
+COLUMNS = {
+    "samples": np.int64,
+    "deviation": np.float64,
+    "leverage": np.float64,
+    "informed": bool,
+    "by_smoothness": bool,
+}
 READ = ("parameters.json", "trace.csv", "trust.csv")  # in addition to result.json
 
 
@@ -52,30 +58,20 @@ class TrustSummary:
     remark: str = ""
 
 
-def summarise_trust(trust: Any) -> TrustSummary:
-    """Return the summary of a trust: an object with these attributes, or a mapping of the informed values alone."""
-    if trust is None:
-        return TrustSummary()
-    if isinstance(trust, Mapping):
-        return TrustSummary(informed=trust)
-    directions = tuple(
-        RemedyText(str(d.sentence), str(getattr(d, "remedy", ""))) for d in getattr(trust, "directions", ())
+def summarise_trust(trust: Trust) -> TrustSummary:
+    """Return the summary of a trust, without the leverage if it has too many values."""
+    null_space = trust.null_space
+    return TrustSummary(
+        informed=trust.informed,
+        samples=trust.samples,
+        deviation=trust.deviation,
+        leverage=trust.leverage if sum(map(np.size, trust.deviation.values())) <= MAX_LEVERAGE_VALUES else {},
+        by_smoothness=trust.by_smoothness,
+        directions=tuple(RemedyText(direction.sentence, direction.remedy) for direction in trust.directions),
+        null_space=RemedyText(null_space.sentence, null_space.advice) if null_space.sentence else None,
+        holdings=tuple(map(str, trust.holdings)),
+        remark=trust.remark,
     )
-    space = getattr(trust, "null_space", None)
-    null_space = RemedyText(str(space.sentence), str(space.advice)) if space is not None and space.sentence else None
-    holdings = tuple(str(holding) for holding in getattr(trust, "holdings", ()))
-    remark = str(getattr(trust, "remark", ""))
-    values = sum(np.size(array) for array in (getattr(trust, "deviation", None) or {}).values())
-    parts = [
-        "informed",
-        "samples",
-        "deviation",
-        "by_smoothness",
-        *(["leverage"] if values <= MAX_LEVERAGE_VALUES else []),
-    ]
-    known = {name: getattr(trust, name, None) for name in parts}
-    arrays: dict[str, Any] = {name: value for name, value in known.items() if isinstance(value, Mapping)}
-    return TrustSummary(directions=directions, null_space=null_space, holdings=holdings, remark=remark, **arrays)
 
 
 def read_trust(folder: Path, parameters: ParameterSet) -> TrustSummary:
@@ -111,22 +107,11 @@ def _tables(folder: Path, parameters: ParameterSet) -> dict[str, Any]:
     for name, group in groupby(rows, key=lambda row: row["parameter"]):
         lines = list(group)
         shape = parameters[name].values.shape if name in parameters else (len(lines),)
-        if int(np.prod(shape)) == len(lines):
-            for column in COLUMNS:
-                values = _column(lines, column).reshape(shape)
-                if not np.isnan(values).all():
-                    arrays[column][name] = _typed(column, values)
+        for column, kind in COLUMNS.items() if int(np.prod(shape)) == len(lines) else ():
+            values = np.array([float(line[column] or "nan") for line in lines]).reshape(shape)
+            if not np.isnan(values).all():
+                arrays[column][name] = values.astype(kind)
     return arrays
-
-
-def _column(lines: Sequence[Mapping[str, str]], column: str) -> Float:
-    return np.array([float(line[column] or "nan") for line in lines])
-
-
-def _typed(column: str, values: Float) -> Any:
-    if column in FLAGS:
-        return values != 0
-    return values.astype(np.int64) if column == "samples" else values
 
 
 def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, Any]] | None:
@@ -141,85 +126,71 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
     paths = {name: folder / name for name in ("result.json", "parameters.json", "trace.csv")}
     if not any(path.is_file() for path in paths.values()):
         return None
-    missing = [
-        Finding(str(path), "file not found, although other files of a run exist", AGAIN)
-        for path in paths.values()
-        if not path.is_file()
-    ]
-    if missing:
-        raise InputError(missing)
-    contents = _contents(paths["result.json"])
+    if missing := [Location(str(path)) for path in paths.values() if not path.is_file()]:
+        message = "file not found, although other files of a run exist"
+        raise InputError(Finding(location, message, AGAIN) for location in missing)
+    with _refuse_damaged(paths["result.json"]):
+        contents = json.loads(paths["result.json"].read_text(encoding="utf-8"))
+        contents = {**contents, KEY: dict(contents.get(KEY, {}))}
     require_one_run(folder, contents, READ)
     parameters = _parameters(paths["parameters.json"], problem)
     trace = _trace(paths["trace.csv"])
-    try:
+    with _refuse_damaged(paths["result.json"]):
         return _result(contents, problem.parameters, parameters, trace), contents
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise _invalid_result(paths["result.json"], error) from None
 
 
-def _contents(path: Path) -> dict[str, Any]:
+@contextmanager
+def _refuse_damaged(path: Path) -> Iterator[None]:
     try:
-        contents = json.loads(path.read_text(encoding="utf-8"))
-        return {**contents, KEY: dict(contents.get(KEY, {}))}
-    except (ValueError, TypeError, AttributeError) as error:
-        raise _invalid_result(path, error) from None
-
-
-def _invalid_result(path: Path, error: Exception) -> InputError:
-    return InputError.of(str(path), f"not a valid result file ({type(error).__name__}: {error})", AGAIN)
+        yield
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        message = f"not a valid result file ({type(error).__name__}: {error})"
+        raise InputError.of(Location(str(path)), message, AGAIN) from None
 
 
 def _parameters(path: Path, problem: Problem) -> ParameterSet:
     """Read the values of a run; bounds and locks stay those of the project."""
     stored = read_parameters(path)
-    findings, parameters = [], []
+    findings, parameters = Findings(), []
+    location = Location(str(path))
     surrogates = {surrogate.name for surrogate in problem.model.surrogates}  # these have files of their own
     for name, count in problem.model.graph.parameters.items():
         if name in surrogates:
             continue
         own = problem.parameters[name]
         if name not in stored:
-            findings.append(Finding(str(path), f"parameter {name} is missing, but the function uses it", AGAIN))
+            findings.error(location, f"parameter {name} is missing, but the function uses it", AGAIN)
         elif stored[name].coordinates != count:
             message = f"{name} has {stored[name].coordinates} axes, but the function looks it up with {count}"
-            findings.append(Finding(str(path), message, AGAIN))
+            findings.error(location, message, AGAIN)
         elif stored[name].values.shape != own.values.shape:
             spread = {"lower": own.lower.min(), "upper": own.upper.max(), "locked": own.locked.all()}
             parameters.append(stored[name].changed(extrapolation=own.extrapolation, **spread))
         else:
             parameters.append(own.changed(values=stored[name].values, axes=stored[name].axes))
-    if findings:
-        raise InputError(findings)
+    findings.finish()
     return problem.parameters.merged(ParameterSet(parameters))
 
 
 def _result(contents: Any, start: ParameterSet, parameters: ParameterSet, trace: tuple[TraceLine, ...]) -> Result:
-    columns = [field.name for field in fields(Quality)]
-    rows = [Quality(**{name: _known(row[name]) for name in columns}) for row in contents["quality"]]
     return Result(
-        status=contents["status"],
-        message=contents["message"],
+        **_select(contents, "status", "message", "iterations", "evaluations"),
         parameters=parameters,
         start=start,
-        quality=tuple(rows),
+        quality=tuple(Quality(**_select(row, *_names(Quality))) for row in contents["quality"]),
         trace=trace,
-        iterations=contents["iterations"],
-        evaluations=contents["evaluations"],
-        cost_before=_known(contents["cost"]["before"]),
-        cost_after=_known(contents["cost"]["after"]),
+        **_costs(contents),
         free_values=contents["values"]["free"],
         fixed_values=contents["values"]["fixed"],
-        seconds=Seconds(**{field.name: contents["seconds"].get(field.name, 0.0) for field in fields(Seconds)}),
+        seconds=Seconds(**{name: contents["seconds"].get(name, 0.0) for name in _names(Seconds)}),
         starts=tuple(_start(row) for row in contents.get("starts", ())),
         smoothness=_by_name(contents, "smoothness"),
         shifts=_by_name(contents, "shifts"),
-        warnings=tuple(_warning(row) for row in contents.get("warnings", ())),
+        warnings=tuple(
+            Finding(Location(), row["sentence"].removesuffix("."), row["remedy"], severity="warning")
+            for row in contents.get("warnings", ())
+        ),
     )
-
-
-def _warning(row: Any) -> Finding:
-    return Finding("", row["sentence"].removesuffix("."), row["remedy"], severity="warning")
 
 
 def _by_name(contents: Any, key: str) -> dict[str, dict[str, float]]:
@@ -229,14 +200,24 @@ def _by_name(contents: Any, key: str) -> dict[str, dict[str, float]]:
 
 
 def _start(row: Any) -> StartResult:
-    plain = {
-        name: _known(row[name]) for name in ("start", "status", "message", "iterations", "evaluations", "distance")
-    }
-    return StartResult(**plain, cost_before=_known(row["cost"]["before"]), cost_after=_known(row["cost"]["after"]))
+    plain = _select(row, "start", "status", "message", "iterations", "evaluations", "distance")
+    return StartResult(**plain, **_costs(row))
+
+
+def _costs(row: Any) -> dict[str, Any]:
+    return {f"cost_{name}": _known(row["cost"][name]) for name in ("before", "after")}
+
+
+def _select(row: Any, *names: str) -> dict[str, Any]:
+    return {name: _known(row[name]) for name in names}
 
 
 def _known(value: Any) -> Any:
     return float("nan") if value is None else value
+
+
+def _names(kind: type) -> list[str]:
+    return [field.name for field in fields(kind)]
 
 
 def _trace(path: Path) -> tuple[TraceLine, ...]:
@@ -246,4 +227,4 @@ def _trace(path: Path) -> tuple[TraceLine, ...]:
     try:
         return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in rows)  # type: ignore[operator]
     except (ValueError, KeyError, TypeError):
-        raise InputError.of(str(path), "not a valid trace file", AGAIN) from None
+        raise InputError.of(Location(str(path)), "not a valid trace file", AGAIN) from None

@@ -1,1 +1,1 @@
-"""The command line: bodies of commands, text output, progress and signals."""
+"""The commands with their options, text output, progress and signals."""

@@ -7,30 +7,24 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from kennfeld import calfiles, measurement
 from kennfeld.errors import InputError
+from kennfeld.formatting import number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.models import Model
 from kennfeld.models.simulink.outline import summarize_model
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from kennfeld.models.simulink.variables.stored_variables import StoredVariable
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project import Project
 from kennfeld.project.checks import describe_events
 from kennfeld.surrogate.surrogate_file import read_surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-from kennfeld.terminal.output import aligned, number_text, size_text
+from kennfeld.terminal import simulink
+from kennfeld.terminal.output import align, separate
 from kennfeld.terminal.result_lines import describe_surrogate, quality_table, ranges_table
-from kennfeld.terminal.simulink import (
-    dictionary_json,
-    dictionary_summary,
-    dictionary_table,
-    import_notes,
-    import_tables,
-    interface_tables,
-    model_notes,
-    model_summary,
-    model_tables,
-)
 
 Table = Sequence[Sequence[str]]  # the heading first
 
@@ -48,8 +42,8 @@ class FileInfo:
 
     def lines(self) -> list[str]:
         """Return the text for a person."""
-        blocks = [[self.summary], *(aligned(table) for table in self.tables if len(table) > 1), list(self.notes)]
-        return [line for i, block in enumerate(filter(None, blocks)) for line in (*([""] if i else []), *block)]
+        blocks = [[self.summary], *(align(table) for table in self.tables if len(table) > 1), self.notes]
+        return separate(filter(None, blocks))
 
 
 class SimulinkSelection(NamedTuple):
@@ -66,31 +60,31 @@ WHOLE = SimulinkSelection()
 
 def describe_measurement(description: measurement.Description) -> FileInfo:
     """Describe a recording: its channels, time and skipped columns."""
-    several = len(description.tables) > 1
-    tables = [_channel_rows(table, several) for table in description.tables]
-    notes = [note for table in description.tables for note in _recording_notes(table, description.file, several)]
-    size = " and ".join(f"{len(table.channels)} channels over {table.samples} samples" for table in description.tables)
-    summary = f"{description.file}: measurement ({description.kind}), {size}"
-    return FileInfo(summary, tables, notes, {"content": "measurement", **_plain(description.as_dict())})
+    groups, file = description.tables, description.file
+    several = len(groups) > 1
+    notes = [note for group in groups for note in _recording_notes(group, file, several)]
+    size = " and ".join(f"{len(group.channels)} channels over {group.samples} samples" for group in groups)
+    return FileInfo(
+        f"{file}: measurement ({description.kind}), {size}",
+        [_channel_rows(group, several) for group in groups],
+        notes,
+        {"content": "measurement", **_plain(description.as_dict())},
+    )
 
 
 def _channel_rows(table: measurement.TableDescription, several: bool) -> Table:
     group = f" in {table.name}" if several and table.name else ""
-    rows: list[Sequence[str]] = [(f"channel{group}", "unit", "rate", "samples", "missing", "minimum", "maximum")]
+    rows = [(f"channel{group}", "unit", "rate", "samples", "missing", "minimum", "maximum", "description")]
     for c in table.channels:
         extrema = number_text(c.minimum), number_text(c.maximum)
-        rows.append((c.name, c.unit, _rate(c.rate), str(c.samples), f"{c.nan_share:.1%}", *extrema))
-    if not any(row[2] for row in rows[1:]):  # points without time
-        rows = [(*row[:2], *row[3:]) for row in rows]
-    return _with_columns(rows, {"description": [c.description for c in table.channels]})
+        rows.append((c.name, c.unit, _rate(c.rate), str(c.samples), f"{c.nan_share:.1%}", *extrema, c.description))
+    return _without_empty(rows, "rate", "description")  # points without time have no rate
 
 
-def _with_columns(rows: Sequence[Sequence[str]], columns: Mapping[str, Sequence[str]]) -> list[Sequence[str]]:
-    """Append the columns that are not empty throughout, by heading."""
-    for heading, cells in columns.items():
-        if any(cells):
-            rows = [(*row, cell) for row, cell in zip(rows, [heading, *cells], strict=True)]
-    return list(rows)
+def _without_empty(rows: Sequence[Sequence[str]], *optional: str) -> Table:
+    """Leave out the optional columns that are empty throughout."""
+    used = [i for i, heading in enumerate(rows[0]) if heading not in optional or any(row[i] for row in rows[1:])]
+    return [[row[i] for i in used] for row in rows]
 
 
 def _recording_notes(table: measurement.TableDescription, file: str, several: bool) -> list[str]:
@@ -101,7 +95,7 @@ def _recording_notes(table: measurement.TableDescription, file: str, several: bo
         group = f"{table.name}: " if several and table.name else ""
         step = "" if table.time.step is None else f", a sample every {table.time.step:g} s"
         notes.append(f"{group}time from {table.time.begin:g} s to {table.time.end:g} s{step}")
-    notes += [f"{remark.severity}: {remark}" for remark in table.remarks]
+    notes += [f"{finding.severity}: {finding}" for finding in table.findings]
     if table.left_out:
         notes.append(f"columns without numbers: {', '.join(table.left_out)}")
     return notes
@@ -109,87 +103,80 @@ def _recording_notes(table: measurement.TableDescription, file: str, several: bo
 
 def describe_calibration(file: calfiles.CalibrationFile) -> FileInfo:
     """Describe a calibration file: its parameters, group axes and texts."""
-    rows: list[Sequence[str]] = [("parameter", "kind", "size", "unit", "minimum", "maximum", "description")]
-    rows += [
-        (*(p.name, p.kind, size_text(p.shape), p.unit), number_text(p.minimum), number_text(p.maximum), p.description)
+    head = ("parameter", "kind", "size", "unit", "minimum", "maximum", "description", "functions", "variants")
+    rows = [
+        (
+            *(p.name, p.kind, size_text(p.shape), p.unit, number_text(p.minimum), number_text(p.maximum)),
+            *(p.description, ", ".join(p.functions), ", ".join(variant or "(none)" for variant in p.variants)),
+        )
         for p in file.parameters
     ]
-    functions = [", ".join(p.functions) for p in file.parameters]
-    variants = [", ".join(variant or "(none)" for variant in p.variants) for p in file.parameters]
-    rows = _with_columns(rows, {"functions": functions, "variants": variants})
-    axes = [("group axis", "size", "unit", "begin", "end")]
-    axes += [
-        (a.name, str(len(a)), a.unit, number_text(a.breakpoints[0]), number_text(a.breakpoints[-1])) for a in file.axes
-    ]
-    texts = [
-        ("text", "kind", "unit", "content"),
-        *((text.name, text.kind, text.unit, text.text) for text in file.texts),
+    axes = [(a.name, str(len(a)), a.unit, *map(number_text, a.breakpoints[[0, -1]])) for a in file.axes]
+    tables = [
+        _without_empty([head, *rows], "functions", "variants"),
+        [("group axis", "size", "unit", "begin", "end"), *axes],
+        [("text", "kind", "unit", "content"), *((t.name, t.kind, t.unit, t.text) for t in file.texts)],
     ]
     values = sum(math.prod(p.shape) for p in file.parameters)
-    remarks = [str(remark) for remark in file.remarks]
-    as_json = {
-        "content": "calibration",
-        "file": file.path.name,
-        "kind": file.kind,
-        "parameters": [asdict(p) for p in file.parameters],
-        "axes": [
-            {"name": a.name, "input": a.input, "unit": a.unit, "breakpoints": a.breakpoints.tolist()} for a in file.axes
-        ],
-        "texts": [asdict(text) for text in file.texts],
-        "remarks": remarks,
-    }
+    remarks = list(map(str, file.findings))
+    as_json = _json(
+        "calibration",
+        file.path,
+        kind=file.kind,
+        parameters=list(map(asdict, file.parameters)),
+        axes=[_select(axis, "name", "input", "unit", "breakpoints") for axis in file.axes],
+        texts=list(map(asdict, file.texts)),
+        remarks=remarks,
+    )
     summary = f"{file.path.name}: calibration ({file.kind}), {len(file.parameters)} parameters, {values} values"
-    return FileInfo(summary, [rows, axes, texts], remarks, _plain(as_json))
+    return FileInfo(summary, tables, remarks, as_json)
 
 
 def describe_a2l(file: calfiles.A2lFile) -> FileInfo:
     """Describe an A2L file: its labels."""
     a2l, labels = file.a2l, file.labels
     rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
-    for label in labels:
-        limits = number_text(label.lower), number_text(label.upper)
-        place = f"0x{label.address:X}", ", ".join(label.functions)
-        rows.append((label.name, label.kind, size_text(label.shape), label.unit, *limits, *place, label.description))
-    counts = {"labels": len(a2l.characteristics), "group axes": len(a2l.axis_pts), "measurements": a2l.measurements}
-    counted = ", ".join(f"{count} {thing}" for thing, count in counts.items())
-    version = f"ASAP2 {a2l.version}" if a2l.version else "ASAP2"
-    remarks = [str(remark) for remark in file.remarks]
-    as_json = {
-        "content": "a2l",
-        "file": file.path.name,
-        "version": a2l.version,
-        "project": a2l.project,
-        "module": a2l.module,
-        "program": a2l.epk,
-        "measurements": a2l.measurements,
-        "functions": [{"name": f.name, "description": f.description} for f in a2l.functions.values()],
-        "labels": [asdict(label) for label in labels],
-        "remarks": remarks,
-    }
-    summary = f"{file.path.name}: A2L description ({version}{a2l.project and f', project {a2l.project}'}), {counted}"
-    return FileInfo(summary, [rows], remarks, _plain(as_json))
+    rows += [
+        (
+            *(label.name, label.kind, size_text(label.shape), label.unit, number_text(label.lower)),
+            *(number_text(label.upper), f"0x{label.address:X}", ", ".join(label.functions), label.description),
+        )
+        for label in labels
+    ]
+    counts = f"{len(a2l.characteristics)} labels, {len(a2l.axis_pts)} group axes, {a2l.measurements} measurements"
+    version = f"ASAP2 {a2l.version}".strip()
+    remarks = list(map(str, file.findings))
+    as_json = _json(
+        "a2l",
+        file.path,
+        **_select(a2l, "version", "project", "module"),
+        program=a2l.epk,
+        measurements=a2l.measurements,
+        functions=[_select(function, "name", "description") for function in a2l.functions.values()],
+        labels=list(map(asdict, labels)),
+        remarks=remarks,
+    )
+    summary = f"{file.path.name}: A2L description ({version}{a2l.project and f', project {a2l.project}'}), {counts}"
+    return FileInfo(summary, [rows], remarks, as_json)
 
 
 def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
-    as_json = {
-        "content": "surrogate",
-        "file": path.name,
-        "name": surrogate.name,
-        "inputs": list(surrogate.inputs),
-        "output": surrogate.output,
-        "centres": surrogate.expansion.size,
-        "quality": [asdict(line) for line in surrogate.quality],
-    }
-    notes = []
-    if isinstance(surrogate, DynamicSurrogate):
-        as_json |= {name: getattr(surrogate, name) for name in ("step", "lags", "output_lags", "stability")}
-        notes = [surrogate.stability] if surrogate.stability else []
-    as_json["ranges"] = {name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]}
+    is_dynamic = isinstance(surrogate, DynamicSurrogate)
+    as_json = _json(
+        "surrogate",
+        path,
+        **_select(surrogate, "name", "inputs", "output"),
+        centres=surrogate.expansion.size,
+        quality=list(map(asdict, surrogate.quality)),
+        **(_select(surrogate, "step", "lags", "output_lags", "stability") if is_dynamic else {}),
+        ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
+    )
+    notes = [as_json["stability"]] if as_json.get("stability") else []
     summary = f"{path.name}: a surrogate, {describe_surrogate(surrogate)}"
-    return FileInfo(summary, [quality_table(surrogate), ranges], notes, _plain(as_json))
+    return FileInfo(summary, [quality_table(surrogate), ranges], notes, as_json)
 
 
 def describe_training(path: Path) -> FileInfo:
@@ -198,16 +185,13 @@ def describe_training(path: Path) -> FileInfo:
 
     training = read_training(path)
     settings = training.settings
-    as_json = {
-        "content": "training file",
-        "file": path.name,
-        "name": settings.name,
-        "kind": settings.kind,
-        "inputs": list(settings.inputs),
-        "output": settings.output,
-        "target": training.target.name,
-        "datasets": _dataset_json(training.data.datasets),
-    }
+    as_json = _json(
+        "training file",
+        path,
+        **_select(settings, "name", "kind", "inputs", "output"),
+        target=training.target.name,
+        datasets=[_select(entry, "name", "use", "files") for entry in training.data.datasets],
+    )
     summary = f"{path.name}: training file of the {settings.kind} surrogate {training.formula}"
     return FileInfo(summary, [_dataset_rows(training.data.datasets)], [f"written to {training.target.name}"], as_json)
 
@@ -216,17 +200,12 @@ def _dataset_rows(datasets: Sequence[DatasetEntry]) -> Table:
     return [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in datasets)]
 
 
-def _dataset_json(datasets: Sequence[DatasetEntry]) -> list[dict[str, Any]]:
-    return [{"name": d.name, "use": d.use, "files": list(d.files)} for d in datasets]
-
-
 def describe_formula(path: Path, model: Model) -> FileInfo:
     """Describe formula text: its inputs, parameters and nodes."""
     graph = model.graph
     outputs, units = set(graph.outputs), graph.units
-    nodes = [("node", "unit", "")]
-    nodes += [(name, units.get(name, ""), "output" if name in outputs else "") for name in graph.names]
-    inputs = [("input", "unit"), *((name, units.get(name, "")) for name in graph.inputs)]
+    nodes = [(name, units.get(name, ""), "output" if name in outputs else "") for name in graph.names]
+    inputs = [(name, units.get(name, "")) for name in graph.inputs]
     kinds = {
         name: PARAMETER_KINDS[axes] if axes < len(PARAMETER_KINDS) else "rbf" for name, axes in graph.parameters.items()
     }
@@ -236,27 +215,31 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
     if jumps:
         advice = 'Derivatives do not account for that; method = "global" does.'
         notes.append(f"{describe_events(jumps)} depending on parameters. {advice}")
-    as_json = {
-        "content": "formula",
-        "file": path.name,
-        "step": model.step,
-        "states": len(graph.states),
-        "events": [{"node": event.name, "kind": event.word, "parameters": list(event.parameters)} for event in jumps],
-        "inputs": [{"name": name, "unit": units.get(name, "")} for name in graph.inputs],
-        "parameters": [{"name": name, "kind": kind} for name, kind in kinds.items()],
-        "surrogates": [surrogate.name for surrogate in model.surrogates],
-        "nodes": [{"name": name, "unit": units.get(name, ""), "output": name in outputs} for name in graph.names],
-    }
+    as_json = _json(
+        "formula",
+        path,
+        step=model.step,
+        states=len(graph.states),
+        events=[{"node": event.name, "kind": event.word, "parameters": event.parameters} for event in jumps],
+        inputs=[{"name": name, "unit": unit} for name, unit in inputs],
+        parameters=[{"name": name, "kind": kind} for name, kind in kinds.items()],
+        surrogates=[surrogate.name for surrogate in model.surrogates],
+        nodes=[{"name": name, "unit": unit, "output": output != ""} for name, unit, output in nodes],
+    )
     states = f", {len(graph.states)} states" if graph.states else ""
-    summary = f"{path.name}: formula, {len(graph.names)} nodes{states}"
-    return FileInfo(summary, [inputs, [("parameter", "kind"), *kinds.items()], nodes], notes, as_json)
+    tables: list[Table] = [
+        [("input", "unit"), *inputs],
+        [("parameter", "kind"), *kinds.items()],
+        [("node", "unit", ""), *nodes],
+    ]
+    return FileInfo(f"{path.name}: formula, {len(nodes)} nodes{states}", tables, notes, as_json)
 
 
 def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
     """Describe a Simulink model: its interface, and what can be calibrated and what prevents it."""
     outline = summarize_model(path, part.folders)
     as_json = {"content": "Simulink model", **outline.as_dict()}
-    tables, notes = model_tables(outline), model_notes(outline)
+    tables, notes = simulink.model_tables(outline), simulink.model_notes(outline)
     if outline.kind != "library":
         from kennfeld.models.simulink.importable_subsystems import inspect_simulink  # all block types
 
@@ -265,45 +248,62 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
         except InputError as error:
             if any(part):  # the selection does not fit
                 raise
-            notes = [*notes, *(str(finding) for finding in error.findings)]
+            notes += map(str, error.findings)
         else:
-            interface = [*interface_tables(report), *tables[2:]] if report.whole or part.subsystem else tables
-            tables = [*interface, *import_tables(report)]
-            notes = list(dict.fromkeys([*notes, *import_notes(report)]))
-            as_json |= {"import": asdict(report) | {"whole": report.whole}}
-    return FileInfo(model_summary(outline), tables, notes, _plain(as_json))
+            if report.whole or part.subsystem:
+                tables[:2] = simulink.port_tables(report)
+            tables += simulink.import_tables(report)
+            notes = list(dict.fromkeys([*notes, *simulink.import_notes(report)]))
+            as_json |= {"import": report.as_dict()}
+    return FileInfo(simulink.model_summary(outline), tables, notes, _plain(as_json))
 
 
 def describe_dictionary(path: Path) -> FileInfo:
     """Describe a Simulink data dictionary: its variables."""
     dictionary = read_dictionary(path, follow=False)
     notes = [f"{name} is not readable: {why}" for name, why in dictionary.data.unreadable.items()]
-    tables = [dictionary_table(dictionary)]
-    return FileInfo(dictionary_summary(dictionary), tables, notes, _plain(dictionary_json(dictionary)))
+    as_json = _json(
+        "data dictionary",
+        dictionary.path,
+        references=dictionary.references,
+        variables=[_describe_variable(name, entry) for name, entry in dictionary.data.entries.items()],
+        unreadable=dictionary.data.unreadable,
+        types=list(dictionary.types),
+    )
+    return FileInfo(simulink.dictionary_summary(dictionary), [simulink.dictionary_table(dictionary)], notes, as_json)
+
+
+def _describe_variable(name: str, entry: StoredVariable) -> dict[str, Any]:
+    size = entry.value.shape if isinstance(entry.value, np.ndarray) else None
+    attributes = _select(entry, "unit", "minimum", "maximum", "type", "description")
+    return {"name": name, "class": entry.kind, "size": size, **attributes}
 
 
 def describe_project(path: Path) -> FileInfo:
     """Describe a project file: its datasets, criteria and parameters with settings."""
     project = Project.read(path)
     file = project.file
-    criteria = [("criterion", "target"), *((c.node, c.target.name or f"{c.target.value:g}") for c in file.criteria)]
-    parameters = [("parameter with settings",), *((name,) for name in file.parameters)]
-    as_json = {
-        "content": "project",
-        "file": path.name,
-        "name": project.name,
-        "model": file.model.file,
-        "initial": list(file.calibration.initial),
-        "surrogates": dict(file.surrogates),
-        "output": list(project.formats),
-        "datasets": _dataset_json(file.datasets),
-        "criteria": [{"node": node, "target": target} for node, target in criteria[1:]],
-        "parameters": list(file.parameters),
-    }
-    notes = [f"start: {', '.join(file.calibration.initial)}"] if file.calibration.initial else []
+    criteria = [(c.node, c.target.name or f"{c.target.value:g}") for c in file.criteria]
+    as_json = _json(
+        "project",
+        path,
+        name=project.name,
+        model=file.model.file,
+        initial=file.calibration.files,
+        surrogates=file.surrogates,
+        output=project.formats,
+        datasets=[_select(entry, "name", "use", "files") for entry in file.datasets],
+        criteria=[{"node": node, "target": target} for node, target in criteria],
+        parameters=list(file.parameters),
+    )
+    notes = [f"start: {', '.join(file.calibration.files)}"] if file.calibration.files else []
     notes += [f"surrogate {name}: {surrogate}" for name, surrogate in file.surrogates.items()]
-    summary = f"{path.name}: project {project.name}, function {file.model.file}"
-    return FileInfo(summary, [_dataset_rows(file.datasets), criteria, parameters], notes, as_json)
+    tables: list[Table] = [
+        _dataset_rows(file.datasets),
+        [("criterion", "target"), *criteria],
+        [("parameter with settings",), *((name,) for name in file.parameters)],
+    ]
+    return FileInfo(f"{path.name}: project {project.name}, function {file.model.file}", tables, notes, as_json)
 
 
 def _rate(rate: float | None) -> str:
@@ -317,10 +317,20 @@ def _rate(rate: float | None) -> str:
     return f"{rate:.4g} Hz" if rate >= 0.999 else f"every {1 / rate:.4g} s"
 
 
+def _json(content: str, path: Path, **entries: Any) -> dict[str, Any]:
+    return {"content": content, "file": path.name, **_plain(entries)}
+
+
+def _select(item: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(item, name) for name in names}
+
+
 def _plain(value: Any) -> Any:
     """Return containers and numbers that JSON can hold; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(inner) for inner in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value

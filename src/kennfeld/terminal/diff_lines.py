@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kennfeld.calfiles import Change, Comparison, Difference
-from kennfeld.formatting import count_noun
-from kennfeld.terminal.output import Painted, aligned
+from kennfeld.formatting import count_more, count_noun
+from kennfeld.terminal.output import Painted, align
 
 _RED, _GREEN, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[32m", "\x1b[33m", "\x1b[0m"
 _MAX_TEXT = 40  # characters in a cell
@@ -33,14 +33,11 @@ def difference_lines(comparison: Comparison, left: str, right: str, coloured: bo
         by_function.setdefault(difference.function, []).append(difference)
     lines: list[str] = []
     for function, differences in sorted(by_function.items(), key=lambda item: item[0] == ""):
-        lines += _heading(function, differences) if any(by_function) else []
+        if any(by_function):
+            names = count_noun(len({difference.name for difference in differences}), "name")
+            lines.append(f"{f'function {function}' if function else 'without a function'}, {names}:")
         lines += [*_table(differences, left, right, coloured), ""]
     return [*lines, _total(comparison, left, right)]
-
-
-def _heading(function: str, differences: Sequence[Difference]) -> list[str]:
-    names = count_noun(len({difference.name for difference in differences}), "name")
-    return [f"{f'function {function}' if function else 'without a function'}, {names}:"]
 
 
 def _table(differences: Sequence[Difference], left: str, right: str, coloured: bool) -> list[str]:
@@ -48,37 +45,22 @@ def _table(differences: Sequence[Difference], left: str, right: str, coloured: b
     rows += [_row(difference, left, right) for difference in differences]
     used = [i for i in range(len(rows[0])) if i < 4 or any(row[i] for row in rows[1:])]
     colours = [_colour(difference) if coloured else "" for difference in differences]
-    return _painted(aligned([tuple(row[i] for i in used) for row in rows]), colours)
+    return _paint_rows(align([[row[i] for i in used] for row in rows]), colours)
 
 
 def _row(difference: Difference, left: str, right: str) -> tuple[str, ...]:
-    if difference.aspect == "presence":
-        return (
-            difference.name,
-            f"only in {left if difference.left else right}",
-            difference.left or "-",
-            difference.right or "-",
-            "",
-            "",
-            "",
-        )
+    name, aspect, old, new = difference.name, difference.aspect, difference.left, difference.right
+    if aspect == "presence":
+        return (name, f"only in {left if old else right}", old or "-", new or "-", "", "", "")
     if difference.largest is None:
-        return (difference.name, difference.aspect, _short(difference.left), _short(difference.right), "", "", "")
+        return (name, aspect, _shorten_text(old), _shorten_text(new), "", "", "")
     share = f"{difference.count} of {difference.total}" if difference.total > 1 else ""
-    return (
-        difference.name,
-        difference.aspect,
-        difference.left,
-        difference.right,
-        f"{difference.largest:.6g}",
-        share,
-        difference.place,
-    )
+    return (name, aspect, old, new, f"{difference.largest:.6g}", share, difference.place)
 
 
-def _short(text: str) -> str:
-    shown = text if text == " ".join(text.split()) and text else repr(text)
-    return shown if len(shown) <= _MAX_TEXT else f"{shown[: _MAX_TEXT - 3]}..."
+def _shorten_text(text: str) -> str:
+    cell = text if text == " ".join(text.split()) and text else repr(text)
+    return cell if len(cell) <= _MAX_TEXT else f"{cell[: _MAX_TEXT - 3]}..."
 
 
 def _total(comparison: Comparison, left: str, right: str) -> str:
@@ -104,7 +86,7 @@ def _shows_colours() -> bool:
     return sys.stdout.isatty() and not old and not plain
 
 
-def _painted(lines: list[str], colours: list[str]) -> list[str]:
+def _paint_rows(lines: list[str], colours: list[str]) -> list[str]:
     """Colour each row of a table; a row is a block of lines if the table exceeds the width of the terminal."""
     if len(lines) == len(colours) + 1:
         return [lines[0], *(_paint(line, colour) for line, colour in zip(lines[1:], colours, strict=True))]
@@ -125,12 +107,10 @@ def change_lines(changes: Iterable[Change], limit: int = 50) -> list[str]:
     changes = list(changes)
     if not changes:
         return ["nothing to replace and nothing to add"]
-    rows = [("name", "", "by", "what")]
-    rows += [(change.name, _action(change), change.source, _details(change)) for change in changes[:limit]]
+    rows = [(change.name, _action(change), change.source, _details(change)) for change in changes[:limit]]
     counts = Counter((change.source, _action(change)) for change in changes)
     totals = [f"{source}: {count} {action}" for (source, action), count in counts.items()]
-    more = [f"and {len(changes) - limit} more"] if len(changes) > limit else []
-    return [*aligned(rows), *more, "", *totals]
+    return [*align([("name", "", "by", "what"), *rows]), *count_more(len(changes) - limit), "", *totals]
 
 
 def _action(change: Change) -> str:
@@ -145,7 +125,7 @@ def _details(change: Change) -> str:
 
 def _detail(difference: Difference) -> str:
     if difference.largest is None:
-        return f"{difference.aspect} {_short(difference.left)} -> {_short(difference.right)}"
+        return f"{difference.aspect} {_shorten_text(difference.left)} -> {_shorten_text(difference.right)}"
     if difference.total == 1:
         return f"{difference.left} -> {difference.right}"
     share = f"{difference.count} of {difference.total} {difference.aspect}"

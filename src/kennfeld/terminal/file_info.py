@@ -11,30 +11,18 @@ from kennfeld.calfiles.cdfx.reader import recognises_cdfx
 from kennfeld.calfiles.dcm.lines import recognises_dcm
 from kennfeld.calfiles.excel.layout import is_calibration_workbook
 from kennfeld.calfiles.flash.description import recognises_a2l, recognises_flash
-from kennfeld.calfiles.format import CalibrationSource
+from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
 from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat, recognises_script
 from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.calfiles.unsupported_files import explain_unsupported
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models import formula as formulas
 from kennfeld.models.simulink.reader.document import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
 from kennfeld.surrogate.surrogate_file import recognises_surrogate
-from kennfeld.terminal.describers import (
-    WHOLE,
-    FileInfo,
-    SimulinkSelection,
-    describe_a2l,
-    describe_calibration,
-    describe_dictionary,
-    describe_formula,
-    describe_measurement,
-    describe_project,
-    describe_simulink,
-    describe_surrogate_file,
-    describe_training,
-)
+from kennfeld.terminal import describers
+from kennfeld.terminal.describers import WHOLE, FileInfo, SimulinkSelection
 
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
@@ -44,7 +32,6 @@ _FORMULA_LINE = re.compile(
     r"|(?:input|output|scalar|curve|map|cube|rbf|step|def)\s+\S)"
 )
 _CALIBRATION_KINDS = (FileKind.DCM, FileKind.CVX, FileKind.JSON)
-_HEAD_SIZE = 65536  # bytes
 _MAX_MAT_SIZE = 100_000_000  # bytes of a MATLAB data file that is searched for parameters
 
 
@@ -59,13 +46,13 @@ def describe_file(path: str | Path, a2l: str | Path | None = None, part: Simulin
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    file = _GivenFile(Path(path), a2l, part)
+    file = _InputFile(Path(path), a2l, part)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:
             if recognises(file):
                 return describe(file)
     try:
-        return describe_measurement(measurement.describe(path))
+        return describers.describe_measurement(measurement.describe(path))
     except InputError:
         reason = explain_unsupported(file.path) if file.path.is_file() else None
         if reason is None:
@@ -74,7 +61,7 @@ def describe_file(path: str | Path, a2l: str | Path | None = None, part: Simulin
 
 
 @dataclass(frozen=True)
-class _GivenFile:
+class _InputFile:
     """A file to be described. Its beginning is read when first needed: a damaged model is known by its name alone."""
 
     path: Path
@@ -98,31 +85,34 @@ class _GivenFile:
     def _beginning(self) -> tuple[FileKind, str]:
         try:
             with self.path.open("rb") as stream:
-                head = stream.read(_HEAD_SIZE)
+                head = stream.read(HEAD_SIZE)
             return detect_kind(self.path)[0], head.decode("utf-8", errors="replace").replace("\r\n", "\n")
         except OSError as error:
-            raise InputError.of(str(self.path), f"cannot be read: {error.strerror or error}") from None
+            raise InputError.of(Location(str(self.path)), f"cannot be read: {error.strerror or error}") from None
 
 
-def _is_simulink(file: _GivenFile) -> bool:
-    if file.suffix in (".slx", ".mdl"):
-        return True
-    return file.kind is FileKind.MODEL or recognises_simulink(file.head.encode())
+def _is_simulink(file: _InputFile) -> bool:
+    by_name = file.suffix in (".slx", ".mdl")
+    return by_name or file.kind is FileKind.MODEL or recognises_simulink(file.head.encode())
 
 
-def _is_toml(file: _GivenFile) -> bool:
+def _is_toml(file: _InputFile) -> bool:
     return file.suffix == ".toml" or (file.kind is FileKind.CSV and _SECTION.search(file.head) is not None)
 
 
-def _describe_toml(file: _GivenFile) -> FileInfo:
-    return (describe_training if is_training(read_toml(file.path)) else describe_project)(file.path)
+def _describe_toml(file: _InputFile) -> FileInfo:
+    describe = describers.describe_training if is_training(read_toml(file.path)) else describers.describe_project
+    return describe(file.path)
 
 
-def _describe_formula_file(file: _GivenFile) -> FileInfo:
-    return describe_formula(file.path, formulas.read(file.path, surrogates=formulas.surrogates_beside(file.path)))
+def _describe_formula_file(file: _InputFile) -> FileInfo:
+    path, surrogates = file.path, formulas.surrogates_beside(file.path)
+    if file.suffix == ".kf":
+        return describers.describe_formula(path, formulas.read(path, surrogates=surrogates))
+    return describers.describe_formula(path, formulas.formula(formulas.text_of(path), path.name, surrogates=surrogates))
 
 
-def _is_calibration(file: _GivenFile) -> bool:
+def _is_calibration(file: _InputFile) -> bool:
     path, kind, head = file.path, file.kind, file.head
     if kind is FileKind.EXCEL:
         return is_calibration_workbook(CalibrationSource(path.name, path.read_bytes(), path))
@@ -134,7 +124,7 @@ def _is_calibration(file: _GivenFile) -> bool:
     return kind in _CALIBRATION_KINDS or recognises_cdfx(head) or (kind is FileKind.CSV and recognises_dcm(head))
 
 
-def _is_formula_text(file: _GivenFile) -> bool:
+def _is_formula_text(file: _InputFile) -> bool:
     return file.kind is FileKind.CSV and _FORMULA_LINE.match(_first_line(file.head)) is not None
 
 
@@ -144,23 +134,18 @@ def _first_line(text: str) -> str:
     return next((line for line in lines if line and not line.startswith("#")), "")
 
 
-def _describe_formula_text(file: _GivenFile) -> FileInfo:
-    text, surrogates = formulas.text_of(file.path), formulas.surrogates_beside(file.path)
-    return describe_formula(file.path, formulas.formula(text, file.path.name, surrogates=surrogates))
-
-
 # tried in this order; a file that none of them recognises is a measurement
-_DESCRIBERS: Sequence[tuple[Callable[[_GivenFile], bool], Callable[[_GivenFile], FileInfo]]] = (
-    (lambda file: file.suffix == ".sldd", lambda file: describe_dictionary(file.path)),
-    (_is_simulink, lambda file: describe_simulink(file.path, file.part)),
+_DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile], FileInfo]]] = (
+    (lambda file: file.suffix == ".sldd", lambda file: describers.describe_dictionary(file.path)),
+    (_is_simulink, lambda file: describers.describe_simulink(file.path, file.part)),
     (_is_toml, _describe_toml),
-    (lambda file: recognises_surrogate(file.head), lambda file: describe_surrogate_file(file.path)),
+    (lambda file: recognises_surrogate(file.head), lambda file: describers.describe_surrogate_file(file.path)),
     (lambda file: file.suffix == ".kf", _describe_formula_file),
     (
         lambda file: recognises_flash(CalibrationSource(file.path.name, file.head.encode())),
-        lambda file: describe_calibration(calfiles.describe(file.path, file.a2l)),
+        lambda file: describers.describe_calibration(calfiles.describe(file.path, file.a2l)),
     ),
-    (lambda file: recognises_a2l(file.head), lambda file: describe_a2l(calfiles.describe_a2l(file.path))),
-    (_is_calibration, lambda file: describe_calibration(calfiles.describe(file.path))),
-    (_is_formula_text, _describe_formula_text),
+    (lambda file: recognises_a2l(file.head), lambda file: describers.describe_a2l(calfiles.describe_a2l(file.path))),
+    (_is_calibration, lambda file: describers.describe_calibration(calfiles.describe(file.path))),
+    (_is_formula_text, _describe_formula_file),
 )

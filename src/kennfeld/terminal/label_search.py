@@ -1,13 +1,13 @@
 """Search for channels, parameters, nodes and axes of a file by name or description."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
 from fnmatch import fnmatchcase
 from typing import Any
 
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.terminal.describers import FileInfo, Table
 
 _NAMES = ("name", "node")  # keys whose value is a name
@@ -24,56 +24,53 @@ def find_entries(info: FileInfo, text: str) -> FileInfo:
     If the text contains `*` or `?`, it is a pattern of the whole name. Raises `InputError` with the most similar names
     if nothing matches.
     """
-    matches = _matching(text)
-    tables = [_rows(table, matches) for table in info.tables]
-    as_json = _filtered(info.as_json, matches)
+    matches = _matcher(text)
+    tables = [_filter_rows(table, matches) for table in info.tables]
+    as_json = _filter_json(info.as_json, matches)
     left_out = _skipped_columns(as_json)
     if not left_out and all(len(table) < 2 for table in tables):
         message = f"no name or description contains {text!r}"
-        raise InputError.of(str(info.as_json.get("file", "")), message, _suggestion(text, _all_names(info)))
+        location = Location(str(info.as_json.get("file", "")))
+        names = [row[0] for table in info.tables for row in table[1:]] + _skipped_columns(info.as_json)
+        raise InputError.of(location, message, _suggestion(text, dict.fromkeys(names)))
     notes = [f"columns without numbers: {', '.join(left_out)}"] if left_out else []
     count = sum(len(table) - 1 for table in tables) + len(left_out)
     return replace(info, summary=f"{info.summary}; {count} found", tables=tables, notes=notes, as_json=as_json)
 
 
-def _matching(text: str) -> Callable[[str], bool]:
+def _matcher(text: str) -> Callable[[str], bool]:
     folded = text.strip().casefold()
-    is_pattern = any(mark in folded for mark in "*?")
-    return lambda name: fnmatchcase(name.casefold(), folded) if is_pattern else folded in name.casefold()
+    if "*" in folded or "?" in folded:
+        return lambda name: fnmatchcase(name.casefold(), folded)
+    return lambda name: folded in name.casefold()
 
 
-def _rows(table: Table, matches: Callable[[str], bool]) -> Table:
+def _filter_rows(table: Table, matches: Callable[[str], bool]) -> Table:
     heading, *rows = table
     searched = [i for i, word in enumerate(heading) if i == 0 or word in _DESCRIPTIONS]
     return [heading, *(row for row in rows if any(matches(row[i]) for i in searched))]
 
 
-def _filtered(as_json: Mapping[str, Any], matches: Callable[[str], bool]) -> dict[str, Any]:
-    return {key: _list(key, value, matches) if isinstance(value, list) else value for key, value in as_json.items()}
+def _filter_json(as_json: Mapping[str, Any], matches: Callable[[str], bool]) -> dict[str, Any]:
+    return {
+        key: _filter_list(key, value, matches) if isinstance(value, list) else value for key, value in as_json.items()
+    }
 
 
-def _list(key: str, items: Sequence[Any], matches: Callable[[str], bool]) -> list[Any]:
+def _filter_list(key: str, items: Sequence[Any], matches: Callable[[str], bool]) -> list[Any]:
     if key == _NESTED:
-        parts = [_filtered(item, matches) for item in items]
+        parts = [_filter_json(item, matches) for item in items]
         return [part for part in parts if any(part.get(inner) for inner in ("channels", "left_out"))]
     if key in _NAME_LISTS and all(isinstance(item, str) for item in items):
         return [item for item in items if matches(item)]
     if all(isinstance(item, Mapping) and any(name in item for name in _NAMES) for item in items):
-        return [item for item in items if any(matches(text) for text in _texts(item))]
+        keys = (*_NAMES, *_DESCRIPTIONS)
+        return [item for item in items if any(matches(str(item[key])) for key in keys if item.get(key))]
     return list(items)
-
-
-def _texts(item: Mapping[str, Any]) -> Iterator[str]:
-    yield from (str(item[key]) for key in (*_NAMES, *_DESCRIPTIONS) if item.get(key))
 
 
 def _skipped_columns(as_json: Mapping[str, Any]) -> list[str]:
     return [name for table in as_json.get(_NESTED, []) for name in table.get("left_out", [])]
-
-
-def _all_names(info: FileInfo) -> list[str]:
-    names = [row[0] for table in info.tables for row in table[1:]]
-    return list(dict.fromkeys([*names, *_skipped_columns(info.as_json)]))
 
 
 def _suggestion(text: str, names: Iterable[str]) -> str:

@@ -1,6 +1,5 @@
 """Print lines on stdout and findings on stderr; lay out tables of text to fit the terminal."""
 
-import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -8,7 +7,7 @@ from errno import EIO, EPIPE
 from shutil import get_terminal_size
 from typing import TextIO
 
-from kennfeld.errors import Finding, visible
+from kennfeld.errors import Finding, Location, visible
 
 COLUMN_GAP = "  "
 UNLIMITED_WIDTH = 10_000  # characters, without a terminal
@@ -28,11 +27,10 @@ def print_lines(*lines: str) -> None:
 def print_findings(*problems: Finding | str) -> None:
     """Print problems on stderr, each in one line, followed by its excerpt."""
     for problem in problems:
-        finding = problem if isinstance(problem, Finding) else Finding("", problem)
+        finding = problem if isinstance(problem, Finding) else Finding(Location(), problem)
         prefix = "" if finding.severity == "error" else f"{finding.severity}: "
         excerpt = finding.excerpt.split("\n") if finding.excerpt else []
-        lines = [prefix + " ".join(str(problem).split("\n")), *(f"    {text}" for text in excerpt)]
-        _print(sys.stderr, lines)
+        _print(sys.stderr, [prefix + str(problem).replace("\n", " "), *(f"    {text}" for text in excerpt)])
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:
@@ -42,10 +40,9 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
     terminal that has gone is not an error.
     """
     encoding = stream.encoding or "utf-8"
-    shown = (line if isinstance(line, Painted) else visible(line) for line in lines)
-    text = "".join(f"{line}\n" for line in shown).encode(encoding, errors="replace").decode(encoding)
+    text = "".join(f"{line if isinstance(line, Painted) else visible(line)}\n" for line in lines)
     try:
-        stream.write(text)
+        stream.write(text.encode(encoding, errors="replace").decode(encoding))
         stream.flush()
     except OSError as error:
         if error.errno not in (EPIPE, EIO):
@@ -54,15 +51,15 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
+def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
     """Return the lines of a table, columns of numbers aligned right; one block per row if it exceeds the width.
 
-    >>> for line in aligned([("dataset", "RMSE"), ("bench", "1.75"), ("fresh", "12.1")]):
+    >>> for line in align([("dataset", "RMSE"), ("bench", "1.75"), ("fresh", "12.1")]):
     ...     print(line)
     dataset  RMSE
     bench    1.75
     fresh    12.1
-    >>> aligned([("dataset", "RMSE"), ("bench", "1.75")], width=10)
+    >>> align([("dataset", "RMSE"), ("bench", "1.75")], width=10)
     ['dataset  bench', 'RMSE     1.75']
     """
     rows = [[visible(cell).replace("\n", "\\u000a") for cell in row] for row in rows]
@@ -81,11 +78,15 @@ def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str
 
 def _blocks(rows: Sequence[Sequence[str]]) -> list[str]:
     heading, *others = rows
-    wide = max(len(cell) for cell in heading)
-    blocks = [
+    wide = max(map(len, heading))
+    return separate(
         [f"{name.ljust(wide)}{COLUMN_GAP}{cell}" for name, cell in zip(heading, row, strict=True)] for row in others
-    ]
-    return [line for i, block in enumerate(blocks) for line in (*([""] if i else []), *block)]
+    )
+
+
+def separate(blocks: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of all blocks, with an empty line between two of them."""
+    return [line for block in blocks for line in ("", *block)][1:]
 
 
 def _is_number(cell: str) -> bool:
@@ -94,13 +95,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def number_text(value: float | None) -> str:
-    """Return a number with six digits, nothing if it is unknown."""
-    return "" if value is None or math.isnan(value) else f"{value:.6g}"
-
-
-def size_text(shape: Sequence[int]) -> str:
-    """Return a shape as `18 x 14`."""
-    return " x ".join(map(str, shape))

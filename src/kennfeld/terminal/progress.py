@@ -12,35 +12,31 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from kennfeld.optimize.result import Progress, TraceLine
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.terminal.command_line import INTERRUPTED
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
 LINE_INTERVAL = 0.5  # s between plain lines of one stage
-EXIT_STATUS = 130
-
-
-class Display(Protocol):
-    """Called with each accepted step."""
-
-    def __call__(self, line: TraceLine) -> None: ...
 
 
 @contextmanager
-def display(task: str, starts: int = 1) -> Iterator[Display]:
+def display(task: str, starts: int = 1) -> Iterator[Progress]:
     """Show the progress of a task while the block runs; each line names its start if there are several."""
     if not sys.stderr.isatty():
         yield _Lines(starts)
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn("line"), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as live:
-        yield _Live(live, live.add_task(task, total=None), starts)
+    columns = progress.SpinnerColumn("line"), progress.TextColumn("{task.description}", markup=False)
+    clock = progress.TimeElapsedColumn()
+    with progress.Progress(*columns, clock, console=Console(stderr=True), transient=True) as live:
+        number = live.add_task(task, total=None)
+        yield lambda line: live.update(number, description=_format(line, starts > 1))
 
 
 class _Lines:
@@ -61,16 +57,6 @@ class _Lines:
         self._stages[line.start] = line.stage
 
 
-class _Live:
-    """One line that changes in place."""
-
-    def __init__(self, live: Any, task: Any, starts: int) -> None:
-        self._live, self._task, self._several = live, task, starts > 1
-
-    def __call__(self, line: TraceLine) -> None:
-        self._live.update(self._task, description=_format(line, self._several))
-
-
 def _format(line: TraceLine, several: bool) -> str:
     start = f"start {line.start:>2}  " if several else ""
     return f"{start}{line.stage:<15} iteration {line.iteration:>3}  cost {line.cost:<10.5g} RMSE {line.rmse:.4g}"
@@ -89,11 +75,8 @@ class Interrupt:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, *REQUESTS):
-                if (
-                    number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN
-                ):  # as nohup makes a process ignore SIGHUP
-                    self._before[number] = signal.signal(number, self._press)
+            respected = (number for number in REQUESTS if signal.getsignal(number) != signal.SIG_IGN)  # nohup: SIGHUP
+            self._before = {number: signal.signal(number, self._press) for number in (signal.SIGINT, *respected)}
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -117,7 +100,7 @@ class Interrupt:
             if self.pressed:
                 return  # shell and kernel both send it as a terminal closes; nobody presses twice there
         if self.pressed:
-            raise SystemExit(EXIT_STATUS)
+            raise SystemExit(INTERRUPTED)
         self.pressed = True
         if not self._searching:
             raise KeyboardInterrupt

@@ -1,21 +1,19 @@
 """Lines on the result of a calibration, and on a trained surrogate."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from kennfeld.analysis.extrapolation import Extrapolation, surrogate_coordinates
+from kennfeld.formatting import shorten
 from kennfeld.optimize.quality import r2_text
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-from kennfeld.terminal.output import aligned
-
-if TYPE_CHECKING:
-    from kennfeld.analysis.extrapolation import Extrapolation
-
 
 MAX_LINES = 3  # under one heading
-UNDETERMINED = "Parameters not determined by the data:"
+MORE = "; see result.json"
 
 
 def choice_lines(result: Result) -> list[str]:
@@ -39,15 +37,18 @@ def undetermined_lines(trust: Trust) -> list[str]:
     a remedy for all of them come before the single ones.
     """
     remark = [trust.remark] if trust.remark else []
-    outputs = [limit for limit in trust.holdings if limit.samples]  # the message names those of breakpoints
-    null_space = [f"  {trust.null_space}"] if trust.null_space.dimension > 1 else []
-    directions = _section(UNDETERMINED, trust.directions)
-    if null_space:
-        directions = [UNDETERMINED, *null_space, *directions[1:]]
-    return [*remark, *directions, *_section("Active output limits:", outputs)]
+    undetermined = shorten(list(map(str, trust.directions)), MAX_LINES, MORE)
+    if trust.null_space.dimension > 1:
+        undetermined.insert(0, str(trust.null_space))
+    outputs = [str(limit) for limit in trust.holdings if limit.samples]  # the message names those of breakpoints
+    return [
+        *remark,
+        *_section("Parameters not determined by the data:", undetermined),
+        *_section("Active output limits:", shorten(outputs, MAX_LINES, MORE)),
+    ]
 
 
-def extrapolation_lines(extrapolations: "Sequence[Extrapolation]", pointer: str = "; see result.json") -> list[str]:
+def extrapolation_lines(extrapolations: Sequence[Extrapolation], pointer: str = MORE) -> list[str]:
     """Return the surrogates used outside their training data, the largest share first.
 
     Args:
@@ -55,20 +56,11 @@ def extrapolation_lines(extrapolations: "Sequence[Extrapolation]", pointer: str 
         pointer: where to find the rows that are not listed.
     """
     outside = sorted((row for row in extrapolations if row.worst is not None), key=lambda row: -row.share)
-    return _section("Surrogate extrapolation:", outside, pointer)
+    return _section("Surrogate extrapolation:", shorten(list(map(str, outside)), MAX_LINES, pointer))
 
 
-def _section(heading: str, items: Sequence[object], pointer: str = "; see result.json") -> list[str]:
-    more = [f"  and {len(items) - MAX_LINES} more{pointer}"] if len(items) > MAX_LINES else []
-    return [heading, *(f"  {item}" for item in items[:MAX_LINES]), *more] if items else []
-
-
-def summarize_surrogate(surrogate: Surrogate) -> list[str]:
-    """Return lines on a surrogate: its structure, its stability check, and its quality by dataset."""
-    lines = [describe_surrogate(surrogate)]
-    if isinstance(surrogate, DynamicSurrogate) and surrogate.stability:
-        lines.append(surrogate.stability)
-    return [*lines, "", *aligned(quality_table(surrogate))]
+def _section(heading: str, lines: Sequence[str]) -> list[str]:
+    return [heading, *(f"  {line}" for line in lines)] if lines else []
 
 
 def describe_surrogate(surrogate: Surrogate) -> str:
@@ -77,26 +69,21 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     centres = f"{surrogate.expansion.size} centres"
     if not isinstance(surrogate, DynamicSurrogate):
         return f"{call}, {centres}"
-    lags = [
-        f"{name} {_join_numbers(own)}"
-        for name, own in zip(
-            (*surrogate.inputs, surrogate.output), (*surrogate.lags, surrogate.output_lags), strict=True
-        )
-    ]
-    return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {'; '.join(lags)}"
-
-
-def _join_numbers(numbers: Sequence[int]) -> str:
-    return ", ".join(map(str, numbers)) or "none"
+    delayed = [*zip(surrogate.inputs, surrogate.lags, strict=True), (surrogate.output, surrogate.output_lags)]
+    lags = "; ".join(f"{name} {', '.join(map(str, numbers)) or 'none'}" for name, numbers in delayed)
+    return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {lags}"
 
 
 def quality_table(surrogate: Surrogate) -> list[list[str]]:
     """Return a row for each dataset and mode of evaluation."""
-    rows = [["dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|"]]
-    for q in surrogate.quality:
-        errors = [f"{q.rmse:.4g}", r2_text(q.r2, q.samples, q.rmse), f"{q.max_abs:.4g}"]
-        rows.append([q.dataset, q.use, q.mode, str(q.samples), *errors])
-    return rows
+    rows = [
+        [
+            *(q.dataset, q.use, q.mode, str(q.samples)),
+            *(f"{q.rmse:.4g}", r2_text(q.r2, q.samples, q.rmse), f"{q.max_abs:.4g}"),
+        ]
+        for q in surrogate.quality
+    ]
+    return [["dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|"], *rows]
 
 
 def ranges_table(surrogate: Surrogate) -> list[list[str]]:
@@ -105,16 +92,9 @@ def ranges_table(surrogate: Surrogate) -> list[list[str]]:
     validity = surrogate.validity
     if validity is None:
         return rows
-    names, lags = [*surrogate.inputs], [1] * len(surrogate.inputs)
-    if isinstance(surrogate, DynamicSurrogate):
-        names = [surrogate.output, *surrogate.inputs]
-        lags = [len(surrogate.output_lags), *map(len, surrogate.lags)]
+    names = np.array([name for name, _ in surrogate_coordinates(surrogate)])
     units = dict(zip([*surrogate.inputs, surrogate.output], surrogate.units, strict=False))
-    first = 0
-    for name, count in zip(names, lags, strict=True):
-        columns = slice(first, first + count)
-        first += count
-        if count:
-            ends = validity.least[columns].min(), validity.most[columns].max()
-            rows.append([name, units.get(name, ""), *(f"{end:.6g}" for end in ends)])
+    for name in dict.fromkeys(names.tolist()):
+        ends = validity.least[names == name].min(), validity.most[names == name].max()
+        rows.append([name, units.get(name, ""), *(f"{end:.6g}" for end in ends)])
     return rows

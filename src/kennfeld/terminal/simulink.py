@@ -1,14 +1,13 @@
 """Sentences and tables on a Simulink model or data dictionary."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.formatting import count_noun, join_names
+from kennfeld.formatting import count_noun, join_names, number_text, shorten, size_text
 from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.outline import ModelOutline
 from kennfeld.models.simulink.variables.data_dictionary import Dictionary
-from kennfeld.terminal.output import number_text, size_text
 
 Rows = list[Sequence[str]]
 MAX_REMARKS = 20  # on one import
@@ -33,44 +32,51 @@ def _solver(outline: ModelOutline) -> str:
 
 def model_tables(outline: ModelOutline) -> list[Rows]:
     """Return inputs, outputs, subsystems, block types, charts, functions, links and data sources."""
-    ports: Rows = [("input", "unit"), *((port.name, port.unit) for port in outline.inputs)]
-    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in outline.outputs)]
-    inner: Rows = [("subsystem", "", "inputs", "outputs", "blocks")]
-    inner += [(s.path, s.kind, ", ".join(s.inputs), ", ".join(s.outputs), str(s.blocks)) for s in outline.subsystems]
-    blocks: Rows = [("block type", "count"), *((kind or "?", str(count)) for kind, count in outline.blocks.items())]
-    charts: Rows = [("chart", "kind", "states", "transitions")]
-    charts += [(path, kind, str(states), str(moves)) for path, kind, states, moves in outline.charts]
-    functions: Rows = [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in outline.functions)]
-    links: Rows = [("refers to", "type", "times", "from")]
-    links += [(c.source, " ".join(c.type.split()), str(c.count), c.found) for c in outline.connections]
-    sources: Rows = [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in outline.sources)]
-    return [ports, outputs, inner, blocks, charts, functions, links, sources]
+    subsystems = (
+        (s.path, s.kind, ", ".join(s.inputs), ", ".join(s.outputs), str(s.blocks)) for s in outline.subsystems
+    )
+    return [
+        *port_tables(outline),
+        [("subsystem", "", "inputs", "outputs", "blocks"), *subsystems],
+        [("block type", "count"), *((kind or "?", str(count)) for kind, count in outline.blocks.items())],
+        [("chart", "kind", "states", "transitions"), *(tuple(map(str, chart)) for chart in outline.charts)],
+        [("MATLAB function", "lines"), *((path, str(lines)) for path, lines in outline.functions)],
+        [
+            ("refers to", "type", "times", "from"),
+            *((c.source, " ".join(c.type.split()), str(c.count), c.found) for c in outline.connections),
+        ],
+        [("data from", "name", "content"), *((s.kind, s.name, s.content) for s in outline.sources)],
+    ]
+
+
+def port_tables(interface: ModelOutline | ImportReport) -> list[Rows]:
+    """Return inputs and outputs; those of an import have the names that a project uses."""
+    return [
+        [("input", "unit"), *((port.name, port.unit) for port in interface.inputs)],
+        [("output", "unit"), *((port.name, port.unit) for port in interface.outputs)],
+    ]
 
 
 def model_notes(outline: ModelOutline) -> list[str]:
     """Return the problems of files that the model refers to, and what was skipped."""
-    return [*map(str, outline.problems), *outline.remarks]
+    return [*map(str, outline.problems), *map(str, outline.warnings)]
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
     """Return parameters, variables without a value, unsupported blocks, and subsystems that can be imported."""
-    valueless: Rows = [("variable without a value", "blocks", "needed by")]
-    valueless += [(name, str(len(paths)), join_names(paths, MAX_PATHS)) for name, paths in report.undefined.items()]
+    undefined = ((name, str(len(paths)), join_names(paths, MAX_PATHS)) for name, paths in report.undefined.items())
     unsupported: Rows = [("not supported", "type", "why", "remedy", "stops an output")]
     for blocks in report.groups:
         first = blocks[0]
         paths = join_names([block.path for block in blocks], 1)
         unsupported.append((paths, first.type, first.why, first.finding.remedy, "yes" if first.stops else "no"))
-    parts: Rows = [("can be imported by itself", "blocks", "inputs", "outputs")]
-    parts += [(s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems]
-    return [_parameters(report), valueless, unsupported, parts]
-
-
-def interface_tables(report: ImportReport) -> list[Rows]:
-    """Return inputs and outputs by the names that a project uses, of the model or the selected subsystem."""
-    inputs: Rows = [("input", "unit"), *((port.name, port.unit) for port in report.inputs)]
-    outputs: Rows = [("output", "unit"), *((port.name, port.unit) for port in report.outputs)]
-    return [inputs, outputs]
+    subsystems = ((s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems)
+    return [
+        _parameters(report),
+        [("variable without a value", "blocks", "needed by"), *undefined],
+        unsupported,
+        [("can be imported by itself", "blocks", "inputs", "outputs"), *subsystems],
+    ]
 
 
 def _parameters(report: ImportReport) -> Rows:
@@ -94,7 +100,6 @@ def import_notes(report: ImportReport) -> list[str]:
     """Return how much of the model can be calibrated, and what behaves differently than in Simulink."""
     coverage = "all outputs can be calibrated" if report.whole else "not all outputs can be calibrated"
     advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
-    more = len(report.remarks) - MAX_REMARKS
     return [
         f"{report.supported} of {count_noun(report.total, 'block')} supported; {coverage}",
         *map(str, report.stopped),
@@ -102,8 +107,7 @@ def import_notes(report: ImportReport) -> list[str]:
         *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),
         *report.substitutions,
         *report.fixed,
-        *report.remarks[:MAX_REMARKS],
-        *([f"and {more} more remarks; --json lists them"] if more > 0 else []),
+        *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),
     ]
 
 
@@ -121,28 +125,3 @@ def dictionary_table(dictionary: Dictionary) -> Rows:
         size = size_text(e.value.shape) if isinstance(e.value, np.ndarray) else ""
         rows.append((name, e.kind, size, e.unit, number_text(e.minimum), number_text(e.maximum), e.description))
     return rows
-
-
-def dictionary_json(dictionary: Dictionary) -> Mapping[str, object]:
-    """Return the contents of a data dictionary for programs."""
-    variables = [
-        {
-            "name": name,
-            "class": e.kind,
-            "size": list(e.value.shape) if isinstance(e.value, np.ndarray) else None,
-            "unit": e.unit,
-            "minimum": e.minimum,
-            "maximum": e.maximum,
-            "type": e.type,
-            "description": e.description,
-        }
-        for name, e in dictionary.data.entries.items()
-    ]
-    return {
-        "content": "data dictionary",
-        "file": dictionary.path.name,
-        "references": list(dictionary.references),
-        "variables": variables,
-        "unreadable": dict(dictionary.data.unreadable),
-        "types": list(dictionary.types),
-    }

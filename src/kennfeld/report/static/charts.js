@@ -176,13 +176,13 @@ class Chart {
     const frame = this.frames.find((f) => px >= f.left && px <= f.left + f.width && py >= f.top - 8 && py <= f.top + f.height + 8);
     if (!frame || !this.spec.tip) { tooltip.hide(); cross.style.display = "none"; return; }
     const value = frame.x[0] + ((px - frame.left) / frame.width) * (frame.x[1] - frame.x[0]);
-    const found = this.spec.tip(value, frame, px, py, (name) => !this.hidden.has(name));
-    if (!found) { tooltip.hide(); cross.style.display = "none"; return; }
-    tooltip.show(event, found.lines);
-    if (found.x === undefined) return;
+    const tip = this.spec.tip(value, frame, px, py, (name) => !this.hidden.has(name));
+    if (!tip) { tooltip.hide(); cross.style.display = "none"; return; }
+    tooltip.show(event, tip.lines);
+    if (tip.x === undefined) return;
     const end = this.frames[this.frames.length - 1];
     Object.assign(cross.style, {
-      display: "block", left: `${frame.px(found.x)}px`, top: `${this.frames[0].top}px`,
+      display: "block", left: `${frame.px(tip.x)}px`, top: `${this.frames[0].top}px`,
       height: `${end.top + end.height - this.frames[0].top}px`,
     });
   }
@@ -320,6 +320,18 @@ function nearest(x, value) {
   return low > 0 && value - x[low - 1] < x[low] - value ? low - 1 : low;
 }
 
+// The layer and the index of the point nearest to a pixel, null if all are further away than `reach` pixels.
+function nearestPoint(layers, frame, px, py, reach) {
+  let best = reach, point = null;
+  for (const layer of layers) {
+    for (let i = 0; i < layer.x.length; i++) {
+      const distance = Math.hypot(frame.px(layer.x[i]) - px, frame.py(layer.y[i]) - py);
+      if (distance < best) { best = distance; point = [layer, i]; }
+    }
+  }
+  return point;
+}
+
 // The pictures by kind
 
 const DRAW = {
@@ -368,16 +380,9 @@ const DRAW = {
       height: 300, zoom: false, x: { title: withUnit("measured", f.unit), range: both },
       panes: [{ title: withUnit("calculated", f.unit), layers, range: widened(extent(measured, after, same ? after : before), 0.04) }],
       tip(value, frame, px, py, shown) {
-        let best = 14, line = null;
-        for (const layer of layers) {
-          if (!layer.y || !shown(layer.name)) continue;
-          for (let i = 0; i < layer.x.length; i++) {
-            const away = Math.hypot(frame.px(layer.x[i]) - px, frame.py(layer.y[i]) - py);
-            if (away < best) { best = away; line = [layer, i]; }
-          }
-        }
-        if (!line) return null;
-        const [layer, i] = line;
+        const point = nearestPoint(layers.filter((layer) => layer.y && shown(layer.name)), frame, px, py, 14);
+        if (!point) return null;
+        const [layer, i] = point;
         return { lines: [[`sample ${f.number[i]}`], [`measured ${say(layer.x[i], 5)}`], [`${layer.name} ${say(layer.y[i], 5)}`, layer.colour],
           [`error ${say(layer.y[i] - layer.x[i], 4)}`, COLOUR.error]] };
       },
@@ -401,17 +406,17 @@ const DRAW = {
     };
     const grid = make("div", { class: "three" });
     host.append(grid);
-    const one = (heading, panes, parts) => {
+    const add = (heading, panes, parts) => {
       const cell = make("div", { class: same ? "wide" : "" }, make("div", { class: "heading" }, heading));
       grid.append(cell);
       new Chart(cell, { height: 146, left: 54, zoom: false, legend: false, x: { title: parts.length > 1 ? title : "" }, panes, tip: tip(parts) });
     };
     const pane = (...layers) => [{ title: "samples", floor: true, zero: true, layers: [...layers, zero] }];
     const { before, after } = f.own, b = COLOUR.before, a = COLOUR.after;
-    if (same) { one(title + beyond(after), pane(bars(after, "error", a)), [["error", after, a], ["error", after, a]]); return; }
-    one(`before${beyond(before)}`, pane(bars(before, "before", b)), [["before", before, b]]);
-    one(`after${beyond(after)}`, pane(bars(after, "after", a)), [["after", after, a]]);
-    one("both on one axis", pane(bars(f.equal.after, "after", a, 0.75), bars(f.equal.before, "before", b, 0.8)),
+    if (same) { add(title + beyond(after), pane(bars(after, "error", a)), [["error", after, a], ["error", after, a]]); return; }
+    add(`before${beyond(before)}`, pane(bars(before, "before", b)), [["before", before, b]]);
+    add(`after${beyond(after)}`, pane(bars(after, "after", a)), [["after", after, a]]);
+    add("both on one axis", pane(bars(f.equal.after, "after", a, 0.75), bars(f.equal.before, "before", b, 0.8)),
       [["before", f.equal.before, b], ["after", f.equal.after, a]]);
     grid.lastChild.classList.add("wide");
   },
@@ -442,16 +447,9 @@ const DRAW = {
     new Chart(host, {
       height: 280, legend: layers.length <= 24, x: { title: "accepted step", margin: 0.02, whole: true }, panes: [{ title: "cost", log: true, layers }],
       tip(value, frame, px, py, shown) {
-        let best = 16, found = null;
-        for (const layer of layers) {
-          if (!layer.x || !shown(layer.name)) continue;
-          for (let i = 0; i < layer.x.length; i++) {
-            const away = Math.hypot(frame.px(layer.x[i]) - px, frame.py(layer.y[i]) - py);
-            if (away < best) { best = away; found = [layer, i]; }
-          }
-        }
-        if (!found) return null;
-        const [layer, i] = found;
+        const point = nearestPoint(layers.filter((layer) => layer.x && shown(layer.name)), frame, px, py, 16);
+        if (!point) return null;
+        const [layer, i] = point;
         return { lines: [[layer.name, layer.colour], [`step ${layer.x[i]}`], [`cost ${say(layer.y[i], 6)}`], [`RMSE ${say(layer.rmse[i], 4)}`]] };
       },
     });
@@ -460,15 +458,7 @@ const DRAW = {
   cells(host, f) {
     const uses = Object.keys(f.uses), modes = { "mean error": "mean", RMSE: "rmse", samples: "samples" };
     const state = { use: uses[0], mode: "mean" };
-    const choice = (key, options) => make("span", { class: "choice" }, ...Object.entries(options).map(([name, value]) => {
-      const button = make("button", { type: "button", "aria-pressed": String(state[key] === value) }, name);
-      button.addEventListener("click", () => {
-        state[key] = value;
-        for (const other of button.parentNode.children) other.setAttribute("aria-pressed", String(other === button));
-        redraw();
-      });
-      return button;
-    }));
+    const choice = (key, options) => choiceButtons(options, state[key], (value) => { state[key] = value; redraw(); });
     host.append(make("div", { class: "legend" }, choice("mode", modes),
       uses.length > 1 ? choice("use", Object.fromEntries(uses.map((use) => [use, use]))) : null));
     const box = make("div", { class: "canvas" });

@@ -63,23 +63,22 @@ function tickStep(low, high, count) {
 
 function ticks(low, high, count) {
   if (!(high > low)) return [low];
-  const step = tickStep(low, high, count);
-  const found = [];
-  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) found.push(i * step);
-  return found;
+  const step = tickStep(low, high, count), values = [];
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) values.push(i * step);
+  return values;
 }
 
 function logTicks(low, high) {
-  const found = [];
+  const values = [];
   const from = Math.floor(Math.log10(low)), to = Math.ceil(Math.log10(high));
   const factors = to - from <= 2 ? [1, 2, 5] : [1];
   for (let power = from; power <= to; power++) {
     for (const factor of factors) {
       const value = factor * 10 ** power;
-      if (value >= low * 0.999 && value <= high * 1.001) found.push(value);
+      if (value >= low * 0.999 && value <= high * 1.001) values.push(value);
     }
   }
-  return found.length ? found : [low, high];
+  return values.length ? values : [low, high];
 }
 
 function tickText(value, low, high) {
@@ -87,6 +86,19 @@ function tickText(value, low, high) {
   if (value !== 0 && (Math.abs(value) >= 1e6 || step < 1e-5)) return value.toExponential(Math.abs(value) >= 1e6 ? 1 : 2);
   const places = step > 0 ? Math.max(0, Math.min(8, 1 - Math.floor(Math.log10(step)))) : 2;
   return String(Number(value.toFixed(places)));
+}
+
+// Buttons of which one is pressed: names and values of the options, the first value, and what to do on a choice.
+function choiceButtons(options, selected, choose) {
+  const buttons = Object.entries(options).map(([name, value]) => {
+    const button = make("button", { type: "button", "aria-pressed": String(value === selected) }, name);
+    button.addEventListener("click", () => {
+      for (const each of buttons) each.setAttribute("aria-pressed", String(each === button));
+      choose(value);
+    });
+    return button;
+  });
+  return make("span", { class: "choice" }, ...buttons);
 }
 
 // A canvas as wide as its host, sharp on screens and on paper.

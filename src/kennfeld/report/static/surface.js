@@ -78,7 +78,7 @@ class Surface {
     const faces = [];
     if (this.show.before && before) this.faces(faces, px, py, before, pz, "before");
     if (this.show.after) this.faces(faces, px, py, after, pz, "after");
-    faces.sort((one, other) => other.depth - one.depth);
+    faces.sort((a, b) => b.depth - a.depth);
     for (const face of faces) this.face(pen, face);
     this.points = after.map((row, i) => Array.from(row, (z, j) => this.project(px[i], py[j], pz(z))));
     if (this.at) {
@@ -217,14 +217,14 @@ class Surface {
   point(event, canvas) {
     const area = canvas.getBoundingClientRect();
     const x = event.clientX - area.left, y = event.clientY - area.top;
-    let best = 18, found = null;
+    let best = 18, nearest = null;
     this.points.forEach((row, i) => row.forEach(([sx, sy, depth], j) => {
-      const away = Math.hypot(sx - x, sy - y) + depth; // of two points at the same place, the one in front
-      if (away < best) { best = away; found = [i, j]; }
+      const distance = Math.hypot(sx - x, sy - y) + depth; // of two points at the same place, the one in front
+      if (distance < best) { best = distance; nearest = [i, j]; }
     }));
-    const changed = String(found) !== String(this.at || null);
-    this.at = found;
+    const changed = String(nearest) !== String(this.at || null);
+    this.at = nearest;
     if (changed) this.redraw();
-    if (found) tooltip.show(event, this.spec.tip(...found)); else tooltip.hide();
+    if (nearest) tooltip.show(event, this.spec.tip(...nearest)); else tooltip.hide();
   }
 }

@@ -35,21 +35,21 @@ DRAW.parameter = (host, f) => {
   const row = make("div", { class: "row two pictures" });
   host.append(row);
   if (nx > 1 && ny > 1) {
-    const one = make("div", {}), other = make("div", {});
-    row.append(one, other);
-    const surface = new Surface(one, {
+    const left = make("div", {}), right = make("div", {});
+    row.append(left, right);
+    const surface = new Surface(left, {
       x: planes[0], y: planes[1], unit: f.unit, tip: words,
       before: changed ? plane(f.before) : null, after: plane(f.after), empty: holes(f.samples),
     });
     redraws.push(() => surface.set(changed ? plane(f.before) : null, plane(f.after), holes(f.samples)));
-    const draw = () => { other.replaceChildren(); slices(other, f, planes, plane(f.before), plane(f.after), changed); };
+    const draw = () => { right.replaceChildren(); slices(right, f, planes, plane(f.before), plane(f.after), changed); };
     draw();
     redraws.push(draw);
   } else {
     row.classList.add("single");
-    const one = make("div", {});
-    row.append(one);
-    const draw = () => { one.replaceChildren(); curve(one, f, nx > 1 ? 0 : 1, flat, words); };
+    const picture = make("div", {});
+    row.append(picture);
+    const draw = () => { picture.replaceChildren(); curve(picture, f, nx > 1 ? 0 : 1, flat, words); };
     draw();
     redraws.push(draw);
   }
@@ -68,11 +68,11 @@ function deviationText(value) {
 function sliders(further, state, changed) {
   return make("div", { class: "legend" }, ...further.map((axis, d) => {
     const text = make("output", {}), name = withUnit(axis.title, axis.unit);
-    const tell = () => { text.textContent = `${name} = ${say(axis.points[state.slice[d]], 6)}`; };
+    const showValue = () => { text.textContent = `${name} = ${say(axis.points[state.slice[d]], 6)}`; };
     const slider = make("input", { type: "range", min: 0, max: axis.points.length - 1, step: 1, "aria-label": name });
     slider.value = state.slice[d];
-    slider.addEventListener("input", () => { state.slice[d] = Number(slider.value); tell(); changed(); });
-    tell();
+    slider.addEventListener("input", () => { state.slice[d] = Number(slider.value); showValue(); changed(); });
+    showValue();
     return make("label", { class: "slider" }, slider, text);
   }));
 }
@@ -99,13 +99,13 @@ function slices(host, f, planes, before, after, changed) {
     x: { title: withUnit(planes[along].title, planes[along].unit), margin: 0.02 }, panes: [{ title: withUnit(f.name, f.unit), layers }],
     tip(value, frame, px, py) {
       const i = nearest(x, value);
-      let best = 24, found = null;
+      let best = 24, line = null;
       for (const layer of layers) {
-        const away = layer.at === undefined ? Infinity : Math.abs(frame.py(layer.y[i]) - py);
-        if (away < best) { best = away; found = layer; }
+        const distance = layer.at === undefined ? Infinity : Math.abs(frame.py(layer.y[i]) - py);
+        if (distance < best) { best = distance; line = layer; }
       }
-      return found && { x: x[i], lines: [[`${planes[along].title} ${say(x[i], 6)}`], [`${planes[across].title} ${say(lines[found.at], 6)}`],
-        [`${say(found.y[i], 6)} ${f.unit}`, found.colour]] };
+      return line && { x: x[i], lines: [[`${planes[along].title} ${say(x[i], 6)}`], [`${planes[across].title} ${say(lines[line.at], 6)}`],
+        [`${say(line.y[i], 6)} ${f.unit}`, line.colour]] };
     },
   });
 }
@@ -135,19 +135,12 @@ function curve(host, f, direction, flat, words) {
 }
 
 function modes(f, state, changed, redraw) {
-  const options = { after: changed ? "after" : "value" };
-  if (changed) Object.assign(options, { before: "before", change: "change", relative: "relative change" });
-  if (f.deviation) options.deviation = "standard deviation";
-  if (f.samples) options.samples = "training samples";
-  return make("div", { class: "legend choice-row" }, make("span", { class: "choice" }, ...Object.entries(options).map(([key, name]) => {
-    const button = make("button", { type: "button", "aria-pressed": String(state.mode === key) }, name);
-    button.addEventListener("click", () => {
-      state.mode = key;
-      for (const other of button.parentNode.children) other.setAttribute("aria-pressed", String(other === button));
-      redraw();
-    });
-    return button;
-  })));
+  const options = { [changed ? "after" : "value"]: "after" };
+  if (changed) Object.assign(options, { before: "before", change: "change", "relative change": "relative" });
+  if (f.deviation) options["standard deviation"] = "deviation";
+  if (f.samples) options["training samples"] = "samples";
+  const choose = (mode) => { state.mode = mode; redraw(); };
+  return make("div", { class: "legend choice-row" }, choiceButtons(options, state.mode, choose));
 }
 
 function fill(host, f, planes, nx, ny, flat, state, words) {
@@ -202,10 +195,10 @@ function fill(host, f, planes, nx, ny, flat, state, words) {
 // What the marks of the cells mean; only those that occur.
 function marks(f) {
   const entry = (names, text) => make("span", {}, make("i", { class: `sample ${names}` }), text);
-  const found = [];
-  if (f.samples && f.samples.includes(0)) found.push(entry("nodata", "no training data"));
-  if (f.informed && f.informed.includes(0)) found.push(entry("nodata kept", "undetermined: start kept"));
-  if (f.bound.some((side) => side !== 0)) found.push(entry("bound", "at a bound"));
-  if (f.locked.includes(1)) found.push(entry("locked", "locked"));
-  return found.length ? [make("div", { class: "marks" }, ...found)] : [];
+  const entries = [];
+  if (f.samples && f.samples.includes(0)) entries.push(entry("nodata", "no training data"));
+  if (f.informed && f.informed.includes(0)) entries.push(entry("nodata kept", "undetermined: start kept"));
+  if (f.bound.some((side) => side !== 0)) entries.push(entry("bound", "at a bound"));
+  if (f.locked.includes(1)) entries.push(entry("locked", "locked"));
+  return entries.length ? [make("div", { class: "marks" }, ...entries)] : [];
 }

@@ -1,0 +1,160 @@
+"""Commands on single files: info, convert, diff, merge. Each prints its results and returns an exit status.
+
+What a command needs is imported inside it, so that `kennfeld --help` starts at once.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kennfeld.errors import Finding, InputError, Location
+from kennfeld.terminal import command_line
+from kennfeld.terminal.command_line import DIFFERENT, DONE, option
+from kennfeld.terminal.output import print_findings, print_lines
+
+
+def info(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, Simulink or project file.")
+    ],
+    as_json: command_line.Json = False,
+    search: Annotated[
+        str, option("--search", "Show only entries whose name or description contains TEXT.", "TEXT")
+    ] = "",
+    a2l: command_line.DescriptionFile = None,
+    subsystem: command_line.Subsystem = "",
+    values: command_line.VariableFiles = None,
+    folders: command_line.Folders = None,
+    bind: command_line.Bindings = None,
+) -> int:
+    """Show the contents of a file.
+
+    --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model, the output
+    lists what can be calibrated and what prevents it.
+    """
+    from kennfeld.terminal.describers import SimulinkSelection
+    from kennfeld.terminal.file_info import describe_file
+    from kennfeld.terminal.label_search import find_entries
+
+    contents = describe_file(path, a2l, SimulinkSelection(subsystem, values or (), folders or (), _bindings(bind)))
+    if search.strip():
+        contents = find_entries(contents, search)
+    print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
+    return DONE
+
+
+def _bindings(texts: Sequence[str] | None) -> Mapping[str, str]:
+    """Return formulas by the path of the block that each replaces, from texts of the form `PATH=FORMULA`."""
+    pairs = [text.partition("=") for text in texts or ()]
+    if incomplete := [path for path, sign, _ in pairs if not sign]:
+        remedy = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
+        raise InputError(Finding(Location("--bind", path=path), "has no formula", remedy) for path in incomplete)
+    return {path.strip(): formula.strip() for path, _, formula in pairs}
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Calibration file or Simulink model to read.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="Output file. The extension selects the format.")],
+    image: Annotated[Path | None, option("--image", "Image to write the values into.", "FILE")] = None,
+    a2l: command_line.DescriptionFile = None,
+    subsystem: command_line.Subsystem = "",
+    values: command_line.VariableFiles = None,
+    folders: command_line.Folders = None,
+    bind: command_line.Bindings = None,
+    force: command_line.Force = False,
+) -> int:
+    """Convert a calibration file or a Simulink model.
+
+    Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
+    .msq (only from a tune). A model (.slx, .mdl) becomes formula text (.kf), with its parameters in a .json file of
+    the same name.
+    """
+    from kennfeld import calfiles
+
+    is_model = source.suffix.lower() in (".slx", ".mdl", ".slxp")
+    companion = [target.with_suffix(".json")] if is_model and target.suffix.lower() == ".kf" else []
+    _require_new(force, target, *companion)
+    if is_model:
+        from kennfeld.models.simulink.formula_export import write_formula
+
+        paths = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
+        print_lines(*(f"Written to {path}" for path in paths))
+        return DONE
+    [parameters], remarks = calfiles.read_several([source], a2l)
+    print_findings(*remarks)
+    print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
+    print_lines(f"Written to {target}")
+    return DONE
+
+
+def _require_new(force: bool, *targets: Path) -> None:
+    existing = [target for target in targets if not force and target.exists() and not target.is_dir()]
+    if existing:
+        remedy = "Add --force to replace it, or name another file."
+        raise InputError(Finding(Location(str(target)), "already exists", remedy) for target in existing)
+
+
+def diff(
+    left: Annotated[Path, typer.Argument(metavar="A", help="First calibration file.", show_default=False)],
+    right: Annotated[Path, typer.Argument(metavar="B", help="Second calibration file.", show_default=False)],
+    tolerance: Annotated[
+        float, option("--tolerance", "Absolute tolerance, in the unit of the values.", "T", default=True, min=0.0)
+    ] = 0.0,
+    relative: Annotated[float, option("--relative", "Relative tolerance.", "R", default=True, min=0.0)] = 0.0,
+    as_json: command_line.Json = False,
+    a2l: command_line.DescriptionFile = None,
+) -> int:
+    """Compare two calibration files.
+
+    Compares values, axes and units, and lists names in only one of the files. The exit status is 0 if they are equal
+    and 1 if they differ.
+    """
+    from kennfeld import calfiles
+    from kennfeld.terminal.diff_lines import difference_lines, file_labels
+
+    (first, second), remarks = calfiles.read_several([left, right], a2l)
+    print_findings(*remarks)
+    comparison = calfiles.compare(first, second, calfiles.Tolerance(tolerance, relative))
+    if as_json:
+        contents = {
+            "left": str(left),
+            "right": str(right),
+            "equal": comparison.equal,
+            "compared": comparison.compared,
+            "differences": [difference.as_json for difference in comparison.differences],
+        }
+        print_lines(json.dumps(contents, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        left_label, right_label = file_labels([left, right])
+        print_lines(*difference_lines(comparison, left_label, right_label))
+    return DONE if comparison.equal else DIFFERENT
+
+
+def merge(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE", help="Calibration files; later files override earlier ones.", show_default=False
+        ),
+    ],
+    target: Annotated[Path, option("-o --output", "Output file.", "FILE")],
+    a2l: command_line.DescriptionFile = None,
+    force: command_line.Force = False,
+) -> int:
+    """Merge calibration files and list what was replaced or added."""
+    from kennfeld import calfiles
+    from kennfeld.terminal.diff_lines import change_lines, file_labels
+
+    if len(sources) < 2:
+        message = f"needs at least two files, got only {sources[0]}"
+        raise InputError.of(Location("merge"), message, "Name another file.")
+    _require_new(force, target)
+    sets, remarks = calfiles.read_several(sources, a2l)
+    print_findings(*remarks)
+    merged = calfiles.merge(list(zip(file_labels(sources), sets, strict=True)))
+    print_findings(*calfiles.write(merged.parameters, target), *calfiles.losses(merged.parameters, target))
+    print_lines(*change_lines(merged.changes), "", f"Written to {target}")
+    return DONE
