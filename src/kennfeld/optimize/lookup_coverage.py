@@ -127,6 +127,14 @@ class Lookup:
             yield np.ravel_multi_index([at for at, _ in corner], shape), np.where(self.known, weight, 0.0)
 
 
+def unmoved_tables(graph: Graph) -> frozenset[str]:
+    """Return the tables all of whose lookups have coordinates that no parameter can change."""
+    moving = dependents(graph, lambda node: node.op == "lookup")
+    lookups = [node for node in graph.nodes if node.op == "lookup"]
+    moved = {node.payload for node in lookups if any(at in moving for at in node.args)}
+    return frozenset(node.payload for node in lookups) - moved
+
+
 def cell_shape(table: Parameter) -> tuple[int, ...]:
     """Return the number of cells along each axis."""
     return tuple(max(count - 1, 1) for count in table.values.shape)
@@ -170,6 +178,12 @@ class Lookups:
         if bound.dataset.name not in self._kept:
             self._kept[bound.dataset.name] = list(self._blocks(bound))
         return self._kept[bound.dataset.name]
+
+    def of_table(self, bound: BoundDataset, name: str) -> Iterator[Lookup]:
+        """Return the lookups of one table over the kept samples of a dataset."""
+        for block in self._coverage.blocks(bound, self._known.get(bound.dataset.name)):
+            if block.name == name:
+                yield _locate(block, self._parameters[name], {})
 
     def _blocks(self, bound: BoundDataset) -> Iterator[Lookup]:
         first, searched = -1, dict[tuple[int, bytes, str], Located]()

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset, LiveModel
+from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.lookup_coverage import Lookups
 from kennfeld.parameter_set import ParameterSet
+
+MAX_INDEXES = 16  # of a table in a dataset; one of a map takes 12 bytes a sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +54,13 @@ class Surroundings:
     weights: Float
 
 
-def _coordinate(breakpoints: Float, cell: Int, share: Float) -> Float:
-    following = np.minimum(cell + 1, breakpoints.size - 1)
-    place: Float = breakpoints[cell] + share * (breakpoints[following] - breakpoints[cell])
-    return place
-
-
 class Evidence:
     """The lookups of all tables at given values, over all data."""
 
     def __init__(self, model: LiveModel, parameters: ParameterSet) -> None:
         self._model, self._parameters = model, parameters
         self._lookups: Lookups = model.lookups(parameters)
+        self._indexes: dict[tuple[object, ...], LookupIndex] = {}
 
     @property
     def tables(self) -> list[str]:
@@ -82,18 +80,13 @@ class Evidence:
 
     def informing(self, parameter: str, value: int) -> list[Informing]:
         """Return by dataset the samples that look up a value of a table, given by its number in C order."""
-        found = []
+        informing = []
         for recording in self._model.recordings:
-            weight = np.zeros(recording.bound.count)
-            for lookup in self._lookups.blocks(recording.bound):
-                if lookup.table.name == parameter:
-                    here = weight[lookup.samples]
-                    for at, share in lookup.corners():
-                        np.maximum(here, np.where(at == value, share, 0.0), out=here)
-            weight = self._shown(recording, weight)
+            index = self._index(recording, parameter)
+            weight = self._shown(recording, index.weights(value, recording.bound.count))
             samples = np.flatnonzero(weight > 0)
-            found.append(Informing(recording.number, samples, weight[samples]))
-        return found
+            informing.append(Informing(recording.number, samples, weight[samples]))
+        return informing
 
     def surroundings(self, recording: LiveDataset, parameter: str, value: int, reach: int = 2) -> "Surroundings":
         """Return where samples of a dataset look up a table near one of its values.
@@ -104,25 +97,18 @@ class Evidence:
             value: number of the value in C order.
             reach: how many cells around it count as near.
         """
+        return Surroundings(*self._index(recording, parameter).near(value, reach))
+
+    def _index(self, recording: LiveDataset, parameter: str) -> LookupIndex:
+        """Return the lookups of a table; they outlast edits of values that cannot move them."""
         table = self._parameters[parameter]
-        center = np.unravel_index(value, table.values.shape)
-        parts: list[tuple[Int, Float, Float]] = []
-        for lookup in self._lookups.blocks(recording.bound):
-            if lookup.table.name != parameter:
-                continue
-            near = lookup.known.copy()
-            for cell, at in zip(lookup.cells, center, strict=True):
-                near &= (cell >= int(at) - reach) & (cell < int(at) + reach)
-            chosen = np.flatnonzero(near)
-            weight = sum(np.where(at[chosen] == value, share[chosen], 0.0) for at, share in lookup.corners())
-            sides = zip(lookup.cells, lookup.shares, table.index_axes, strict=True)
-            places = [_coordinate(axis.breakpoints, cell[chosen], share[chosen]) for cell, share, axis in sides]
-            parts.append((chosen + lookup.first, np.array(places), np.asarray(weight, dtype=np.float64)))
-        if not parts:
-            axes = len(table.index_axes)
-            return Surroundings(np.zeros(0, dtype=np.int64), np.zeros((axes, 0)), np.zeros(0))
-        samples, coordinates, weights = zip(*parts, strict=True)
-        return Surroundings(np.concatenate(samples), np.concatenate(coordinates, axis=1), np.concatenate(weights))
+        indexes = self._model.indexes if parameter in self._model.unmoved else self._indexes
+        key = recording.number, table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes), parameter
+        if key not in indexes:
+            if len(indexes) >= MAX_INDEXES:
+                indexes.pop(next(iter(indexes)))
+            indexes[key] = LookupIndex(table, self._lookups.of_table(recording.bound, parameter))
+        return indexes[key]
 
     def passed(self, recording: LiveDataset, chosen: Bool) -> Mapping[str, Float]:
         """Return by table the summed weights with which chosen samples look up each of its values.

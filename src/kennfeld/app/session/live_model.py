@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Float, Int
-from kennfeld.optimize.lookup_coverage import Lookups
+from kennfeld.optimize.lookup_coverage import Lookups, unmoved_tables
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
@@ -142,13 +143,21 @@ def score(criterion: int, use: str, errors: Sequence[Float]) -> LiveScore:
 
 
 class LiveModel:
-    """A problem whose parts that no value changes are computed once."""
+    """A problem whose parts that no value changes are computed once.
+
+    Attributes:
+        recordings: the datasets, as they are drawn.
+        unmoved: tables that are looked up at the same places whatever the values are.
+        indexes: their lookups, filled when they are asked for.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.recordings = [LiveDataset(problem, number) for number in range(len(problem.datasets))]
         self._differences = [difference(number) for number in range(len(problem.criteria))]
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
+        self.unmoved = unmoved_tables(problem.graph)
+        self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
     def evaluate(self, parameters: ParameterSet) -> Evaluation:
         """Simulate all datasets; compiled code is used again unless breakpoints have changed."""

@@ -1,0 +1,74 @@
+"""The lookups of one table in one dataset, sorted by cell, so that those near a grid point are found at once."""
+
+from collections.abc import Iterable
+from functools import reduce
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.optimize.lookup_coverage import Lookup, cell_shape
+from kennfeld.parameters import Parameter
+
+
+class LookupIndex:
+    """The lookups of a table whose coordinates are known.
+
+    Args:
+        table: the table.
+        lookups: its lookups over the samples of a dataset, block by block.
+    """
+
+    def __init__(self, table: Parameter, lookups: Iterable[Lookup]) -> None:
+        self._table, axes = table, len(table.index_axes)
+        samples, cells = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+        shares = [np.zeros((axes, 0), np.float32)]
+        for lookup in lookups:
+            known = slice(None) if lookup.known.all() else np.flatnonzero(lookup.known)
+            samples.append(np.arange(lookup.first, lookup.first + lookup.known.size, dtype=np.int32)[known])
+            cells.append(lookup.cell[known].astype(np.int32))
+            shares.append(np.array([share[known] for share in lookup.shares], np.float32))
+        cell = np.concatenate(cells)
+        order = np.argsort(cell, kind="stable")
+        self._samples, self._shares = np.concatenate(samples)[order], np.concatenate(shares, axis=1)[:, order]
+        self._ends = np.searchsorted(cell[order], np.arange(int(np.prod(cell_shape(table))) + 1))
+
+    def near(self, value: int, reach: int) -> tuple[Int, Float, Float]:
+        """Return the lookups in at most `reach` cells on each side of a grid point.
+
+        Args:
+            value: number of the grid point in C order.
+            reach: 1 for the cells that touch it.
+
+        Returns:
+            Sample numbers, Int[lookups]; coordinates, Float[axes, lookups]; the weight of the grid point in each.
+        """
+        if not self._samples.size:  # of a scalar, or of a table that no criterion depends on
+            return np.zeros(0, np.int64), np.zeros((len(self._table.index_axes), 0)), np.zeros(0)
+        center = np.unravel_index(value, self._table.values.shape)
+        ranges = [
+            np.arange(max(int(at) - reach, 0), min(int(at) + reach, count))
+            for at, count in zip(center, cell_shape(self._table), strict=True)
+        ]
+        chosen = [grid.ravel() for grid in np.meshgrid(*ranges, indexing="ij")]
+        flat = np.ravel_multi_index(chosen, cell_shape(self._table))
+        begins, sizes = self._ends[flat], np.diff(self._ends)[flat]
+        where = np.repeat(begins - np.append(0, np.cumsum(sizes)[:-1]), sizes) + np.arange(sizes.sum())
+        places, weights = [], []
+        for cell, share, at, axis in zip(chosen, self._shares, center, self._table.index_axes, strict=True):
+            here, part = np.repeat(cell, sizes), share[where].astype(np.float64)
+            places.append(_coordinate(axis.breakpoints, here, part))
+            weights.append(np.where(here == at, 1.0 - part, np.where(here == at - 1, part, 0.0)))
+        return self._samples[where].astype(np.int64), np.array(places), reduce(np.multiply, weights)
+
+    def weights(self, value: int, samples: int) -> Float:
+        """Return the weight of a grid point in each of so many samples; with several lookups the largest."""
+        weight = np.zeros(samples)
+        at, _, shares = self.near(value, 1)
+        np.maximum.at(weight, at, shares)
+        return weight
+
+
+def _coordinate(breakpoints: Float, cell: Int, share: Float) -> Float:
+    following = np.minimum(cell + 1, breakpoints.size - 1)
+    place: Float = breakpoints[cell] + share * (breakpoints[following] - breakpoints[cell])
+    return place

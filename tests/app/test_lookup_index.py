@@ -1,0 +1,50 @@
+"""Lookups sorted by cell, beside a search through all of them."""
+
+import numpy as np
+import pytest
+
+from kennfeld.app.session.lookup_index import LookupIndex
+from kennfeld.graph.interpolation import position
+from kennfeld.optimize.lookup_coverage import Lookup
+from kennfeld.parameters import Axis, parameter
+
+SAMPLES = 400
+
+
+def lookups(table, seed):
+    """Two lookups over the same samples in two blocks; some coordinates are missing, some beyond the ends."""
+    rng = np.random.default_rng(seed)
+    for first, count in [(0, 250), (250, SAMPLES - 250)] * 2:
+        coordinates = [rng.uniform(axis.breakpoints[0] - 1, axis.breakpoints[-1] + 1, count) for axis in table.axes]
+        places = [position(x, axis.breakpoints, "linear") for x, axis in zip(coordinates, table.axes, strict=True)]
+        cells = [np.clip(p.astype(int), 0, max(len(axis) - 2, 0)) for p, axis in zip(places, table.axes, strict=True)]
+        shares = [place - cell for place, cell in zip(places, cells, strict=True)]
+        yield Lookup(table, first, rng.random(count) < 0.9, tuple(cells), tuple(shares))
+
+
+@pytest.mark.parametrize("shape", [(5,), (1,), (4, 3), (1, 3), (3, 2, 4)])
+def test_lookups_near_a_value_are_those_of_a_search_through_all(shape):
+    axes = [Axis(np.cumsum(np.arange(1.0, count + 1)), name) for count, name in zip(shape, "xyz", strict=False)]
+    table = parameter("Table", np.zeros(shape), axes, extrapolation="linear")
+    index = LookupIndex(table, lookups(table, 3))
+    for value in range(table.size):
+        expected = np.zeros(SAMPLES)
+        for lookup in lookups(table, 3):
+            for at, share in lookup.corners():
+                here = np.where(at == value, share, 0.0)
+                np.maximum(expected[lookup.samples], here, out=expected[lookup.samples])
+        np.testing.assert_allclose(index.weights(value, SAMPLES), expected, atol=2e-6)
+
+
+def test_near_returns_where_the_table_is_looked_up():
+    table = parameter("Curve", np.zeros(3), [Axis([0.0, 1.0, 3.0], "x")])
+    lookup = Lookup(table, 10, np.array([True, False, True]), (np.array([0, 0, 1]),), (np.array([0.25, 0.5, 0.5]),))
+    samples, coordinates, weights = LookupIndex(table, [lookup]).near(1, 1)
+    assert samples.tolist() == [10, 12]
+    np.testing.assert_allclose(coordinates, [[0.25, 2.0]])
+    np.testing.assert_allclose(weights, [0.25, 0.5])
+
+
+def test_a_table_without_lookups_has_none_near():
+    samples, coordinates, weights = LookupIndex(parameter("Gain", 2.0), []).near(0, 1)
+    assert (samples.size, coordinates.shape, weights.size) == (0, (0, 0), 0)
