@@ -45,17 +45,18 @@ Temperature[degC] = PT1(settled, CurveTime(Speed))
 LAUNCH = (
     "from pathlib import Path; from kennfeld.app.launch import launch; launch(Path('kennfeld.toml'), browser=False)"
 )
-# resolves when the numbers of an edit have been drawn: the header shows another error, and a frame has passed
+# resolves to the time until all answers to an edit have come and a frame has passed
 DRAWN = """
 key => new Promise(resolve => {
-  const shown = document.querySelector('#rmse-training');
+  const page = document.documentElement;
   const begin = performance.now();
+  let drawn = NaN;
   const observer = new MutationObserver(() => {
-    observer.disconnect();
-    requestAnimationFrame(() => setTimeout(() => resolve(performance.now() - begin)));
+    if (page.dataset.state === 'ready') requestAnimationFrame(() => setTimeout(() => { drawn = performance.now(); }));
   });
-  observer.observe(shown, { characterData: true, childList: true, subtree: true });
+  observer.observe(page, { attributeFilter: ['data-state'] });
   document.querySelector('table.grid').dispatchEvent(new KeyboardEvent('keydown', {key, bubbles: true}));
+  setTimeout(() => { observer.disconnect(); resolve(drawn - begin); }, 500);
 })
 """
 
