@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
 import { setKeys, valueAt, type Toml } from "./settings";
-import { request, screen, state, type Axis } from "./store";
+import { request, screen, settled, state, type Axis } from "./store";
 
 export interface Change { name: string; kind: string; unit: string; description: string; largest: number; mean: number; relative: number; atBound: number; axes: Axis[]; first: number[]; second: number[]; biggest: number[]; bound: number[] }
 export interface ComparedScore { use: string; unit: string; criterion: string; first: number | null; second: number | null; largest: number | null }
@@ -31,7 +31,7 @@ const load = newest(async (_: string) => {
 });
 
 effect(() => {
-  const { revision, project, runs } = state.value;
+  const { revision, project, runs } = settled.value;
   if (screen.value !== "results" || project === null) return;
   load(`${revision} ${runs.length} ${first.value} ${second.value}`);
 });

@@ -2,7 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { request, screen, state } from "./store";
+import { request, revision, screen, settled } from "./store";
 
 export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string }
 export interface Line { signal: SignalName; label: string; colour: string }
@@ -17,7 +17,7 @@ export const cursor = signal<number | null>(null);
 export const extra = signal<SignalName[]>([]); // strips that the user has added
 export const width = signal(800);
 
-export const dataset = computed(() => state.value.datasets[Math.min(datasetNumber.value, state.value.datasets.length - 1)]);
+export const dataset = computed(() => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)]);
 
 export const visible = computed<Stretch>(() => {
   const own = dataset.value;
@@ -28,8 +28,8 @@ export const visible = computed<Stretch>(() => {
 export const rows = computed<Row[]>(() => {
   const own = dataset.value;
   if (own === undefined) return [];
-  const unitOf = (name: string) => own.channels.find((c) => c.name === name)?.unit ?? state.value.nodes.find((n) => n.name === name)?.unit ?? "";
-  const criteria = state.value.criteria.flatMap<Row>((criterion, i) => [
+  const unitOf = (name: string) => own.channels.find((c) => c.name === name)?.unit ?? settled.value.nodes.find((n) => n.name === name)?.unit ?? "";
+  const criteria = settled.value.criteria.flatMap<Row>((criterion, i) => [
     {
       title: criterion.node, unit: criterion.unit, weight: 1.6,
       lines: [
@@ -40,7 +40,7 @@ export const rows = computed<Row[]>(() => {
     },
     { title: "Error", unit: criterion.unit, weight: 1, lines: [{ signal: { kind: "error", name: String(i) }, label: "now", colour: "error" }] },
   ]);
-  const channels = state.value.inputs.filter((name) => own.channels.some((c) => c.name === name));
+  const channels = settled.value.inputs.filter((name) => own.channels.some((c) => c.name === name));
   const others = [...channels.map<SignalName>((name) => ({ kind: "channel", name })), ...extra.value];
   return [...criteria, ...others.map<Row>((each) => ({
     title: each.name, unit: unitOf(each.name), weight: 1,
@@ -67,7 +67,7 @@ const loadOverview = newest(async (what: { signals: SignalName[]; part: Stretch;
 });
 
 effect(() => {
-  void state.value.revision;
+  void revision.value;
   if (screen.value !== "plots" || dataset.value === undefined) return;
   load({ signals: rows.value.flatMap((row) => row.lines.map((line) => line.signal)), part: visible.value, pixels: Math.max(50, Math.round(width.value)) });
 });
@@ -89,7 +89,7 @@ const loadScatter = newest(async (given: Record<string, unknown>) => {
 });
 
 effect(() => {
-  void state.value.revision;
+  void revision.value;
   if (screen.value === "plots" && dataset.value !== undefined) loadScatter({ dataset: datasetNumber.value, criterion: 0, both: both.value });
 });
 
@@ -105,7 +105,7 @@ const loadBrushed = newest(async (part: Stretch) => {
 });
 
 effect(() => {
-  void state.value.revision;
+  void revision.value;
   if (brush.value === null) brushed.value = null;
   else loadBrushed(brush.value);
 });

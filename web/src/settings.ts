@@ -16,8 +16,10 @@ const load = newest(async (_: number) => {
   if (reply !== null) settings.value = reply.head as unknown as Settings;
 });
 
+const textRevision = computed(() => state.value.textRevision);
+
 effect(() => {
-  if (state.value.project !== null) load(state.value.revision);
+  if (textRevision.value > 0) load(textRevision.value);
 });
 
 /** The value at a path, undefined if the project file has none. */

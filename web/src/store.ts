@@ -52,7 +52,8 @@ export interface Dataset {
 
 export interface AppState {
   project: { name: string; path: string } | null;
-  revision: number;
+  revision: number; // changes with what the model shows, not with the progress of a run
+  textRevision: number; // changes with the project file and the function
   unsaved: string[];
   undo: string;
   redo: string;
@@ -97,12 +98,19 @@ export const SCREENS = ["data", "function", "parameters", "optimization", "resul
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
-  project: null, revision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [],
+  project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [],
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
   nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false,
 };
 
 export const state = signal<AppState>(EMPTY);
+export const revision = computed(() => state.value.revision);
+
+/** The state as of the last change of the model: what reads this does not follow every step of a run. */
+export const settled = computed(() => {
+  void revision.value;
+  return state.peek();
+});
 export const connected = signal(false);
 export const screen = signal<Screen>("parameters");
 export const openName = signal("");
@@ -137,12 +145,12 @@ export async function request(question: string, given: Record<string, unknown> =
 /** Take over the state that the server pushed. */
 export function takeState(reply: Reply): void {
   const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
-  const changed = next.revision !== state.value.revision;
+  const before = revision.value;
   batch(() => {
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";
   });
-  if (changed && !dragging) void loadTable();
+  if (revision.value !== before && !dragging) void loadTable();
   setReady();
 }
 

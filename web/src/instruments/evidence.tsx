@@ -1,17 +1,17 @@
 // What a grid point rests on: its samples, their errors, where they look the table up, and when.
 
-import { effect, signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { batch, computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
-import { area, canvasIn, extent, line, widened, type Pen } from "../drawing/canvas";
+import { area, extent, line, widened, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { count, plain, signed, significant } from "../drawing/numbers";
 import { brush, datasetNumber, stretch } from "../plots";
-import { endDrag, referenceName, request, screen, selection, setValues, state, table, theme, type Table } from "../store";
+import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, state, table, type Table } from "../store";
 import { cellAt } from "./map-table";
+import { Picture } from "./picture";
 
 interface Part { number: number; dataset: string; samples: number; count: number; stretches: [number, number][]; meanBefore: number | null; meanNow: number | null }
-interface Evidence { parts: Part[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
+interface Evidence { name: string; cell: number; parts: Part[]; most: number; x: Float32Array; y: Float32Array; weight: Float32Array }
 interface Strip { begin: number; x: Float32Array; measured: Float32Array; now: Float32Array }
 
 const evidence = signal<Evidence | null>(null);
@@ -22,37 +22,50 @@ const load = newest(async (given: { name: string; cell: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
   const { x, y, weight } = reply.arrays;
-  evidence.value = { parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x: x ?? new Float32Array(), y: y ?? new Float32Array(), weight: weight ?? new Float32Array() };
-  shownStretch.value = 0;
+  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x: x ?? new Float32Array(), y: y ?? new Float32Array(), weight: weight ?? new Float32Array() };
+  batch(() => {
+    if (next.name !== evidence.value?.name || next.cell !== evidence.value.cell) shownStretch.value = 0;
+    evidence.value = next;
+  });
 });
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
   const pause = Math.max((to - from) * 1.5, 4);
   const [begin, end] = [from - pause, to + pause];
-  const node = state.value.criteria[0]?.node ?? "";
+  const node = settled.value.criteria[0]?.node ?? "";
   const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: "0" }, { kind: "node", name: node }] });
   if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
 });
 
-effect(() => {
-  void state.value.revision;
+const name = computed(() => table.value?.name ?? "");
+const cell = computed(() => {
   const own = table.value;
-  if (screen.value !== "parameters" || own === null || own.axes.length === 0) return;
-  load({ name: own.name, cell: cellAt(own, ...selection.value.active) });
+  return own === null || own.axes.length === 0 ? -1 : cellAt(own, ...selection.value.active);
 });
 
 effect(() => {
-  const own = evidence.value;
-  const part = own?.parts.find((each) => each.number === own.most);
-  const ends = part?.stretches[shownStretch.value];
-  if (part === undefined || ends === undefined) strip.value = null;
-  else loadStrip([part.number, ...ends]);
+  void revision.value;
+  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value });
+});
+
+const shownPart = computed(() => evidence.value?.parts.find((each) => each.number === evidence.value!.most));
+
+/** Dataset, begin and end of the shown stretch; as text, so that an equal one counts as the same. */
+const place = computed(() => {
+  const ends = shownPart.value?.stretches[shownStretch.value];
+  return ends === undefined ? "" : [shownPart.value!.number, ...ends].join(" ");
+});
+
+effect(() => {
+  void revision.value;
+  if (place.value === "") strip.value = null;
+  else if (screen.value === "parameters") loadStrip(place.value.split(" ").map(Number) as [number, number, number]);
 });
 
 export function EvidencePane({ own }: { own: Table }) {
   const cell = cellAt(own, ...selection.value.active);
   const data = evidence.value;
-  const part = data?.parts.find((each) => each.number === data.most);
+  const part = shownPart.value;
   const total = data?.parts.reduce((sum, each) => sum + each.samples, 0) ?? 0;
   const deviation = own.deviation?.[cell];
   const how = own.locked.includes(cell) ? "locked" : own.values[cell] !== own.reference[cell] && !state.value.runs.length ? "by hand" : own.samples?.[cell] === 0 ? "no data" : "data";
@@ -68,12 +81,12 @@ export function EvidencePane({ own }: { own: Table }) {
         <dt>their mean error</dt><dd>{part ? <>{signed(part.meanBefore ?? NaN)} → <b>{signed(part.meanNow ?? NaN)}</b></> : "–"}</dd>
       </dl>
       <div class="sub2"><b>In the {own.kind}</b><span class="key"><i class="dot" style={{ background: "var(--lit)" }} />its samples</span><span class="key"><i class="dot" style={{ background: "var(--before)" }} />others</span></div>
-      <Picture label="Samples around the grid point" draw={drawNear} />
+      <Picture label="Samples around the grid point" kind="near" draw={drawNear} of={[evidence.value, selection.value, own]} />
       <div class="sub2">
         <b>In {part?.dataset ?? "the data"}</b><span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
         <span class="right"><button class="btn bare small" aria-label="Previous stretch" disabled={shownStretch.value === 0} onClick={() => { shownStretch.value -= 1; }}>‹</button><button class="btn bare small" aria-label="Next stretch" disabled={!part || shownStretch.value + 1 >= part.stretches.length} onClick={() => { shownStretch.value += 1; }}>›</button></span>
       </div>
-      <Picture label="The stretch over time" draw={drawStretch} />
+      <Picture label="The stretch over time" kind="near" draw={drawStretch} of={[evidence.value, strip.value, place.value]} />
       <div class="acts">
         <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>Show in Plots</button>
         <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={() => { setValues([cell], [own.reference[cell]!], `${own.name}: set to the reference`); endDrag(); }}>Back to {referenceName.value}</button>
@@ -89,18 +102,6 @@ function showInPlots(part: Part): void {
   stretch.value = { begin: begin - pause, end: end + pause };
   brush.value = { begin, end };
   screen.value = "plots";
-}
-
-function Picture({ label, draw }: { label: string; draw: (pen: Pen, width: number, height: number) => void }) {
-  const host = useRef<HTMLDivElement>(null);
-  const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
-    const { redraw: again, close } = canvasIn(host.current!, draw);
-    redraw.current = again;
-    return close;
-  }, []);
-  useEffect(() => redraw.current(), [evidence.value, strip.value, selection.value, theme.value]);
-  return <div class="canvas near" ref={host} aria-label={label} />;
 }
 
 function drawNear(pen: Pen, width: number, height: number): void {
@@ -136,12 +137,11 @@ function drawNear(pen: Pen, width: number, height: number): void {
 
 function drawStretch(pen: Pen, width: number, height: number): void {
   const data = strip.value;
-  const own = evidence.value;
-  const ends = own?.parts.find((each) => each.number === own.most)?.stretches[shownStretch.value];
+  const ends = shownPart.value?.stretches[shownStretch.value];
   if (data === null || ends === undefined || data.x.length === 0) return;
   const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
   const xs = Float64Array.from(data.x, (x) => x + data.begin);
-  const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), { title: state.value.datasets[own!.most]?.timed ? "time [s]" : "point" });
+  const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), { title: settled.value.datasets[shownPart.value!.number]?.timed ? "time [s]" : "point" });
   plot.clip(() => {
     pen.fillStyle = token("lit");
     pen.globalAlpha = 0.14;

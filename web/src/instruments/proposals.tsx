@@ -4,7 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { newest } from "../connection";
 import { Icon } from "../icons";
 import { setKeys, type Change } from "../settings";
-import { request, state } from "../store";
+import { request, settled } from "../store";
 
 interface Proposal { title: string; changes: Change[] }
 const proposals = signal<Proposal[]>([]);
@@ -15,7 +15,8 @@ const load = newest(async (_: number) => {
 });
 
 effect(() => {
-  if (state.value.project !== null && state.value.findings.length > 0) load(state.value.revision);
+  const { project, findings, revision } = settled.value;
+  if (project !== null && findings.length > 0) load(revision);
   else proposals.value = [];
 });
 

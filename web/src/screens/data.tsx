@@ -8,7 +8,7 @@ import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { setKeys, valueAt, type Change } from "../settings";
-import { failure, message, screen, state, request } from "../store";
+import { failure, message, request, screen, settled, state } from "../store";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
 interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; channels: Channel[] }
@@ -28,7 +28,7 @@ const load = newest(async (_: number) => {
 });
 
 effect(() => {
-  const { revision, project } = state.value;
+  const { revision, project } = settled.value;
   if (screen.value === "data" && project !== null) load(revision);
 });
 

@@ -10,7 +10,7 @@ import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { cursor, datasetNumber } from "../plots";
 import { settings } from "../settings";
-import { open, request, screen, state } from "../store";
+import { open, request, screen, settled, state } from "../store";
 
 interface NodeValue { name: string; now: number | null; start: number | null }
 const values = signal<NodeValue[]>([]);
@@ -25,8 +25,7 @@ const loadValues = newest(async (position: number) => {
 });
 
 effect(() => {
-  void state.value.revision;
-  const dataset = state.value.datasets[datasetNumber.value];
+  const dataset = settled.value.datasets[datasetNumber.value];
   if (screen.value === "function" && dataset !== undefined) loadValues(cursor.value ?? (dataset.begin + dataset.end) / 2);
 });
 

@@ -1,6 +1,6 @@
 // The optimization: what is fitted and how, the check before the run, and its progress.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
 import { area, line, ticks, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
@@ -9,7 +9,7 @@ import { ChoiceField, NumberField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Picture, drawCurves, drawGrid } from "../instruments/picture";
-import { open, request, screen, state } from "../store";
+import { open, request, screen, settled, state } from "../store";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
 interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
@@ -23,9 +23,11 @@ const load = newest(async (_: number) => {
   if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], lines: reply.arrays };
 });
 
+const iterations = computed(() => state.value.job.iterations);
+
 effect(() => {
-  const { job, revision, project } = state.value;
-  if (screen.value === "optimization" && project !== null) load(job.iterations + revision);
+  const { revision, project } = settled.value;
+  if (screen.value === "optimization" && project !== null) load(iterations.value + revision);
 });
 
 export function Optimization() {

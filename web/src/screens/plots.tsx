@@ -1,15 +1,16 @@
 // The plots: strips over time, calculated over measured, errors, and the grid points that a brushed stretch passes.
 
 import { computed, signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
-import { area, canvasIn, extent, widened, type Pen } from "../drawing/canvas";
+import { useEffect } from "preact/hooks";
+import { area, extent, widened, type Pen } from "../drawing/canvas";
 import { css, height as heightColour, token } from "../drawing/colours";
 import { count, fixed, significant, signed } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
+import { Picture } from "../instruments/picture";
 import { Overview, Strips } from "../instruments/strips";
 import { back, both, brush, brushed, cursor, dataset, datasetNumber, range, scatter, stretch, visible, zoom, type Stretch } from "../plots";
 import { setKeys, valueAt } from "../settings";
-import { openName, state, table, theme } from "../store";
+import { openName, state, table } from "../store";
 
 export const tool = signal<"zoom" | "range" | "brush">("zoom");
 
@@ -44,9 +45,9 @@ export function Plots() {
           <Strips />
           <BrushBar />
         </section>
-        <section class="pane sc"><div class="head"><h2>Calculated over measured</h2><span class="right q">{state.value.criteria[0]?.unit}</span></div><Picture label="Calculated over measured" draw={drawScatter} /></section>
-        <section class="pane hi"><div class="head"><h2>Errors</h2><span class="right"><span class="seg tight"><button aria-pressed={!both.value} onClick={() => { both.value = false; }}>now</button><button aria-pressed={both.value} onClick={() => { both.value = true; }}>start and now</button></span></span></div><Picture label="Histogram of the errors" draw={drawHistogram} /></section>
-        <section class="pane mp"><div class="head"><h2>{openName.value}</h2><span class="sub">points the stretch passes</span><span class="right q">{passedText.value}</span></div><Picture label="Grid points passed" draw={drawPassed} /></section>
+        <section class="pane sc"><div class="head"><h2>Calculated over measured</h2><span class="right q">{state.value.criteria[0]?.unit}</span></div><Picture label="Calculated over measured" kind="body" draw={drawScatter} of={[scatter.value]} /></section>
+        <section class="pane hi"><div class="head"><h2>Errors</h2><span class="right"><span class="seg tight"><button aria-pressed={!both.value} onClick={() => { both.value = false; }}>now</button><button aria-pressed={both.value} onClick={() => { both.value = true; }}>start and now</button></span></span></div><Picture label="Histogram of the errors" kind="body" draw={drawHistogram} of={[scatter.value, both.value]} /></section>
+        <section class="pane mp"><div class="head"><h2>{openName.value}</h2><span class="sub">points the stretch passes</span><span class="right q">{passedText.value}</span></div><Picture label="Grid points passed" kind="body" draw={drawPassed} of={[brushed.value, table.value]} /></section>
       </main>
       <Footer>
         <Key keys={["← →"]} text="move" /><Key keys={["R"]} text="range" /><Key keys={["B"]} text="brush" /><Key keys={["W"]} text="whole" /><Key keys={["Backspace"]} text="back" /><Key keys={["Esc"]} text="no selection" />
@@ -111,19 +112,6 @@ function key(event: KeyboardEvent): void {
   if (action === undefined) return;
   event.preventDefault();
   action();
-}
-
-/** A canvas that is drawn again when anything that it shows changes. */
-function Picture({ label, draw }: { label: string; draw: (pen: Pen, width: number, height: number) => void }) {
-  const host = useRef<HTMLDivElement>(null);
-  const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
-    const { redraw: again, close } = canvasIn(host.current!, draw);
-    redraw.current = again;
-    return close;
-  }, []);
-  useEffect(() => redraw.current(), [scatter.value, both.value, brushed.value, table.value, theme.value, cursor.value]);
-  return <div class="body canvas" ref={host} aria-label={label} />;
 }
 
 function drawScatter(pen: Pen, width: number, height: number): void {

@@ -7,7 +7,7 @@ import { MISSING, plain, signed, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Picture, drawCurves, drawGrid } from "../instruments/picture";
-import { open, request, screen, state, type Axis } from "../store";
+import { open, request, screen, settled, state, type Axis } from "../store";
 
 export function Results() {
   const own = shown.value;
@@ -171,7 +171,7 @@ const extras = signal({ report: true, script: false, whole: false });
 const exported = signal<{ files: string[]; findings: string[] }>({ files: [], findings: [] });
 
 effect(() => {
-  if (screen.value === "results" && state.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head as unknown as typeof formats.value; });
+  if (screen.value === "results" && settled.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head as unknown as typeof formats.value; });
 });
 
 function ExportPane() {

@@ -19,6 +19,7 @@ def overview(session: Session) -> dict[str, Any]:
     return {
         "project": {"name": project.name if project else session.path.parent.name, "path": str(session.path)},
         "revision": session.revision,
+        "textRevision": session.text_revision,
         "unsaved": session.history.titles_since(session.saved),
         "undo": session.history.undoable,
         "redo": session.history.redoable,

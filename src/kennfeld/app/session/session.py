@@ -1,5 +1,6 @@
 """An open project: its history, the model that follows every edit, and its runs."""
 
+import itertools
 import queue
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -32,6 +33,7 @@ from kennfeld.project import Project
 from kennfeld.project.document import ProjectDocument
 
 VALUES = "values.json"  # values that were edited or accepted, beside the project
+_REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
 
 
 def _text_or_none(path: Path) -> str | None:
@@ -143,7 +145,8 @@ class Session:
         self.stale = False  # the texts have errors since
         self._data = RecordedData()
         self.last: Evaluation | None = None  # before the last edit
-        self.revision = 0  # counts the changes of what is shown
+        self.revision = next(_REVISIONS)  # changes with the values and the texts
+        self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
         self.job = Job()
@@ -256,6 +259,7 @@ class Session:
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
         run = Run(len(self.runs) + 1, view.now.parameters, result)
         self.runs.append(run)
+        self.revision = next(_REVISIONS)
         names = [name for name in view.model.problem.free_names if name in result.parameters]
         self.do(SetTables(f"Run {run.number}", {name: result.parameters[name].values for name in names}))
 
@@ -330,7 +334,7 @@ class Session:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
         self.saved = self.state
-        self.revision += 1
+        self.revision = self.text_revision = next(_REVISIONS)
         self.recovery.remove()
 
     @property
@@ -390,7 +394,7 @@ class Session:
     def _assemble(self) -> None:
         """Read the project again and build its model."""
         self.last = None
-        self.revision += 1
+        self.revision = self.text_revision = next(_REVISIONS)
         try:
             project = Project.read(self.path, self._unsaved(), self._data)
             self.project, self.findings = project, tuple(project.check())
@@ -403,7 +407,7 @@ class Session:
 
     def _evaluate(self) -> None:
         """Evaluate the model at the present values."""
-        self.revision += 1
+        self.revision = next(_REVISIONS)
         if self.view is not None:
             began = time.perf_counter()
             self.last = self.view.now
