@@ -116,7 +116,7 @@ def _scores(session: Session, view: View) -> list[dict[str, Any]]:
             "samples": score.samples,
             "rmse": finite(score.rmse),
             "before": finite(view.start.scores[i].rmse),
-            "last": None if last is None else finite(last.scores[i].rmse),
+            "last": finite(last[i].rmse) if last else None,
             "mean": finite(score.mean),
             "largest": finite(score.largest),
         }

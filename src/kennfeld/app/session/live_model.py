@@ -110,10 +110,13 @@ class Evaluation:
     Attributes:
         parameters: the values.
         errors: model minus target by dataset, Float[criteria, samples]; NaN at samples that are not scored.
+        outputs: the nodes that the criteria score, by dataset, Float[criteria, samples].
+        uses: training or test, by dataset.
     """
 
     parameters: ParameterSet
     errors: tuple[Float, ...]
+    outputs: tuple[Float, ...]
     uses: tuple[str, ...]
 
     @cached_property
@@ -132,14 +135,20 @@ class Evaluation:
 
 def score(criterion: int, use: str, errors: Sequence[Float]) -> LiveScore:
     """Return the score of errors; NaN is not scored."""
-    known = [part[np.isfinite(part)] for part in errors]
+    known = [finite_values(part) for part in errors]
     count = sum(part.size for part in known)
     if not count:
         return LiveScore(criterion, use, 0, np.nan, np.nan, np.nan)
-    squares = sum(float(part @ part) for part in known)
+    squares = sum(float(np.einsum("i,i", part, part)) for part in known)  # without the threads of BLAS
     total = sum(float(part.sum()) for part in known)
     largest = max(float(np.abs(part).max(initial=0.0)) for part in known)
     return LiveScore(criterion, use, count, float(np.sqrt(squares / count)), total / count, largest)
+
+
+def finite_values(values: Float) -> Float:
+    """Return the finite values; without a copy if all are."""
+    known = np.isfinite(values)
+    return values if known.all() else values[known]
 
 
 class LiveModel:
@@ -155,18 +164,22 @@ class LiveModel:
         self.problem = problem
         self.recordings = [LiveDataset(problem, number) for number in range(len(problem.datasets))]
         self._differences = [difference(number) for number in range(len(problem.criteria))]
+        self._outputs = [criterion.node for criterion in problem.criteria]
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
         self.unmoved = unmoved_tables(problem.graph)
         self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
     def evaluate(self, parameters: ParameterSet) -> Evaluation:
         """Simulate all datasets; compiled code is used again unless breakpoints have changed."""
-        simulator = self._simulator(tuple(self._differences), parameters)
-        errors = [
-            recording.as_shown(simulator.values(recording.bound, parameters) - recording.targets)
-            for recording in self.recordings
-        ]
-        return Evaluation(parameters, tuple(errors), tuple(recording.use for recording in self.recordings))
+        simulator, criteria = self._simulator((*self._differences, *self._outputs), parameters), len(self._differences)
+        errors, outputs = [], []
+        for recording in self.recordings:
+            values = simulator.values(recording.bound, parameters)
+            values[:criteria] -= recording.targets
+            values = recording.as_shown(values)
+            errors.append(values[:criteria])
+            outputs.append(values[criteria:])
+        return Evaluation(parameters, tuple(errors), tuple(outputs), tuple(each.use for each in self.recordings))
 
     def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:
         """Return named nodes of the function over the samples of a dataset, Float[names, samples]."""

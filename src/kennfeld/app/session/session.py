@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.live_model import Evaluation, LiveModel
+from kennfeld.app.session.live_model import LiveModel, LiveScore
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
@@ -144,7 +144,7 @@ class Session:
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self._data = RecordedData()
-        self.last: Evaluation | None = None  # before the last edit
+        self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
@@ -393,7 +393,7 @@ class Session:
 
     def _assemble(self) -> None:
         """Read the project again and build its model."""
-        self.last = None
+        self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         try:
             project = Project.read(self.path, self._unsaved(), self._data)
@@ -410,6 +410,6 @@ class Session:
         self.revision = next(_REVISIONS)
         if self.view is not None:
             began = time.perf_counter()
-            self.last = self.view.now
+            self.last = self.view.now.scores
             self.view.follow(self.state.values)
             self.seconds = time.perf_counter() - began

@@ -8,7 +8,6 @@ import numpy as np
 from kennfeld.app.session.envelope import PixelEnvelope
 from kennfeld.app.session.live_model import Evaluation, LiveDataset, LiveModel
 from kennfeld.arrays import Float
-from kennfeld.parameter_set import ParameterSet
 
 Kind = Literal["channel", "target", "node", "start", "error", "start error"]
 MAX_KEPT = 64  # envelopes of values that have not changed
@@ -61,9 +60,9 @@ class Signals:
             case "target":
                 return self._measured(recording, int(signal.name))
             case "node":
-                return self._node(recording, signal.name, self._now.parameters)
+                return self._node(recording, signal.name, self._now)
             case "start":
-                return self._node(recording, signal.name, self._start.parameters)
+                return self._node(recording, signal.name, self._start)
             case "error":
                 return _row(self._now, recording, signal)
             case "start error":
@@ -71,15 +70,19 @@ class Signals:
 
     def _measured(self, recording: LiveDataset, criterion: int) -> Float:
         """Return what a criterion compares its node with."""
-        node = self._model.problem.criteria[criterion].node
-        own = self._node(recording, node, self._start.parameters)
-        measured: Float = own - self._start.errors[recording.number][criterion]
+        measured: Float = (
+            self._start.outputs[recording.number][criterion] - self._start.errors[recording.number][criterion]
+        )
         return measured
 
-    def _node(self, recording: LiveDataset, name: str, parameters: ParameterSet) -> Float:
+    def _node(self, recording: LiveDataset, name: str, evaluation: Evaluation) -> Float:
         if name not in self._model.problem.graph.names:
             raise KeyError(name)
-        values: Float = self._model.nodes(recording, [name], parameters)[0]
+        scored = [criterion.node for criterion in self._model.problem.criteria]
+        if name in scored:
+            output: Float = evaluation.outputs[recording.number][scored.index(name)]
+            return output
+        values: Float = self._model.nodes(recording, [name], evaluation.parameters)[0]
         return values
 
 
