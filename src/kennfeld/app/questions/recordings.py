@@ -64,8 +64,18 @@ def proposals(session: Session, given: Given) -> Answer:
     if function is None:
         return Answer({"proposals": []})
     known = session.initial_names
-    found = propose(function, session.settings, known, channel_ranges(session))
-    return Answer({"proposals": [{"title": each.title, "changes": each.changes} for each in found]})
+    return Answer(
+        {
+            "proposals": [
+                {
+                    "title": each.title,
+                    "changes": each.changes,
+                    "choice": None if each.choice is None else vars(each.choice),
+                }
+                for each in propose(function, session.settings, known, channel_ranges(session))
+            ]
+        }
+    )
 
 
 def _file(folder: Path, path: str) -> dict[str, Any]:

@@ -23,16 +23,26 @@ class Range:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """What the user has to choose: a key, by path, and its options."""
+
+    path: tuple[str | int, ...]
+    options: Sequence[str]
+
+
+@dataclass(frozen=True)
 class Proposal:
     """Something that the project lacks.
 
     Attributes:
         title: what it is: `map MapX over Speed, Load`.
         changes: the keys that provide it, by path.
+        choice: a key that only the user knows.
     """
 
     title: str
     changes: Sequence[tuple[tuple[str | int, ...], Any]]
+    choice: Choice | None = None
 
 
 def read_function(text: str) -> Model | None:
@@ -109,13 +119,14 @@ def even_breakpoints(reach: Range, count: int) -> list[float]:
 
 
 def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str, Range]) -> Iterator[Proposal]:
-    """Yield the criterion that follows from names: a node named like a channel, or the only channel that is left."""
+    """Yield the criterion: the node that is named like a channel, or the last output with a channel to choose."""
     outputs = function.graph.outputs or tuple(function.graph.names)[-1:]
     used = {mapped.get(name, name) for name in function.graph.inputs}
-    left = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
-    for node in outputs:
-        target = node if node in channels else left[0] if len(left) == 1 else None
-        if target is not None:
-            entry = {"node": node, "target": {"channel": target}}
-            yield Proposal(f"{node} follows {target}", [(("criterion", 1), entry)])
-            return
+    unused = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
+    if not outputs or not unused:
+        return
+    node = next((name for name in outputs if name in unused), outputs[-1])
+    target = node if node in unused else unused[0] if len(unused) == 1 else ""
+    entry = {"node": node, "target": {"channel": target}}
+    choice = None if target else Choice(("criterion", 1, "target", "channel"), unused)
+    yield Proposal(f"{node} follows {target or 'the channel'}", [(("criterion", 1), entry)], choice)
