@@ -28,6 +28,7 @@ def test_tables_get_round_axes_that_cover_the_data() -> None:
     assert table["x"]["breakpoints"][-1] >= 3978.0
     assert all(point % 100 == 0 for point in table["x"]["breakpoints"])
     assert table["y"]["input"] == "Load"
+    assert table["smoothness"] > 0
 
 
 def test_what_the_project_has_is_not_proposed() -> None:

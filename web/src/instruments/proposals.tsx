@@ -34,7 +34,7 @@ export function Proposals() {
   const ready = all.filter(complete);
   return (
     <div class="proposals" id="proposals">
-      <div class="head mid"><h2>The function needs</h2><span class="sub">axes from the data, rounded</span><span class="right"><button class="btn small primary" id="add-all" disabled={!ready.length} onClick={() => add(ready)}>{ready.length < all.length ? `Add ${ready.length}` : "Add all"}</button></span></div>
+      <div class="head mid"><h2>The function needs</h2><span class="sub">axes from the data, rounded; slightly smooth</span><span class="right"><button class="btn small primary" id="add-all" disabled={!ready.length} onClick={() => add(ready)}>{ready.length < all.length ? `Add ${ready.length}` : "Add all"}</button></span></div>
       {all.map((each) => <div class="ck i"><Icon name="plus" /><span class="grow">{each.title}{each.choice && <> <ChoiceOf own={each} /></>}</span><button class="btn small" disabled={!complete(each)} onClick={() => add([each])}>Add</button></div>)}
     </div>
   );

@@ -10,6 +10,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.project.model import coordinates_of
 
+SMOOTHNESS = 0.1  # so that values beside the data follow their neighbours
 POINTS = {1: 10, 2: 10, 3: 6, 4: 4}  # along each axis, by number of axes
 DIRECTIONS = ("x", "y", "z", "w")
 
@@ -96,7 +97,7 @@ def _table(
         else:
             axis["breakpoints"] = even_breakpoints(reach, POINTS[count])
         table[direction] = axis
-    table["initial"] = 1.0
+    table |= {"initial": 1.0, "smoothness": SMOOTHNESS}
     over = f" over {', '.join(inputs)}" if inputs else ""
     return Proposal(f"{kind} {name}{over}", [(("parameters", name), table)])
 
