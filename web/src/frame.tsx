@@ -5,11 +5,11 @@ import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
 import { valueAt } from "./settings";
-import { connected, failure, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
+import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
 
 export function Header() {
   const { project, unsaved, undo, redo, job, runs } = state.value;
-  const running = job.state === "running" || job.state === "stopping";
+  const running = isRunning(job);
   return (
     <header>
       <div class="brand"><Logo />Kennfeld</div>
@@ -48,7 +48,7 @@ export function Header() {
 }
 
 function jobText(job: typeof state.value.job, runs: number): string {
-  if (job.state === "running" || job.state === "stopping") return `${job.message} · ${job.seconds.toFixed(1)} s`;
+  if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
 }
 

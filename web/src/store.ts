@@ -142,10 +142,13 @@ export async function request(question: string, given: Record<string, unknown> =
   }
 }
 
+export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
+
 /** Take over the state that the server pushed. */
 export function takeState(reply: Reply): void {
   const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
   const before = revision.value;
+  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";

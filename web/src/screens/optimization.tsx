@@ -9,7 +9,7 @@ import { ChoiceField, NumberField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Picture, drawCurves, drawGrid } from "../instruments/picture";
-import { open, request, screen, settled, state } from "../store";
+import { isRunning, open, request, screen, settled, state } from "../store";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
 interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
@@ -32,7 +32,7 @@ effect(() => {
 
 export function Optimization() {
   const { job } = state.value;
-  const running = job.state === "running" || job.state === "stopping";
+  const running = isRunning(job);
   return (
     <>
       <main class="optimization">
