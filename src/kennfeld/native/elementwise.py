@@ -1,14 +1,11 @@
 """LLVM IR of the elementwise operations; agrees with `graph.operations` bit for bit if IEEE 754 defines the result.
 
-Elementary functions are those of the C library, called by address: LLVM translates a call of an address four times as
-fast as one of a name, which may be located anywhere.
+Elementary functions are those of the C library.
 """
 
-import ctypes
-import sys
 from collections.abc import Callable
-from functools import cache
 
+from kennfeld.native.external import c_pointer
 from kennfeld.native.ir import HALF, ONE, ZERO, FunctionWriter, literal
 
 ELEMENTARY = frozenset(
@@ -22,15 +19,6 @@ ELEMENTARY = frozenset(
 CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
 
 
-@cache
-def c_function(name: str) -> int:
-    """Return the address of a function of the C library."""
-    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
-    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-    assert address is not None
-    return address
-
-
 def _binary(instruction: str) -> Callable[..., str]:
     return lambda f, a, b: f.new(f"{instruction} contract double {a}, {b}")
 
@@ -42,7 +30,7 @@ def _intrinsic(name: str) -> Callable[..., str]:
 def _elementary(name: str) -> Callable[..., str]:
     def emit(f: FunctionWriter, *arguments: str) -> str:
         operands = ", ".join(f"double {argument}" for argument in arguments)
-        return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({operands}) nounwind memory(none)")
+        return f.new(f"call double {c_pointer(f, name)}({operands}) nounwind memory(none)")
 
     return emit
 

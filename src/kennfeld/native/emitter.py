@@ -299,7 +299,7 @@ class StepEmitter:
         for d, a in enumerate(args):
             f.store(self.value(a), x, d)
         values = f.at("%values", self.layout.offsets[ref.name])
-        f.do(f"call void {function}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
+        f.do(f"call void {function.pointer(f)}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
 
     def _table(self, table: TableRef, args: Sequence[int], slope: int | None) -> str:
         f = self.f

@@ -71,7 +71,7 @@ def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> 
     after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
     before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
     with f.unless(after, before):
-        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+        f.do(f"call void {SEARCH.pointer(f)}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
     cell = f.load(hint, kind="i64")
     left = f.load(points, cell)
     right = f.load(points, f.add(cell, 1))
@@ -116,7 +116,7 @@ def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str
     weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)
     numbers = f"ptr {points}, i64 {count}, double {x}, double {width}, i1 {'true' if linear else 'false'}"
-    f.do(f"call void {SMOOTH}({numbers}, ptr {weight}, ptr {slope}, ptr {bounds})")
+    f.do(f"call void {SMOOTH.pointer(f)}({numbers}, ptr {weight}, ptr {slope}, ptr {bounds})")
     return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
 
 
