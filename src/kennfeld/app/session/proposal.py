@@ -25,7 +25,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the user has to choose: a key, by path, and its options."""
+    """A key, by path, whose value the user chooses among options."""
 
     path: tuple[str | int, ...]
     options: Sequence[str]
