@@ -10,9 +10,8 @@ from functools import partial
 from itertools import accumulate, count
 
 from kennfeld.graph.adjoints import AdjointProgram
-from kennfeld.native.elementwise import c_function
-from kennfeld.native.engine import shared_function
-from kennfeld.native.ir import ZERO, FunctionWriter, Vector, integer_table
+from kennfeld.machine_code.engine import c_function, shared_function
+from kennfeld.machine_code.ir import ZERO, FunctionWriter, Vector, integer_table
 
 PARAMETERS = (
     ("i64", "rows"),

@@ -4,12 +4,10 @@ Elementary functions are those of the C library, called by address: LLVM transla
 fast as one of a name, which may be located anywhere.
 """
 
-import ctypes
-import sys
 from collections.abc import Callable
-from functools import cache
 
-from kennfeld.native.ir import HALF, ONE, ZERO, FunctionWriter, literal
+from kennfeld.machine_code.engine import c_function
+from kennfeld.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
 
 ELEMENTARY = frozenset(
     {
@@ -20,15 +18,6 @@ ELEMENTARY = frozenset(
 
 # Comparisons give an i1; all are false for NaN except `ne`.
 CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
-
-
-@cache
-def c_function(name: str) -> int:
-    """Return the address of a function of the C library."""
-    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
-    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-    assert address is not None
-    return address
 
 
 def _binary(instruction: str) -> Callable[..., str]:

@@ -1,6 +1,7 @@
 """Compilation of LLVM IR to callable machine code in memory."""
 
 import ctypes
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -8,8 +9,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-from kennfeld.native.elementwise import c_function
-from kennfeld.native.ir import FunctionWriter
+from kennfeld.machine_code.ir import FunctionWriter
 
 NativeFunction = Callable[..., None]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
@@ -102,6 +102,15 @@ class SharedFunction:
 def shared_function(write: Callable[..., FunctionWriter], *arguments: object) -> SharedFunction:
     """Return the function that `write(*arguments)` writes, the same for equal arguments."""
     return SharedFunction(partial(write, *arguments))
+
+
+@cache
+def c_function(name: str) -> int:
+    """Return the address of a function of the C library."""
+    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+    assert address is not None
+    return address
 
 
 @cache
