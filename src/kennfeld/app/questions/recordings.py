@@ -64,8 +64,8 @@ def proposals(session: Session, given: Given) -> Answer:
     if function is None:
         return Answer({"proposals": []})
     known = session.initial_names
-    found = propose(function, session.settings, known, channel_ranges(session))
-    return Answer({"proposals": [{"title": each.title, "changes": each.changes} for each in found]})
+    entries = propose(function, session.settings, known, channel_ranges(session))
+    return Answer({"proposals": [{"title": entry.title, "changes": entry.changes} for entry in entries]})
 
 
 def _file(folder: Path, path: str) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.project.model import coordinates_of
+from kennfeld.project.value_forms import DIRECTIONS
 
 POINTS = {1: 10, 2: 10, 3: 6, 4: 4}  # along each axis, by number of axes
-DIRECTIONS = ("x", "y", "z", "w")
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,12 @@ def even_breakpoints(reach: Range, count: int) -> list[float]:
 
 
 def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str, Range]) -> Iterator[Proposal]:
-    """Yield the criterion that follows from names: a node named like a channel, or the only channel that is left."""
+    """Yield the criterion that follows from names: a node named like a channel, or the only unused channel."""
     outputs = function.graph.outputs or tuple(function.graph.names)[-1:]
     used = {mapped.get(name, name) for name in function.graph.inputs}
-    left = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
+    unused = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
     for node in outputs:
-        target = node if node in channels else left[0] if len(left) == 1 else None
+        target = node if node in channels else unused[0] if len(unused) == 1 else None
         if target is not None:
             entry = {"node": node, "target": {"channel": target}}
             yield Proposal(f"{node} follows {target}", [(("criterion", 1), entry)])
