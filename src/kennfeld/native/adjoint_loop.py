@@ -10,9 +10,9 @@ from functools import partial
 from itertools import accumulate, count
 
 from kennfeld.graph.adjoints import AdjointProgram
-from kennfeld.native.engine import shared_function
-from kennfeld.native.external import c_pointer
-from kennfeld.native.ir import ZERO, FunctionWriter, Vector, integer_table
+from kennfeld.machine_code.engine import shared_function
+from kennfeld.machine_code.external import c_pointer
+from kennfeld.machine_code.ir import ZERO, FunctionWriter, Vector, integer_table
 
 PARAMETERS = (
     ("i64", "rows"),

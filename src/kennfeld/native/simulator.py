@@ -9,10 +9,10 @@ from kennfeld.errors import ArgumentError
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.value_layout import order_values
+from kennfeld.machine_code.engine import compile_functions
 from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.emitter import MemoryLayout
-from kennfeld.native.engine import compile_functions
 from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet

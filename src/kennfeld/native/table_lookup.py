@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.native.engine import SharedFunction
-from kennfeld.native.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
+from kennfeld.machine_code.engine import SharedFunction
+from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.

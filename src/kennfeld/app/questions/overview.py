@@ -139,7 +139,6 @@ def _scores(session: Session, view: View) -> list[dict[str, Any]]:
 
 def _parameter(session: Session, view: View, name: str) -> dict[str, Any]:
     table, initial = view.now.parameters[name], session.reference(name)
-    at_bound = (table.values <= table.lower) | (table.values >= table.upper)
     samples = view.samples.get(name)
     return {
         "name": name,
@@ -149,7 +148,7 @@ def _parameter(session: Session, view: View, name: str) -> dict[str, Any]:
         "shape": list(table.values.shape),
         "free": name in view.model.problem.free_names,
         "changed": int(np.count_nonzero(table.values != initial.values)),
-        "atBound": int(np.count_nonzero(at_bound & ~table.locked)),
+        "atBound": int(np.count_nonzero(table.at_bound)),
         "withoutData": 0 if samples is None else int(np.count_nonzero(samples == 0)),
         "thumbnail": thumbnail(table.values),
     }

@@ -159,15 +159,15 @@ def corrections(error: float, slopes: Mapping[str, Float], parameters: Parameter
         slopes: derivative of the model by each value of a table, in the shape of its values.
         parameters: the values, with their bounds.
     """
-    found = []
+    changes = []
     for name, slope in slopes.items():
         total = float(slope.sum())
         if not total:
-            found.append(Correction(name, float("nan"), reachable=False))
+            changes.append(Correction(name, float("nan"), reachable=False))
             continue
         table, change = parameters[name], -error / total
         moved = table.values[slope != 0] + change
         inside = (moved >= table.lower[slope != 0]) & (moved <= table.upper[slope != 0])
         free = not table.locked[slope != 0].any()
-        found.append(Correction(name, change, reachable=bool(inside.all()) and free))
-    return found
+        changes.append(Correction(name, change, reachable=bool(inside.all()) and free))
+    return changes

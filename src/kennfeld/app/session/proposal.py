@@ -9,10 +9,10 @@ from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.project.model import coordinates_of
+from kennfeld.project.value_forms import DIRECTIONS
 
 SMOOTHNESS = 0.1  # so that values beside the data follow their neighbours
 POINTS = {1: 10, 2: 10, 3: 6, 4: 4}  # along each axis, by number of axes
-DIRECTIONS = ("x", "y", "z", "w")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.document import ProjectDocument
+
+_T = TypeVar("_T")  # Python 3.11
 
 VALUES = "values.json"  # values that were edited or accepted, beside the project
 _REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
@@ -185,26 +187,23 @@ class Session:
 
     def do(self, command: Command, drag: str = "") -> None:
         """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history."""
-        before = self.state
-        self.history.do(command, drag)
-        self._follow(before)
-        if not self.recoverable:
-            self.recovery.write(self.saved, self.state)
+        self._change(lambda: self.history.do(command, drag))
 
     def undo(self) -> str:
         """Take the last command back; return its title."""
-        return self._move(self.history.undo)
+        return self._change(self.history.undo)
 
     def redo(self) -> str:
         """Bring back what was undone; return its title."""
-        return self._move(self.history.redo)
+        return self._change(self.history.redo)
 
-    def _move(self, move: Callable[[], str]) -> str:
-        before, title = self.state, move()
+    def _change(self, change: Callable[[], _T]) -> _T:
+        """Change the history, recompute what depends on the state, and keep unsaved edits."""
+        before, outcome = self.state, change()
         self._follow(before)
         if not self.recoverable:
             self.recovery.write(self.saved, self.state)
-        return title
+        return outcome
 
     def run(self) -> None:
         """Start a calibration from the present values. Raises `ArgumentError` if one is running."""
@@ -348,9 +347,7 @@ class Session:
         folder = self.path.parent
         texts = {name: _text_or_none(folder / name) for name in self.saved.texts}
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
-        before = self.state
-        self.history.do(Restore("Read from disk", texts=texts))
-        self._follow(before)
+        self.do(Restore("Read from disk", texts=texts))
 
     @property
     def recovery(self) -> Recovery:

@@ -15,9 +15,9 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from kennfeld.native.code_cache import keep_code, key_of, read_code
-from kennfeld.native.external import address_of, c_function, external
-from kennfeld.native.ir import FunctionWriter
+from kennfeld.machine_code.code_cache import keep_code, key_of, read_code
+from kennfeld.machine_code.external import address_of, c_function, external
+from kennfeld.machine_code.ir import FunctionWriter
 
 NativeFunction = Callable[..., None]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 from functools import cache, partial
 
-from kennfeld.native.ir import FunctionWriter
+from kennfeld.machine_code.ir import FunctionWriter
 
 PREFIX = "kf."
 _ADDRESSES: dict[str, Callable[[], int]] = {}

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.native import code_cache, engine
-from kennfeld.native.code_cache import cache_folder, keep_code, key_of, read_code
+from kennfeld.machine_code import code_cache, engine
+from kennfeld.machine_code.code_cache import cache_folder, keep_code, key_of, read_code
 from kennfeld.native.simulator import Simulator
 from models import MODELS, case
 
@@ -114,7 +114,7 @@ def test_another_process_uses_kept_code(folder: Path) -> None:
         import sys
         sys.path[:] = {path!r}
         from test_code_cache import simulated
-        from kennfeld.native import engine
+        from kennfeld.machine_code import engine
         engine._WORTH = 0.0
         print(repr(sum(float(abs(nodes).sum()) for nodes in simulated())))
     """
