@@ -7,8 +7,8 @@ from concurrent.futures import Executor
 import pyarrow as pa
 from pyarrow import csv
 
-from kennfeld.measurement.cells import MISSING, TRUTH
 from kennfeld.measurement.arrow_numbers import numbers_of
+from kennfeld.measurement.cells import MISSING, TRUTH
 from kennfeld.measurement.csv_body import CsvBody, count_lines
 from kennfeld.measurement.csv_dialect import Dialect
 from kennfeld.measurement.encoding import GUESSED_ENCODINGS
