@@ -1,10 +1,12 @@
 // Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the cursor.
 
 import { useEffect, useRef } from "preact/hooks";
-import { area, canvasIn, decimals, extent, line, ticks, widened, type Area } from "../drawing/canvas";
+import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
+import { rules } from "../drawing/marks";
 import { MISSING, fixed, significant } from "../drawing/numbers";
-import { back, brush, cursor, dataset, drawn, overview, range, rows, visible, width, zoom, zoomAt, type Drawn, type Line, type Stretch } from "../plots";
+import { drawStrips, lastUpTo } from "../drawing/strips";
+import { back, brush, cursor, dataset, drawn, overview, range, rows, visible, width, zoom, zoomAt, type Drawn, type Line, type Row, type Stretch } from "../plots";
 import { theme } from "../store";
 import { tool } from "../screens/plots";
 
@@ -22,7 +24,7 @@ export function Strips() {
     const element = host.current!;
     const below = canvasIn(element, (pen, wide, high) => {
       width.value = wide - LEFT - RIGHT;
-      areas.current = drawStrips(pen, wide, high);
+      areas.current = draw(pen, wide, high);
       marks.current();
     });
     const above = canvasIn(element, (pen, _, high) => drawMarks(pen, areas.current, high));
@@ -63,48 +65,31 @@ function Value({ own }: { own: Line }) {
 function valueAt(data: Drawn | null, number: number, at: number | null): string {
   const values = data?.lines[number];
   if (data === null || values === undefined || at === null) return MISSING;
-  let [low, high] = [0, data.x.length - 1];
-  const wanted = at - data.begin;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (data.x[middle]! <= wanted) low = middle;
-    else high = middle - 1;
-  }
+  const low = lastUpTo(data.x, at - data.begin);
   const value = data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
   return significant(value);
 }
 
-function drawStrips(pen: CanvasRenderingContext2D, wide: number, high: number): Area[] {
+function draw(pen: Pen, wide: number, high: number): Area[] {
   const data = drawn.value;
-  const { begin, end } = visible.value;
-  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
-  const xTicks = ticks(begin, end, Math.max(2, (wide - LEFT - RIGHT) / 90));
-  let top = 0;
   let number = 0;
-  return rows.value.map((row, r) => {
-    const tall = ((high - AXIS) * row.weight) / total;
-    const box = { left: LEFT, right: wide - RIGHT, top: top + 5, bottom: top + tall - 5 };
-    top += tall;
-    const last = r === rows.value.length - 1;
+  const strips = rows.value.map((row) => {
     const own = row.lines.map(() => data?.lines[number++]).filter((values) => values !== undefined);
-    const plot = area(pen, box, [begin, end], widened(extent(...own), 0.06), { xTicks, unlabelled: !last, title: last ? (dataset.value?.timed ? "time [s]" : "point") : "" });
-    plot.clip(() => {
-      if (data === null) return;
-      const xs = Float64Array.from(data.x, (x) => plot.x(x + data.begin));
-      own.forEach((values, k) => line(pen, xs, Float64Array.from(values, plot.y), token(row.lines[k]!.colour), row.lines[k]!.colour === "measured" ? 1.25 : 1.1));
-      pen.strokeStyle = token("edge");
-      for (const piece of dataset.value?.pieces ?? []) {
-        pen.beginPath();
-        pen.moveTo(plot.x(piece), box.top);
-        pen.lineTo(plot.x(piece), box.bottom);
-        pen.stroke();
-      }
-    });
-    return plot;
+    return { weight: row.weight, range: widened(extent(...own), 0.06), draw: (plot: Area) => drawLines(pen, plot, row, own) };
   });
+  const { begin, end } = visible.value;
+  return drawStrips(pen, wide, high, [begin, end], strips, { left: LEFT, right: RIGHT, axis: AXIS, gap: 5, title: dataset.value?.timed ? "time [s]" : "point" });
 }
 
-function drawMarks(pen: CanvasRenderingContext2D, plots: Area[], high: number): void {
+function drawLines(pen: Pen, plot: Area, row: Row, traces: Float32Array[]): void {
+  const data = drawn.value;
+  if (data === null) return;
+  const xs = Float64Array.from(data.x, (x) => plot.x(x + data.begin));
+  traces.forEach((values, k) => line(pen, xs, Float64Array.from(values, plot.y), token(row.lines[k]!.colour), row.lines[k]!.colour === "measured" ? 1.25 : 1.1));
+  rules(pen, plot, "x", dataset.value?.pieces ?? [], token("edge"));
+}
+
+function drawMarks(pen: Pen, plots: Area[], high: number): void {
   const first = plots[0];
   if (first === undefined) return;
   for (const [part, colour] of [[brush.value, "lit"], [range.value, "accent"]] as const) {
