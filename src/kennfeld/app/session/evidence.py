@@ -78,6 +78,34 @@ class Evidence:
                     totals[lookup.table.name] += np.bincount(at[share > 0], minlength=totals[lookup.table.name].size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
+    def mean_errors(self, parameter: str, errors: Sequence[Float]) -> Float:
+        """Return the mean error of the training samples that inform each value of a table, weighted by their lookups.
+
+        Args:
+            parameter: name of the table.
+            errors: by dataset, Float[samples]; NaN is not scored.
+
+        Returns:
+            In the shape of the values, in the unit of the errors; NaN without a scored sample.
+        """
+        size = self._parameters[parameter].size
+        weighted, weight = np.zeros(size), np.zeros(size)
+        for recording in self._model.recordings:
+            if recording.use == "training":
+                index = self._index(recording, parameter)
+                own = errors[recording.number]
+                sums = index.sums(own if recording.bound.hold is None else np.repeat(own, recording.bound.hold.samples))
+                weighted, weight = weighted + sums[0], weight + sums[1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(weight > 1e-9, weighted / weight, np.nan)
+        return mean.reshape(self._parameters[parameter].values.shape)
+
+    def places(self, parameter: str, most: int) -> Float:
+        """Return where training samples look up a table, Float[axes, lookups], at most so many, evenly spread."""
+        training = [recording for recording in self._model.recordings if recording.use == "training"]
+        parts = [self._index(recording, parameter).places(most // max(len(training), 1)) for recording in training]
+        return np.concatenate(parts, axis=1) if parts else np.zeros((len(self._parameters[parameter].index_axes), 0))
+
     def informing(self, parameter: str, value: int) -> list[Informing]:
         """Return by dataset the samples that look up a value of a table, given by its number in C order."""
         informing = []

@@ -82,6 +82,10 @@ class LiveDataset:
         """Return a channel of the dataset over the samples."""
         return self._shown.channel(name)
 
+    def at_samples(self, values: Float) -> Float:
+        """Return values of all samples of the dataset, at those that are drawn."""
+        return values[self._shown.kept]
+
     def as_shown(self, values: Float) -> Float:
         """Return values of the simulated samples as they are drawn: one per point if points are held."""
         hold = self.bound.hold

@@ -1,5 +1,6 @@
 """Signals that can be drawn: channels, nodes of the function, and errors, over the samples of a dataset."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -7,10 +8,11 @@ import numpy as np
 
 from kennfeld.app.session.envelope import PixelEnvelope
 from kennfeld.app.session.live_model import Evaluation, LiveDataset, LiveModel
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.parameter_set import ParameterSet
 
 Kind = Literal["channel", "target", "node", "start", "error", "start error"]
+MOVING = ("node", "error")  # kinds that change with the values
 MAX_KEPT = 64  # envelopes of values that have not changed
 
 
@@ -28,36 +30,88 @@ class SignalName:
     name: str
 
 
-class Signals:
-    """The signals of a model at the start and at the present values, computed when they are first drawn."""
+@dataclass(frozen=True)
+class SignalRange:
+    """Values of a signal, with both ends."""
 
-    def __init__(self, model: LiveModel, start: Evaluation) -> None:
+    signal: SignalName
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class SampleSelection:
+    """Samples of a dataset: those between two positions at which every signal is within its range."""
+
+    ranges: tuple[SignalRange, ...] = ()
+    begin: float = -np.inf
+    end: float = np.inf
+
+    @property
+    def moving(self) -> bool:
+        """True if other samples are selected when the values change."""
+        return any(part.signal.kind in MOVING for part in self.ranges)
+
+
+ReadChannel = Callable[[LiveDataset, str], Float]
+
+
+class Signals:
+    """The signals of a model at the start and at the present values, computed when they are first drawn.
+
+    Args:
+        model: the model.
+        start: the errors at the initial values.
+        read_channel: reads a channel of the recordings that the calibration does not need; raises `KeyError` if there
+            is none.
+    """
+
+    def __init__(self, model: LiveModel, start: Evaluation, read_channel: ReadChannel | None = None) -> None:
         self._model, self._start, self._now = model, start, start
-        self._fixed: dict[tuple[int, SignalName], PixelEnvelope] = {}
-        self._moving: dict[tuple[int, SignalName], PixelEnvelope] = {}
+        self._read_channel = read_channel
+        self._fixed: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
+        self._moving: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
 
     def follow(self, now: Evaluation) -> None:
         """Use other present values."""
         self._now, self._moving = now, {}
 
-    def envelope(self, recording: LiveDataset, signal: SignalName) -> PixelEnvelope:
-        """Return a signal over the samples of a dataset.
+    def envelope(
+        self, recording: LiveDataset, signal: SignalName, only: SampleSelection | None = None
+    ) -> PixelEnvelope:
+        """Return a signal over the samples of a dataset; NaN at samples that `only` does not select.
 
         Raises:
             KeyError: there is no such channel, node or criterion.
         """
-        kept = self._moving if signal.kind in ("node", "error") else self._fixed
-        key = (recording.number, signal)
+        moving = signal.kind in MOVING or (only is not None and only.moving)
+        kept = self._moving if moving else self._fixed
+        key = (recording.number, signal, only)
         if key not in kept:
+            values = self._values(recording, signal)
+            if only is not None:
+                values = np.where(self.selected(recording, only), values, np.nan)
             if len(kept) >= MAX_KEPT:
                 kept.pop(next(iter(kept)))
-            kept[key] = PixelEnvelope(np.ascontiguousarray(self._values(recording, signal), dtype=np.float64))
+            kept[key] = PixelEnvelope(np.ascontiguousarray(values, dtype=np.float64))
         return kept[key]
+
+    def values(self, recording: LiveDataset, signal: SignalName) -> Float:
+        """Return a signal over the samples of a dataset, Float[samples]; raises as `envelope` does."""
+        return self.envelope(recording, signal).values
+
+    def selected(self, recording: LiveDataset, selection: SampleSelection) -> Bool:
+        """Return the selected samples of a dataset, Bool[samples]; NaN is in no range."""
+        chosen = (recording.position >= selection.begin) & (recording.position <= selection.end)
+        for part in selection.ranges:
+            values = self.values(recording, part.signal)
+            chosen &= (values >= part.least) & (values <= part.greatest)
+        return chosen
 
     def _values(self, recording: LiveDataset, signal: SignalName) -> Float:
         match signal.kind:
             case "channel":
-                return recording.channel(signal.name)
+                return self._channel(recording, signal.name)
             case "target":
                 return self._measured(recording, int(signal.name))
             case "node":
@@ -68,6 +122,11 @@ class Signals:
                 return _row(self._now, recording, signal)
             case "start error":
                 return _row(self._start, recording, signal)
+
+    def _channel(self, recording: LiveDataset, name: str) -> Float:
+        if name in recording.bound.dataset or self._read_channel is None:
+            return recording.channel(name)
+        return self._read_channel(recording, name)
 
     def _measured(self, recording: LiveDataset, criterion: int) -> Float:
         """Return what a criterion compares its node with."""

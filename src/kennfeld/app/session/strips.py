@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.signals import SignalName, Signals
+from kennfeld.app.session.signals import SampleSelection, SignalName, Signals
 from kennfeld.arrays import Float
 
 
@@ -28,7 +28,13 @@ class Strip:
 
 
 def strip(
-    signals: Signals, recording: LiveDataset, chosen: Sequence[SignalName], begin: float, end: float, pixels: int
+    signals: Signals,
+    recording: LiveDataset,
+    chosen: Sequence[SignalName],
+    begin: float,
+    end: float,
+    pixels: int,
+    only: SampleSelection | None = None,
 ) -> Strip:
     """Return signals between two positions.
 
@@ -39,11 +45,12 @@ def strip(
         begin: position at the left edge.
         end: position at the right edge.
         pixels: width of the plot.
+        only: the samples to draw; None for all.
     """
     position = recording.position
     first = max(int(np.searchsorted(position, begin)) - 1, 0)  # the line begins outside
     last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
-    envelopes = [signals.envelope(recording, signal) for signal in chosen]
+    envelopes = [signals.envelope(recording, signal, only) for signal in chosen]
     if last - first <= 2 * pixels:
         here = slice(first, last)
         return Strip(begin, True, position[here] - begin, tuple(envelope.values[here] for envelope in envelopes))
@@ -66,9 +73,13 @@ class Statistics:
 
 
 def statistics(signals: Signals, recording: LiveDataset, signal: SignalName, begin: float, end: float) -> Statistics:
-    """Return least, mean, greatest and root mean square of a signal between two positions."""
+    """Return statistics of a signal from one position up to another."""
     here = slice(*np.searchsorted(recording.position, [begin, end], side="left"))
-    values = signals.envelope(recording, signal).values[here]
+    return describe(signals.values(recording, signal)[here])
+
+
+def describe(values: Float) -> Statistics:
+    """Return least, mean, greatest and root mean square of the values that are numbers."""
     values = values[np.isfinite(values)]
     if not values.size:
         return Statistics(0, *[float("nan")] * 4)
