@@ -21,17 +21,21 @@ MAX_MATRIX_POINTS = 2500  # samples in each plot of a scatter matrix
 def strip_chart(session: Session, given: Given) -> Answer:
     """Return `signals` over a stretch of a `dataset`, from `begin` to `end`, as arrays `x`, `0`, `1`, ...
 
-    Samples that `only` does not select are gaps. `missing` gives the reason for each signal that the dataset lacks.
+    Samples that `only` does not select are gaps; `lit` is above 0 where `brush` selects one. `missing` gives the reason
+    for each signal that the dataset lacks.
     """
     view, recording = _dataset(session, given)
     pixels = max(1, min(int(given["pixels"]), MAX_PIXELS))
-    stretch, only = (float(given["begin"]), float(given["end"])), read_selection(given.get("only"))
+    stretch = float(given["begin"]), float(given["end"])
+    only, brush = (read_selection(given.get(key)) for key in ("only", "brush"))
     wanted = _signals(given)
     missing = _missing(view, recording, wanted)
     present = [number for number in range(len(wanted)) if number not in missing]
-    drawn = strip(view.signals, recording, [wanted[number] for number in present], *stretch, pixels, only)
+    drawn = strip(view.signals, recording, [wanted[number] for number in present], *stretch, pixels, only, brush)
     lines = {str(number): values for number, values in zip(present, drawn.lines, strict=True)}
-    return Answer({"begin": drawn.begin, "raw": drawn.raw, "missing": missing}, {"x": drawn.positions, **lines})
+    return Answer(
+        {"begin": drawn.begin, "raw": drawn.raw, "missing": missing}, {"x": drawn.positions, "lit": drawn.lit, **lines}
+    )
 
 
 def stretch_statistics(session: Session, given: Given) -> Answer:

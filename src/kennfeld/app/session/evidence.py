@@ -110,11 +110,14 @@ class Evidence:
         """Return by dataset the samples that look up a value of a table, given by its number in C order."""
         informing = []
         for recording in self._model.recordings:
-            index = self._index(recording, parameter)
-            weight = self._shown(recording, index.weights(value, recording.bound.count))
+            weight = self.informed(recording, parameter, value)
             samples = np.flatnonzero(weight > 0)
             informing.append(Informing(recording.number, samples, weight[samples]))
         return informing
+
+    def informed(self, recording: LiveDataset, parameter: str, value: int) -> Float:
+        """Return the weight that a value of a table has in each sample of a dataset, Float[samples]."""
+        return self._shown(recording, self._index(recording, parameter).weights(value, recording.bound.count))
 
     def surroundings(self, recording: LiveDataset, parameter: str, value: int, reach: int = 2) -> "Surroundings":
         """Return where samples of a dataset look up a table near one of its values.

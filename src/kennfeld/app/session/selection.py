@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.signals import SampleSelection, SignalName, SignalRange
+from kennfeld.app.session.signals import GridPoint, SampleSelection, SignalName, SignalRange
 from kennfeld.errors import ArgumentError, Location
 from kennfeld.models.formula import expression, spell_name
 from kennfeld.optimize.problem import Problem
@@ -17,14 +17,19 @@ DIGITS = 8  # of the numbers in a condition
 
 
 def read_selection(given: Mapping[str, Any] | None) -> SampleSelection | None:
-    """Return the selection that a page describes: `begin` and `end` of a stretch, or `ranges` of signals."""
+    """Return the selection that a page describes.
+
+    It has `begin` and `end` of a stretch, `ranges` of signals, or a grid `point`.
+    """
     if given is None:
         return None
     ranges = tuple(
         SignalRange(read_signal(each["signal"]), float(each["least"]), float(each["greatest"]))
         for each in given.get("ranges", ())
     )
-    return SampleSelection(ranges, float(given.get("begin", -np.inf)), float(given.get("end", np.inf)))
+    place = given.get("point")
+    point = None if place is None else GridPoint(str(place["parameter"]), int(place["value"]))
+    return SampleSelection(ranges, float(given.get("begin", -np.inf)), float(given.get("end", np.inf)), point)
 
 
 def read_signal(given: Mapping[str, Any]) -> SignalName:
@@ -38,6 +43,9 @@ def condition(selection: SampleSelection, recording: LiveDataset, problem: Probl
     Raises:
         ArgumentError: no condition says it; the message is the reason.
     """
+    if selection.point is not None:
+        message = "A condition reads recorded channels, not where a table is looked up"
+        raise ArgumentError(f"{message}; brush a scatter plot over the inputs of {selection.point.parameter} instead.")
     parts = []
     for part in selection.ranges:
         name = spell_name(_channel(part.signal, recording, problem))

@@ -18,9 +18,9 @@ from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob
-from kennfeld.app.session.signals import ReadChannel, Signals
+from kennfeld.app.session.signals import GridPoint, ReadChannel, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
@@ -103,13 +103,17 @@ class View:
     def __init__(self, model: LiveModel, read_channel: ReadChannel | None = None) -> None:
         self.model = model
         self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start, read_channel)
+        self.signals = Signals(model, self.start, read_channel, self._informed)
         self.samples: Mapping[str, Int] = self.evidence.sample_counts()
 
     @cached_property
     def evidence(self) -> Evidence:
         """The lookups at the present values."""
         return Evidence(self.model, self.now.parameters)
+
+    def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
+        """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
+        return self.evidence.informed(recording, point.parameter, point.value) > 0
 
     def follow(self, values: Mapping[str, Float]) -> None:
         """Evaluate the model with these values, and the initial ones of the other parameters."""

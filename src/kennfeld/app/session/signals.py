@@ -40,20 +40,33 @@ class SignalRange:
 
 
 @dataclass(frozen=True)
+class GridPoint:
+    """A value of a table, by its number in C order."""
+
+    parameter: str
+    value: int
+
+
+@dataclass(frozen=True)
 class SampleSelection:
-    """Samples of a dataset: those between two positions at which every signal is within its range."""
+    """Samples of a dataset: those between two positions at which every signal is within its range.
+
+    With `point`, only those whose lookup gives this value of a table a weight.
+    """
 
     ranges: tuple[SignalRange, ...] = ()
     begin: float = -np.inf
     end: float = np.inf
+    point: GridPoint | None = None
 
     @property
     def moving(self) -> bool:
-        """True if other samples are selected when the values change."""
-        return any(part.signal.kind in MOVING for part in self.ranges)
+        """True if other samples may be selected when the values change."""
+        return self.point is not None or any(part.signal.kind in MOVING for part in self.ranges)
 
 
 ReadChannel = Callable[[LiveDataset, str], Float]
+Informed = Callable[[LiveDataset, GridPoint], Bool]  # marks the samples that look a value up
 
 
 class Signals:
@@ -64,17 +77,25 @@ class Signals:
         start: the errors at the initial values.
         read_channel: reads a channel of the recordings that the calibration does not need; raises `KeyError` if there
             is none.
+        informed: marks the samples that inform a value of a table.
     """
 
-    def __init__(self, model: LiveModel, start: Evaluation, read_channel: ReadChannel | None = None) -> None:
+    def __init__(
+        self,
+        model: LiveModel,
+        start: Evaluation,
+        read_channel: ReadChannel | None = None,
+        informed: Informed | None = None,
+    ) -> None:
         self._model, self._start, self._now = model, start, start
-        self._read_channel = read_channel
+        self._read_channel, self._informed = read_channel, informed
+        self._lit: dict[tuple[int, SampleSelection], PixelEnvelope] = {}
         self._fixed: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
         self._moving: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
 
     def follow(self, now: Evaluation) -> None:
         """Use other present values."""
-        self._now, self._moving = now, {}
+        self._now, self._moving, self._lit = now, {}, {}
 
     def envelope(
         self, recording: LiveDataset, signal: SignalName, only: SampleSelection | None = None
@@ -106,7 +127,16 @@ class Signals:
         for part in selection.ranges:
             values = self.values(recording, part.signal)
             chosen &= (values >= part.least) & (values <= part.greatest)
+        if selection.point is not None and self._informed is not None:
+            chosen &= self._informed(recording, selection.point)
         return chosen
+
+    def lit(self, recording: LiveDataset, selection: SampleSelection) -> PixelEnvelope:
+        """Return 1 for the selected samples of a dataset, 0 for the others."""
+        key = recording.number, selection
+        if key not in self._lit:
+            self._lit = {key: PixelEnvelope(self.selected(recording, selection).astype(np.float64))}
+        return self._lit[key]
 
     def _values(self, recording: LiveDataset, signal: SignalName) -> Float:
         match signal.kind:

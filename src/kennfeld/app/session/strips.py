@@ -19,12 +19,14 @@ class Strip:
         raw: True if each point is a sample; otherwise points come in pairs, minimum and maximum of a pixel.
         positions: Float[points].
         lines: Float[points] for each signal.
+        lit: Float[points], above 0 where a sample is selected; empty without a selection.
     """
 
     begin: float
     raw: bool
     positions: Float
     lines: tuple[Float, ...]
+    lit: Float
 
 
 def strip(
@@ -35,6 +37,7 @@ def strip(
     end: float,
     pixels: int,
     only: SampleSelection | None = None,
+    lit: SampleSelection | None = None,
 ) -> Strip:
     """Return signals between two positions.
 
@@ -46,19 +49,25 @@ def strip(
         end: position at the right edge.
         pixels: width of the plot.
         only: the samples to draw; None for all.
+        lit: the samples to light up.
     """
     position = recording.position
     first = max(int(np.searchsorted(position, begin)) - 1, 0)  # the line begins outside
     last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
     envelopes = [signals.envelope(recording, signal, only) for signal in chosen]
+    lights = [] if lit is None else [signals.lit(recording, lit)]
     if last - first <= 2 * pixels:
         here = slice(first, last)
-        return Strip(begin, True, position[here] - begin, tuple(envelope.values[here] for envelope in envelopes))
-    edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
-    edges[-1] = last
-    middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
-    pairs = [envelope.extremes(edges) for envelope in envelopes]
-    return Strip(begin, False, np.repeat(middle, 2), tuple(np.ravel(pair, order="F") for pair in pairs))
+        lines = [envelope.values[here] for envelope in (*envelopes, *lights)]
+        drawn = position[here] - begin
+    else:
+        edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
+        edges[-1] = last
+        middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
+        pairs = [envelope.extremes(edges) for envelope in (*envelopes, *lights)]
+        drawn, lines = np.repeat(middle, 2), [np.ravel(pair, order="F") for pair in pairs]
+    own = lines[: len(envelopes)]
+    return Strip(begin, last - first <= 2 * pixels, drawn, tuple(own), lines[-1] if lights else np.zeros(0))
 
 
 @dataclass(frozen=True)
