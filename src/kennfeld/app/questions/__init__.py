@@ -3,7 +3,18 @@
 from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, settings, signals
+from kennfeld.app.questions import (
+    error_split,
+    evidence,
+    exports,
+    history,
+    parameters,
+    plots,
+    recordings,
+    runs,
+    settings,
+    signals,
+)
 from kennfeld.app.session.session import Session
 
 Question = Callable[[Session, Given], Answer]
@@ -20,7 +31,8 @@ QUESTIONS: dict[str, Question] = {
     "passed": evidence.passed,
     "conditions": evidence.conditions,
     "coverage": evidence.coverage,
-    "sample": evidence.sample,
+    "split": error_split.split,
+    "worst": error_split.worst,
     "progress": runs.progress,
     "compare": runs.compare,
     "trust": runs.trust,

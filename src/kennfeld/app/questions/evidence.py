@@ -113,22 +113,3 @@ def coverage(session: Session, given: Given) -> Answer:
     places = view.evidence.places(name, MAX_POINTS)
     arrays = {"now": means[0].ravel(), "start": means[1].ravel()}
     return Answer({}, arrays | dict(zip(("x", "y"), places, strict=False)))
-
-
-def sample(session: Session, given: Given) -> Answer:
-    """Return every node at the sample of a `dataset` at `position`, at the start and at the present values."""
-    view = session.require_view()
-    recording = view.model.recordings[int(given["dataset"])]
-    at = int(np.clip(np.searchsorted(recording.position, float(given["position"])), 0, recording.count - 1))
-    names = list(view.model.problem.model.graph.names)
-    now, before = (
-        view.model.nodes(recording, names, each.parameters)[:, at].tolist() for each in (view.now, view.start)
-    )
-    rows = zip(names, now, before, strict=True)
-    return Answer(
-        {
-            "sample": at,
-            "position": float(recording.position[at]),
-            "nodes": [{"name": name, "now": finite(a), "start": finite(b)} for name, a, b in rows],
-        }
-    )

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.questions.error_split import nearest
 from kennfeld.app.session.distributions import common_bins, drawn_samples, histogram
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.selection import read_selection, read_signal
@@ -56,7 +57,7 @@ def stretch_statistics(session: Session, given: Given) -> Answer:
 def cursor(session: Session, given: Given) -> Answer:
     """Return the sample of a `dataset` nearest to `position`, moved on by `step` samples, and `signals` at it."""
     view, recording = _dataset(session, given)
-    at = nearest_sample(recording, float(given["position"])) + int(given.get("step", 0))
+    at = nearest(recording, float(given["position"])) + int(given.get("step", 0))
     at = max(0, min(at, recording.count - 1))
     wanted = _signals(given)
     missing = _missing(view, recording, wanted)
@@ -65,13 +66,6 @@ def cursor(session: Session, given: Given) -> Answer:
         for number, signal in enumerate(wanted)
     ]
     return Answer({"sample": at, "position": float(recording.position[at]), "values": values})
-
-
-def nearest_sample(recording: LiveDataset, position: float) -> int:
-    """Return the number of the sample nearest to a position."""
-    after = int(np.clip(np.searchsorted(recording.position, position), 0, recording.count - 1))
-    before = max(after - 1, 0)
-    return min((before, after), key=lambda at: abs(float(recording.position[at]) - position))
 
 
 def scatter(session: Session, given: Given) -> Answer:
