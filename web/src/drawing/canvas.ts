@@ -94,6 +94,7 @@ export interface AreaOptions {
   yTicks?: number[];
   title?: string;
   unlabelled?: boolean; // no numbers below
+  unlabelledY?: boolean; // no numbers beside
 }
 
 /** Draw a plot area and return its scales. */
@@ -122,7 +123,7 @@ export function area(pen: Pen, box: Box, xRange: Range, yRange: Range, options: 
   pen.textBaseline = "middle";
   pen.textAlign = "right";
   const yDecimals = decimals(ys);
-  for (const value of ys) pen.fillText(fixed(value, yDecimals), box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, y(value))));
+  if (!options.unlabelledY) for (const value of ys) pen.fillText(fixed(value, yDecimals), box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, y(value))));
   pen.textBaseline = "top";
   pen.textAlign = "center";
   const xDecimals = decimals(xs);

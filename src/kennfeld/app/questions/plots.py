@@ -84,6 +84,7 @@ def scatter(session: Session, given: Given) -> Answer:
         {},
         {
             "sample": chosen,
+            "position": recording.position[chosen] - _begin(recording),
             "measured": measured[chosen],
             "now": measured[chosen] + errors[chosen],
             "start": measured[chosen] + before[chosen],
@@ -107,7 +108,7 @@ def points(session: Session, given: Given) -> Answer:
     errors = view.now.errors[recording.number][int(given.get("criterion", 0))]
     most = min(int(given.get("most", MAX_MATRIX_POINTS)), MAX_MATRIX_POINTS * 4)
     chosen = drawn_samples(errors, shown, lit, most)
-    begin = float(recording.position[0]) if recording.count else 0.0
+    begin = _begin(recording)
     wanted = _signals(given)
     missing = _missing(view, recording, wanted)
     lines = {
@@ -122,6 +123,10 @@ def points(session: Session, given: Given) -> Answer:
 def _dataset(session: Session, given: Given) -> tuple[View, LiveDataset]:
     view = session.require_view()
     return view, view.model.recordings[int(given["dataset"])]
+
+
+def _begin(recording: LiveDataset) -> float:
+    return float(recording.position[0]) if recording.count else 0.0
 
 
 def _mask(view: View, recording: LiveDataset, given: Given, key: str) -> Bool | None:
