@@ -49,7 +49,7 @@ class BoundDataset:
     @property
     def columns(self) -> dict[str, Float]:
         """All columns that the model reads, over the kept samples; the dataset's own arrays if all are kept."""
-        return {name: self._at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
+        return {name: self.at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
     def part(self, first: int, last: int) -> dict[str, Float]:
         """Return all columns that the model reads, over the kept samples from `first` to before `last`."""
@@ -74,9 +74,10 @@ class BoundDataset:
 
     def channel(self, name: str) -> Float:
         """Return a channel over the kept samples."""
-        return self._at_kept(self.dataset[name].values)
+        return self.at_kept(self.dataset[name].values)
 
-    def _at_kept(self, values: Float) -> Float:
+    def at_kept(self, values: Float) -> Float:
+        """Return values of all samples of the dataset, at the kept ones."""
         return values if self.picked is None else values[self.picked]
 
     @property

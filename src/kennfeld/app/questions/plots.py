@@ -1,6 +1,7 @@
 """Strip charts, scatter plots and histograms."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -138,6 +139,8 @@ def _mask(view: View, recording: LiveDataset, given: Given, key: str) -> Bool | 
 def _missing(view: View, recording: LiveDataset, wanted: Sequence[SignalName]) -> dict[int, str]:
     """Return why a dataset lacks some of the signals, by their number."""
     missing = {}
+    with suppress(KennfeldError):  # the reason is found again below
+        view.signals.prepare(recording, wanted)
     for number, signal in enumerate(wanted):
         try:
             view.signals.envelope(recording, signal)

@@ -85,7 +85,7 @@ class LiveDataset:
 
     def at_samples(self, values: Float) -> Float:
         """Return values of all samples of the dataset, at those that are drawn."""
-        return values[self._shown.kept]
+        return self._shown.at_kept(values)
 
     def last_simulated(self, sample: int) -> int:
         """Return the last simulated sample that a drawn sample stands for."""

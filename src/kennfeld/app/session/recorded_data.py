@@ -1,12 +1,15 @@
 """Recordings that are read again only if their files or settings have changed."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from kennfeld.app.session.memory import return_unused
 from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, InputError
+from kennfeld.errors import ArgumentError, InputError, KennfeldError
+from kennfeld.formatting import join_names
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings
@@ -21,7 +24,9 @@ class RecordedData:
         self._key: tuple[object, ...] = ()
         self._loaded = LoadedData()
         self._recipe: tuple[DataSettings, ChannelRequest, Calculated] | None = None
-        self._further: dict[int, dict[str, Channel]] = defaultdict(dict)  # by dataset, channels that only plots need
+        self._further: dict[int, dict[str, Channel | KennfeldError | None]] = defaultdict(
+            dict
+        )  # by dataset, what only plots need
 
     def __call__(self, settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
         """Return the datasets of a project, see `load_datasets`."""
@@ -31,24 +36,37 @@ class RecordedData:
             self._loaded = load_datasets(settings, request, calculated)
             self._key, self._recipe = key, (settings, request, calculated)
             self._further.clear()
+            return_unused()
         return self._loaded
 
-    def further_channel(self, number: int, dataset: Dataset, name: str) -> Channel:
-        """Return a channel of the recordings that the project does not use, prepared as the others are.
+    def further_channels(self, number: int, dataset: Dataset, names: Collection[str]) -> Mapping[str, Channel]:
+        """Return channels of the recordings that the project does not use, prepared as the others are.
 
         Args:
             number: of the dataset, counted from 0.
             dataset: as it was loaded.
-            name: of the channel.
+            names: of the channels; those that the recordings lack are not returned.
 
         Raises:
-            KeyError: the recordings have no such channel.
-            ArgumentError: it cannot be read over the samples of the dataset.
+            KennfeldError: one of them cannot be read, or has other samples than the dataset.
         """
         kept = self._further[number]
-        if name not in kept:
-            kept |= self._read_further(number, dataset, [*kept, name])
-        return kept[name]
+        unknown = [name for name in dict.fromkeys(names) if name not in kept]
+        try:
+            if unknown:
+                read = self._read_further(number, dataset, unknown)
+                kept |= {name: read.get(name) for name in unknown}
+                return_unused()
+        except KennfeldError as error:
+            if len(unknown) == 1:
+                kept[unknown[0]] = error
+            for name in unknown if len(unknown) > 1 else ():  # one of them must not keep the others from being read
+                with suppress(KennfeldError):
+                    self.further_channels(number, dataset, [name])
+        for name in names:
+            if isinstance(reason := kept[name], KennfeldError):
+                raise reason
+        return {name: channel for name in names if isinstance(channel := kept[name], Channel)}
 
     def _read_further(self, number: int, dataset: Dataset, names: list[str]) -> dict[str, Channel]:
         assert self._recipe is not None
@@ -61,7 +79,7 @@ class RecordedData:
         if read is None or reader.failed:
             raise InputError(reader.findings)
         if read.samples != dataset.samples:
-            message = f"{names[-1]} has other samples than the channels of {dataset.name}"
+            message = f"{join_names(names)} have other samples than the channels of {dataset.name}"
             raise ArgumentError(f"{message}: set raster in the settings of the dataset to resample all of them")
         return {name: read[name] for name in names if name in read}
 

@@ -18,7 +18,7 @@ from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob
-from kennfeld.app.session.signals import GridPoint, ReadChannel, Signals
+from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
@@ -100,10 +100,10 @@ class View:
         samples: number of training samples at each grid point, by table.
     """
 
-    def __init__(self, model: LiveModel, read_channel: ReadChannel | None = None) -> None:
+    def __init__(self, model: LiveModel, read_channels: ReadChannels | None = None) -> None:
         self.model = model
         self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start, read_channel, self._informed)
+        self.signals = Signals(model, self.start, read_channels, self._informed)
         self.samples: Mapping[str, Int] = self.evidence.sample_counts()
 
     @cached_property
@@ -402,16 +402,17 @@ class Session:
         try:
             project = Project.read(self.path, self._unsaved(), self._data)
             self.project, self.findings = project, tuple(project.check())
-            self.view, self.stale = View(LiveModel(project.problem()), self._read_channel), False
+            self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             self.findings, self.stale = error.findings, True
             return
         if self.state.values:
             self._evaluate()
 
-    def _read_channel(self, recording: LiveDataset, name: str) -> Float:
-        """Return a channel that only plots need, over the samples of a dataset."""
-        return recording.at_samples(self._data.further_channel(recording.number, recording.bound.dataset, name).values)
+    def _read_channels(self, recording: LiveDataset, names: Collection[str]) -> dict[str, Float]:
+        """Return the channels that the recordings have of these, which only plots need, over the drawn samples."""
+        channels = self._data.further_channels(recording.number, recording.bound.dataset, names)
+        return {name: recording.at_samples(channel.values) for name, channel in channels.items()}
 
     def _evaluate(self) -> None:
         """Evaluate the model at the present values."""

@@ -1,6 +1,6 @@
 """Signals that can be drawn: channels, nodes of the function, and errors, over the samples of a dataset."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -65,7 +65,7 @@ class SampleSelection:
         return self.point is not None or any(part.signal.kind in MOVING for part in self.ranges)
 
 
-ReadChannel = Callable[[LiveDataset, str], Float]
+ReadChannels = Callable[[LiveDataset, Collection[str]], Mapping[str, Float]]
 Informed = Callable[[LiveDataset, GridPoint], Bool]  # marks the samples that look a value up
 
 
@@ -75,8 +75,7 @@ class Signals:
     Args:
         model: the model.
         start: the errors at the initial values.
-        read_channel: reads a channel of the recordings that the calibration does not need; raises `KeyError` if there
-            is none.
+        read_channels: reads channels that the calibration does not need; leaves out those that the recordings lack.
         informed: marks the samples that inform a value of a table.
     """
 
@@ -84,11 +83,11 @@ class Signals:
         self,
         model: LiveModel,
         start: Evaluation,
-        read_channel: ReadChannel | None = None,
+        read_channels: ReadChannels | None = None,
         informed: Informed | None = None,
     ) -> None:
         self._model, self._start, self._now = model, start, start
-        self._read_channel, self._informed = read_channel, informed
+        self._read_channels, self._informed = read_channels, informed
         self._lit: dict[tuple[int, SampleSelection], PixelEnvelope] = {}
         self._fixed: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
         self._moving: dict[tuple[int, SignalName, SampleSelection | None], PixelEnvelope] = {}
@@ -116,6 +115,13 @@ class Signals:
                 kept.pop(next(iter(kept)))
             kept[key] = PixelEnvelope(np.ascontiguousarray(values, dtype=np.float64))
         return kept[key]
+
+    def prepare(self, recording: LiveDataset, chosen: Iterable[SignalName]) -> None:
+        """Read what the calibration does not need of these signals, all of it at once."""
+        names = [signal.name for signal in chosen if signal.kind == "channel"]
+        further = [name for name in names if name not in recording.bound.dataset]
+        if further and self._read_channels is not None:
+            self._read_channels(recording, further)
 
     def values(self, recording: LiveDataset, signal: SignalName) -> Float:
         """Return a signal over the samples of a dataset, Float[samples]; raises as `envelope` does."""
@@ -154,9 +160,9 @@ class Signals:
                 return _row(self._start, recording, signal)
 
     def _channel(self, recording: LiveDataset, name: str) -> Float:
-        if name in recording.bound.dataset or self._read_channel is None:
+        if name in recording.bound.dataset or self._read_channels is None:
             return recording.channel(name)
-        return self._read_channel(recording, name)
+        return self._read_channels(recording, [name])[name]
 
     def _measured(self, recording: LiveDataset, criterion: int) -> Float:
         """Return what a criterion compares its node with."""
