@@ -86,10 +86,9 @@ def test_the_mean_error_at_a_grid_point_is_that_of_its_samples(exhaust: Path) ->
     part = view.evidence.informing("MapSettled", value)[0]
     own, scored = errors[part.samples], np.isfinite(errors[part.samples])
     expected = np.average(own[scored], weights=part.weights[scored])
-    assert answer.arrays["now"][value] == pytest.approx(expected, rel=1e-4)
-    assert answer.arrays["start"][value] == pytest.approx(expected, rel=1e-4)  # no value has been edited
+    assert answer.arrays["error"][value] == pytest.approx(expected, rel=1e-4)
     without = view.samples["MapSettled"].ravel() == 0
-    assert np.isnan(answer.arrays["now"][without]).all()
+    assert np.isnan(answer.arrays["error"][without]).all()
 
 
 def test_data_points_of_a_table_are_where_samples_look_it_up(exhaust: Path) -> None:

@@ -101,15 +101,14 @@ def _where(session: Session, number: int) -> str:
 
 
 def coverage(session: Session, given: Given) -> Answer:
-    """Return the evidence for all values of the parameter `name` at once.
+    """Return the evidence for all values of the parameter `name` at once; only training data count.
 
-    Arrays: `now` and `start`, the mean errors of a `criterion` over the samples that inform each value; `x` and `y`,
-    where samples look the table up. Only training data count.
+    Arrays: `error`, the mean error of a `criterion` over the samples that inform each value; `x` and `y`, where samples
+    look the table up.
     """
     view, name, criterion = session.require_view(), given["name"], int(given.get("criterion", 0))
     if name not in view.evidence.tables:
         return Answer()
-    means = [view.evidence.mean_errors(name, [e[criterion] for e in each.errors]) for each in (view.now, view.start)]
+    mean = view.evidence.mean_errors(name, [errors[criterion] for errors in view.now.errors])
     places = view.evidence.places(name, MAX_POINTS)
-    arrays = {"now": means[0].ravel(), "start": means[1].ravel()}
-    return Answer({}, arrays | dict(zip(("x", "y"), places, strict=False)))
+    return Answer({}, {"error": mean.ravel(), **dict(zip(("x", "y"), places, strict=False))})
