@@ -2,7 +2,7 @@
 
 import { batch, computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { brush, criterionNumber, cursor, dataset, datasetNumber, follow, isStretch, keyOf, only, range, visible, width, type Brush, type SignalName, type Stretch } from "./plots";
+import { brush, criterionNumber, cursor, dataset, datasetNumber, follow, hover, isStretch, keyOf, only, range, visible, width, type Brush, type SignalName, type Stretch } from "./plots";
 import { matrixSignals, rows } from "./strip-rows";
 import { request, revision, screen, settled } from "./store";
 
@@ -96,6 +96,7 @@ effect(() => {
 /** Move the cursor by samples, from the middle of the strips if it is nowhere. */
 export function stepCursor(by: number): void {
   steps += by;
+  hover.value = null; // the values of the cursor are looked at now
   if (cursor.value === null) cursor.value = (visible.value.begin + visible.value.end) / 2;
   else loadSample(null);
 }

@@ -160,7 +160,7 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null) table.value = reply.head.table as Table;
+  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value)) table.value = reply.head.table as Table;
 }
 
 export function open(name: string): void {

@@ -1,6 +1,7 @@
 // The strips: which signals each shows, in which order and height. The choice is kept in this browser, by project.
 
 import { computed, effect, signal } from "@preact/signals";
+import { withUnit } from "./drawing/numbers";
 import { criterionNumber, dataset, datasetNumber, keyOf, type SignalName } from "./plots";
 import { request, screen, settled, state } from "./store";
 
@@ -101,7 +102,7 @@ export function unitOf(own: SignalName): string {
 }
 
 /** A signal with its unit. */
-export const titleOf = (own: SignalName): string => { const unit = unitOf(own); return unit && unit !== "-" ? `${nameOf(own)} [${unit}]` : nameOf(own); };
+export const titleOf = (own: SignalName): string => withUnit(nameOf(own), unitOf(own));
 
 function change(next: Spec[] | null): void {
   chosen.value = next;

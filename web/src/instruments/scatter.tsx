@@ -3,6 +3,7 @@
 import { useEffect, useRef } from "preact/hooks";
 import { area, canvasIn, extent, line, widened, type Area, type Pen, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
+import { ring } from "../drawing/marks";
 import { brush, cursor, keyOf, part, type Brush, type SignalName, type SignalRange } from "../plots";
 import { sample } from "../plot-data";
 import { theme } from "../store";
@@ -137,10 +138,6 @@ export function drawCursor(pen: Pen, plot: Area, [x, y]: readonly [SignalName, S
   const [px, py] = [plot.x(own?.values.get(keyOf(x)) ?? NaN), plot.y(own?.values.get(keyOf(y)) ?? NaN)];
   if (cursor.value === null || !Number.isFinite(px + py)) return;
   for (const [radius, colour, thick] of [[5, "paper", 3], [5, "ink", 1.5]] as const) {
-    pen.beginPath();
-    pen.arc(px, py, radius, 0, 7);
-    pen.strokeStyle = token(colour);
-    pen.lineWidth = thick;
-    pen.stroke();
+    ring(pen, [px, py], radius, "", token(colour), thick);
   }
 }

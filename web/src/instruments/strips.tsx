@@ -3,9 +3,11 @@
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { area, canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
+import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
+import { ring, rules } from "../drawing/marks";
 import { fixed } from "../drawing/numbers";
+import { drawStrips, lastUpTo } from "../drawing/strips";
 import { back, brush, cursor, dataset, hover, isStretch, keyOf, range, shift, tool, visible, width, zoom, zoomAt, type Stretch } from "../plots";
 import { drawn, sample, type Drawn } from "../plot-data";
 import { active, rows, type Row } from "../strip-rows";
@@ -29,7 +31,7 @@ export function Strips({ legends }: { legends: ComponentChildren }) {
     const element = host.current!;
     const below = canvasIn(element, (pen, wide, high) => {
       width.value = wide - LEFT - RIGHT;
-      areas.current = drawStrips(pen, wide, high);
+      areas.current = draw(pen, wide, high);
       marks.current();
     });
     const above = canvasIn(element, (pen) => drawMarks(pen, areas.current));
@@ -61,13 +63,7 @@ export function Strips({ legends }: { legends: ComponentChildren }) {
 export function valueAt(data: Drawn | null, key: string, at: number): number {
   const values = data?.lines.get(key);
   if (data === null || values === undefined) return NaN;
-  let [low, high] = [0, data.x.length - 1];
-  const wanted = at - data.begin;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (data.x[middle]! <= wanted) low = middle;
-    else high = middle - 1;
-  }
+  const low = lastUpTo(data.x, at - data.begin);
   return data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
 }
 
@@ -84,23 +80,17 @@ export function rowAt(share: number): number {
 
 const timeTicks = (wide: number): number[] => ticks(visible.value.begin, visible.value.end, Math.max(2, (wide - LEFT - RIGHT) / 90));
 
-function drawStrips(pen: Pen, wide: number, high: number): Area[] {
+function draw(pen: Pen, wide: number, high: number): Area[] {
   const data = drawn.value;
   const { begin, end } = visible.value;
-  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
-  const xTicks = timeTicks(wide);
   const scale = (wide - LEFT - RIGHT) / (end - begin);
   const xs = data === null ? new Float64Array() : pixelsOf(data.x, LEFT + (data.begin - begin) * scale, scale);
-  let top = 0;
-  return rows.value.map((row) => {
-    const tall = (high * row.weight) / total;
-    const box = { left: LEFT, right: wide - RIGHT, top: top + 5, bottom: top + tall - 5 };
-    top += tall;
+  const strips = rows.value.map((row) => {
     const own = row.lines.map((each) => data?.lines.get(keyOf(each.signal)));
-    const plot = area(pen, box, [begin, end], widened(extent(...own.filter((values) => values !== undefined)), 0.06), { xTicks, unlabelled: true });
-    plot.clip(() => drawRow(pen, plot, row, own, data, xs));
-    return plot;
+    const range = widened(extent(...own.filter((values) => values !== undefined)), 0.06);
+    return { weight: row.weight, range, draw: (plot: Area) => drawRow(pen, plot, row, own, data, xs) };
   });
+  return drawStrips(pen, wide, high, [begin, end], strips, { left: LEFT, right: RIGHT, axis: 0, gap: 5, title: "" });
 }
 
 /** Map values to pixels; a loop, because it runs over every drawn point. */
@@ -127,13 +117,7 @@ function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)
     pen.fillStyle = colour;
     for (let i = 0; i < xs.length; i++) pen.fillRect(xs[i]! - 1.5, ys[i]! - 1.5, 3, 3);
   });
-  pen.strokeStyle = token("edge");
-  for (const piece of dataset.value?.pieces ?? []) {
-    pen.beginPath();
-    pen.moveTo(plot.x(piece), plot.box.top);
-    pen.lineTo(plot.x(piece), plot.box.bottom);
-    pen.stroke();
-  }
+  rules(pen, plot, "x", dataset.value?.pieces ?? [], token("edge"));
 }
 
 /** Shade the samples that are brushed elsewhere. */
@@ -191,13 +175,7 @@ function drawSample(pen: Pen, plots: Area[], values: Map<string, number>): void 
     plot?.clip(() => row.lines.forEach((each) => {
       const value = values.get(keyOf(each.signal)) ?? NaN;
       if (!Number.isFinite(value)) return;
-      pen.beginPath();
-      pen.arc(plot.x(cursor.value!), plot.y(value), 3.4, 0, 7);
-      pen.fillStyle = token(each.colour);
-      pen.fill();
-      pen.strokeStyle = token("paper");
-      pen.lineWidth = 1;
-      pen.stroke();
+      ring(pen, [plot.x(cursor.value!), plot.y(value)], 3.4, token(each.colour), token("paper"), 1);
     }));
   });
 }

@@ -8,7 +8,9 @@ import { MISSING, count, significant } from "../drawing/numbers";
 import { ChoiceField, NumberField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { Picture, drawCurves, drawGrid } from "../instruments/picture";
+import { drawGrid } from "../drawing/grid";
+import { drawCurves } from "../drawing/slices";
+import { Picture } from "../instruments/picture";
 import { open, request, screen, settled, state } from "../store";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }

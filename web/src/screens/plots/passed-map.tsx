@@ -1,9 +1,10 @@
 // The grid points of a table with the weight of the brushed samples in each; a click lights up the samples of a point.
 
 import { useEffect, useRef } from "preact/hooks";
-import { canvasIn, extent, hatch, type Box, type Pen } from "../../drawing/canvas";
+import { canvasIn, extent, type Box, type Pen } from "../../drawing/canvas";
 import { css, height as heightColour, token } from "../../drawing/colours";
-import { significant } from "../../drawing/numbers";
+import { hatch } from "../../drawing/marks";
+import { significant, withUnit } from "../../drawing/numbers";
 import { brush } from "../../plots";
 import { selection, table, theme, type Table } from "../../store";
 
@@ -52,7 +53,7 @@ function draw(pen: Pen, width: number, height: number, own: Table, weights: Floa
     pen.beginPath();
     pen.rect(x, y, w - 1, h - 1);
     pen.fill();
-    if (own.samples?.[k] === 0) hatch(pen, [[x, y], [x + w - 1, y + h - 1]]);
+    if (own.samples?.[k] === 0) hatch(pen);
     const weight = weights?.[k] ?? 0;
     if (weight > 0) {
       pen.fillStyle = token("lit");
@@ -74,7 +75,7 @@ function labels(pen: Pen, own: Table, weights: Float32Array | undefined, box: Bo
   pen.fillStyle = token("quiet");
   pen.textBaseline = "alphabetic";
   pen.textAlign = "right";
-  pen.fillText(own.axes.map((axis) => (axis.unit && axis.unit !== "-" ? `${axis.input} [${axis.unit}]` : axis.input)).join(", "), box.right, box.bottom + 28);
+  pen.fillText(own.axes.map((axis) => withUnit(axis.input, axis.unit)).join(", "), box.right, box.bottom + 28);
   pen.textAlign = "left";
   if (weights) pen.fillText(`${weights.filter((weight) => weight > 0).length} of ${weights.length}`, box.left, box.bottom + 28);
   pen.textAlign = "right";
