@@ -162,6 +162,7 @@ export interface AreaOptions {
   yTicks?: number[];
   title?: string; // below
   unlabelled?: boolean; // no numbers below
+  unlabelledY?: boolean; // no numbers beside
   yTitle?: string; // upright, at the left
   scale?: "linear" | "log" | "counts"; // of y
 }
@@ -176,7 +177,7 @@ export function area(pen: Pen, box: Box, xRange: Range, yRange: Range, options: 
   pen.textBaseline = "middle";
   pen.textAlign = "right";
   const yTexts = options.scale === "log" ? ys.map(powerText) : options.scale === "counts" ? ys.map(count) : tickTexts(ys);
-  ys.forEach((value, k) => pen.fillText(yTexts[k]!, box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, plot.y(value)))));
+  if (!options.unlabelledY) ys.forEach((value, k) => pen.fillText(yTexts[k]!, box.left - 5, Math.max(box.top + 5, Math.min(box.bottom - 5, plot.y(value)))));
   pen.textBaseline = "top";
   pen.textAlign = "center";
   if (!options.unlabelled) {

@@ -13,7 +13,7 @@ export interface Strip {
 export interface StripsLayout {
   left: number;
   right: number;
-  axis: number; // pixels below the last strip
+  axis: number; // pixels below the last strip; 0 if the numbers are drawn elsewhere
   gap: number; // pixels above and below each strip
   title: string; // of the x axis
   whole?: boolean; // x counts
@@ -29,7 +29,7 @@ export function drawStrips(pen: Pen, width: number, height: number, range: Range
     const tall = ((height - layout.axis) * strip.weight) / total;
     const box = { left, right, top: at + layout.gap, bottom: at + tall - layout.gap };
     at += tall;
-    const last = k === strips.length - 1;
+    const last = k === strips.length - 1 && layout.axis > 0;
     const plot = area(pen, box, range, strip.range, { xTicks, unlabelled: !last, title: last ? layout.title : "", yTitle: strip.title, scale: strip.scale });
     plot.clip(() => strip.draw(plot));
     return plot;

@@ -13,14 +13,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.live_model import LiveModel, LiveScore
+from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob
-from kennfeld.app.session.signals import Signals
+from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
@@ -102,16 +102,20 @@ class View:
         samples: number of training samples at each grid point, by table.
     """
 
-    def __init__(self, model: LiveModel) -> None:
+    def __init__(self, model: LiveModel, read_channels: ReadChannels | None = None) -> None:
         self.model = model
         self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start)
+        self.signals = Signals(model, self.start, read_channels, self._informed)
         self.samples: Mapping[str, Int] = self.evidence.sample_counts()
 
     @cached_property
     def evidence(self) -> Evidence:
         """The lookups at the present values."""
         return Evidence(self.model, self.now.parameters)
+
+    def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
+        """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
+        return self.evidence.informed(recording, point.parameter, point.value) > 0
 
     def follow(self, values: Mapping[str, Float]) -> None:
         """Evaluate the model with these values, and the initial ones of the other parameters."""
@@ -395,12 +399,17 @@ class Session:
         try:
             project = Project.read(self.path, self._unsaved(), self._data)
             self.project, self.findings = project, tuple(project.check())
-            self.view, self.stale = View(LiveModel(project.problem())), False
+            self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             self.findings, self.stale = error.findings, True
             return
         if self.state.values:
             self._evaluate()
+
+    def _read_channels(self, recording: LiveDataset, names: Collection[str]) -> dict[str, Float]:
+        """Return the channels that the recordings have of these, which only plots need, over the drawn samples."""
+        channels = self._data.further_channels(recording.number, recording.bound.dataset, names)
+        return {name: recording.at_samples(channel.values) for name, channel in channels.items()}
 
     def _evaluate(self) -> None:
         """Evaluate the model at the present values."""
