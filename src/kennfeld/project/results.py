@@ -17,6 +17,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.optimize.trust.trust import Trust
@@ -33,7 +34,7 @@ COLUMNS = (
 MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
 
 RESULT = "result.json"
-REMEDY = "Name another folder with -o."
+REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
 def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
@@ -164,7 +165,7 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
         raise InputError.of(
             Location(str(target)), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}"
         )
-    with _convert_errors(target):
+    with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(target) as beside:
             _save(datasets, beside)
@@ -187,30 +188,17 @@ def require_room(folder: str | Path) -> None:
 def write_text(text: str, path: str | Path) -> Path:
     """Write a text file, completely or not at all."""
     target = Path(path)
-    with _convert_errors(target):
+    with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, text, durable=True)
     return target
 
 
 @contextmanager
-def _convert_errors(target: Path) -> Iterator[None]:
-    """Convert an `OSError` into an `InputError` with file and remedy."""
-    try:
-        yield
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(target)), message, "Name another file with -o.") from None
-
-
-@contextmanager
 def _scratch(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder within `folder`, which is created if needed; remove it at the end in any case."""
-    try:
-        with scratch_folder(folder) as scratch:
-            yield scratch
-    except OSError as error:
-        raise InputError.of(Location(str(folder)), f"cannot be written: {error.strerror or error}", REMEDY) from None
+    with convert_errors(folder, "cannot be written", REMEDY), scratch_folder(folder) as scratch:
+        yield scratch
 
 
 def _write_json(content: Any, path: Path) -> None:

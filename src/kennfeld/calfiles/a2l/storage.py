@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles.a2l.conversion import CompuConversion
+from kennfeld.calfiles.a2l.objects import open_limit
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
 
@@ -160,11 +161,7 @@ class StorageFormat:
             return -inf, inf
         slack = self.step(np.array(self.span)).max() + 1e-6 * (largest - least)
         full = lower <= least + slack and upper >= largest - slack
-        return (-inf, inf) if full else (_bound(lower), _bound(upper))
-
-
-def _bound(limit: float) -> float:
-    return limit if abs(limit) < 1e300 else np.copysign(inf, limit)
+        return (-inf, inf) if full else (open_limit(lower), open_limit(upper))
 
 
 @dataclass(frozen=True)

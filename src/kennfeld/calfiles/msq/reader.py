@@ -8,7 +8,7 @@ Speeduino, MS2/Extra, MS3 and rusEFI are tried, as their public definition files
 
 import re
 from bisect import bisect
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from html import unescape
 from math import isfinite
@@ -29,6 +29,7 @@ _MAX_FILES = 50
 _SIGNATURE = re.compile(r'^[ \t]*signature[ \t]*=[ \t]*"([^"\n]*)"', re.MULTILINE)
 _LINE = re.compile(r"[ \t]*(\w+)[ \t]*=[ \t]*(.*)")
 _WORD = re.compile(r'"([^"]*)"|([^",;\s][^",;]*)')
+# a constant that is free text, not a choice of words
 _STRING = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*string[ \t]*,", re.MULTILINE | re.IGNORECASE)
 _SECTION = re.compile(r"[ \t]*\[([^\]]+)\]")
 
@@ -107,11 +108,6 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
                 yield file, CalibrationSource(file.name, file.read_bytes()).text
     except OSError:
         return
-
-
-def strings_of(definition: str) -> frozenset[str]:
-    """Return the constants that a definition file declares as free text, not as a choice of words."""
-    return frozenset(_STRING.findall(definition))
 
 
 def pairs_of(definition: str) -> list[Pair]:
@@ -211,7 +207,7 @@ def read_msq(source: CalibrationSource) -> ReadResult:
     signature = reader.find(text)
     definition = find_definition(source.path, signature, findings)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
-    reader.free_texts(strings_of(definition or ""))
+    reader.free_texts(_STRING.findall(definition or ""))
     warnings = findings.finish()
     origin = Msq(source, text, reader.constants, reader.items, reader.axes)
     parameters = build_set({(name, ""): item for name, item in reader.items.items()}, reader.axes.values(), origin)
@@ -294,10 +290,10 @@ class _MsqReader:
                 self.items[name] = self._item(name, tables.get(name))
         self.items = {name: self.items[name] for name in self.constants if name in self.items}
 
-    def free_texts(self, names: Set[str]) -> None:
+    def free_texts(self, names: Iterable[str]) -> None:
         """Mark constants as free text instead of one of several words."""
-        for name in names & self.items.keys():
-            item = self.items[name]
+        for name in names:
+            item = self.items.get(name)
             if isinstance(item, Text):
                 self.items[name] = replace(item, kind="text")
 

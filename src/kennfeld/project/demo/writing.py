@@ -9,6 +9,7 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 
@@ -27,12 +28,9 @@ def write(name: str, folder: str | Path) -> Path:
         raise InputError.of(Location("demo"), f"unknown demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
-    try:
+    with convert_errors(target, "the demo cannot be written", "Name another folder with --dir."):
         _claim(target, settings.partition("\n")[0])
         _complete(target, name, settings)
-    except OSError as error:
-        message = f"the demo cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(target)), message, "Name another folder with --dir.") from None
     return target / PROJECT
 
 
