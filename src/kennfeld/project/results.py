@@ -42,9 +42,14 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
+        leverage = affordable_leverage(trust)
         for name in trust.deviation:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
+
+
+def affordable_leverage(trust: Trust) -> Mapping[str, Float]:
+    """Return the leverage of each value; nothing if there are too many values to compute it."""
+    return trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
 
 
 def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
@@ -136,7 +141,8 @@ def write(
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        _write_json(content, scratch / RESULT)
+        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+        (scratch / RESULT).write_text(f"{text}\n", encoding="utf-8")
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:
@@ -199,10 +205,6 @@ def _scratch(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder within `folder`, which is created if needed; remove it at the end in any case."""
     with convert_errors(folder, "cannot be written", REMEDY), scratch_folder(folder) as scratch:
         yield scratch
-
-
-def _write_json(content: Any, path: Path) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _write_trace(trace: Sequence[TraceLine], path: Path) -> None:
