@@ -92,8 +92,7 @@ def _column(chunked: Any, header: Header, index: int) -> Column:
 def _float64(chunked: Any) -> Float:
     import pyarrow as pa
 
-    values = chunked.cast(pa.float64(), safe=False).to_numpy()
-    return np.asarray(values, dtype=np.float64)
+    return np.asarray(chunked.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
 def _seconds(chunked: Any) -> Float:

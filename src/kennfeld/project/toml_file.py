@@ -97,7 +97,8 @@ def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str
         name = ".".join(ast.literal_eval(section[1]))
         first = next((at for at, text in enumerate(lines[: line - 1], 1) if _begins_section(text, name)), None)
         where = "" if first is None else f", which begins in line {first}"
-        return f"duplicate of section [{name}]{where}", _merge(name)
+        several = f" A list of them is written [[{name}]]." if name in _LISTS else ""
+        return f"duplicate of section [{name}]{where}", f"Merge the two sections.{several}"
     key = _KEY_TWICE.fullmatch(message)
     if key:
         name = key[1] or lines[line - 1].partition("=")[0].strip() or "this key"
@@ -108,11 +109,6 @@ def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str
 def _begins_section(line: str, name: str) -> bool:
     heading = _HEAD.match(line)
     return heading is not None and heading[1].replace(" ", "") == name
-
-
-def _merge(name: str) -> str:
-    several = f" A list of them is written [[{name}]]." if name in _LISTS else ""
-    return f"Merge the two sections.{several}"
 
 
 def _syntax_remedy(message: str, line: str) -> str:

@@ -63,12 +63,6 @@ def _effective_mask(data_type: str, bit_mask: int | None) -> int | None:
     return bit_mask & every
 
 
-def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
-    """Return the least and the largest whole number that a data type can hold within a bit mask."""
-    mask, info = _effective_mask(data_type, bit_mask), np.iinfo(native(data_type))
-    return (int(info.min), int(info.max)) if mask is None else (0, mask >> shift_of(mask))
-
-
 def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
     """Return the raw numbers at byte offsets of a piece of memory, in the shape of `offsets`."""
     size = SIZES[data_type]
@@ -134,11 +128,11 @@ class StorageFormat:
     @cached_property
     def span(self) -> tuple[float, float]:
         """The least and the largest raw number."""
-        if self.integer:
-            low, high = span_of(self.data_type, self.bit_mask)
-            return float(low), float(high)
-        largest = float(np.finfo(native(self.data_type)).max)
-        return -largest, largest
+        mask = _effective_mask(self.data_type, self.bit_mask)
+        if mask is not None:
+            return 0.0, float(mask >> shift_of(mask))
+        info = (np.iinfo if self.integer else np.finfo)(native(self.data_type))
+        return float(info.min), float(info.max)
 
     @cached_property
     def range(self) -> tuple[float, float]:

@@ -74,7 +74,6 @@ class Memory:
 
 
 def _runs(addresses: list[int]) -> Iterator[list[int]]:
-    """Yield runs of consecutive addresses."""
     start = 0
     for at in range(1, len(addresses) + 1):
         if at == len(addresses) or addresses[at] != addresses[at - 1] + 1:
@@ -115,7 +114,6 @@ class _ImageWriter:
     changed: set[str] = field(default_factory=set)  # what may have changed
 
     def write(self) -> None:
-        """Write every group axis, parameter and text."""
         a2l = self.labels.a2l
         self._warn_about_units()
         for axis in self.parameters.axes:

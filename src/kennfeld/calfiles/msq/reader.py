@@ -20,7 +20,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import parse_xml
+from kennfeld.calfiles.xml_tree import has_root, parse_xml
 from kennfeld.formatting import count_noun, size_text
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
@@ -58,8 +58,6 @@ knock_window_dur knock_window_rpms, oilPressureProtMins oilPressureProtRPM, cool
 rollingProtCutPercent rollingProtRPMDelta, wmiAdvAdj wmiAdvBins
 """
 
-_ROOT = re.compile(r"<(?:[\w.-]+:)?msq[\s/>]")
-_PROLOG = 20_000  # characters before the root
 _ATTRIBUTES = r"""((?:\s+[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*'))*)"""
 _PART = re.compile(
     rf"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<(page|constant|pcVariable|versionInfo){_ATTRIBUTES}\s*(/?)>([^<]*)", re.DOTALL
@@ -190,7 +188,7 @@ class Msq:
 
 def recognises_msq(text: str) -> bool:
     """Check whether a text is XML whose root is that of a tune."""
-    return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
+    return has_root(text, "msq")
 
 
 def read_msq(source: CalibrationSource) -> ReadResult:

@@ -77,16 +77,13 @@ def _claim(folder: Path, first_line: str) -> None:
 def _complete(folder: Path, name: str, settings: str) -> None:
     """Write missing files, each completely or not at all; the project file, which identifies the demo, comes first."""
     contents = {PROJECT: lambda: settings} | _module(name).FILES
-    for file, content in contents.items():
-        if not (folder / file).exists():
-            _put(folder / file, content())
-
-
-def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
-    if isinstance(content, ParameterSet):
-        write_parameters(content, path)
-    else:
-        write_whole(path, content if isinstance(content, str) else _csv(content))
+    for file, make in contents.items():
+        path = folder / file
+        content = None if path.exists() else make()
+        if isinstance(content, ParameterSet):
+            write_parameters(content, path)
+        elif content is not None:
+            write_whole(path, content if isinstance(content, str) else _csv(content))
 
 
 def _csv(data: Dataset) -> str:
