@@ -89,14 +89,13 @@ class DatasetEntry:
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield contradictions between the keys."""
-        yield from self._settle_problems(present) if "settle" in present else self._average_problems(present)
+        if "settle" in present:
+            yield from self._settle_problems(present)
+        else:
+            remedy = "Write settle = ... in s, or remove it."
+            yield from ((name, f"{name} requires settle", remedy) for name in ("average", "step") if name in present)
         if "steady" in present:
             yield from self._steady_problems(present)
-
-    def _average_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
-        for name in ("average", "step"):
-            if name in present:
-                yield name, f"{name} requires settle", "Write settle = ... in s, or remove it."
 
     def _settle_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         for name in ("raster", "warmup", "max_gap"):

@@ -118,7 +118,8 @@ class ProjectDocument:
         span = self._keys.spans.get(path)
         if isinstance(present, dict) and isinstance(value, Mapping):
             self._set_table(path, present, value)
-        elif _are_tables(present) and _are_tables(value) and self._may_change_parts(path, present, value):
+        # the tables of a list in braces can be changed one by one only if it keeps its length
+        elif _are_tables(present) and _are_tables(value) and (len(present) == len(value) or _is_heading(span)):
             self._set_tables(path, len(present), value)
         elif span is not None and span.has_value:
             self._replace(span.value, span.end, format_toml(value))
@@ -137,10 +138,6 @@ class ProjectDocument:
             if key not in value:
                 self._remove((*path, key))
 
-    def _may_change_parts(self, path: KeyPath, present: Sequence[Any], value: Sequence[Any]) -> bool:
-        """Return if the tables can be changed one by one: those of a list in brackets, if it keeps its length."""
-        return len(present) == len(value) or _is_heading(self._keys.spans.get(path))
-
     def _set_tables(self, path: KeyPath, count: int, value: Sequence[Any]) -> None:
         for number, table in enumerate(value, 1):
             self._set((*path, number), table)
@@ -150,8 +147,10 @@ class ProjectDocument:
     def _insert(self, path: KeyPath, value: Any) -> None:
         *parent, name = path
         around = self._keys.spans.get(tuple(parent))
-        if isinstance(name, int):
-            self._append(tuple(parent), value)
+        if isinstance(name, int) and _is_heading(around):
+            self._insert_text(tuple(parent), _format_section(tuple(parent), value, "[[]]"))
+        elif isinstance(name, int):
+            self._set(tuple(parent), [*(self.get(*parent) or ()), value])
         elif len(path) == 1 or self._is_section(path, value):
             self._insert_sections(path, value)
         elif around is None:
@@ -165,12 +164,6 @@ class ProjectDocument:
         """Return if a table gets a heading, as `[parameters.Gain]` does."""
         named = isinstance(self._order.get(str(path[0])), NamedEntriesForm)
         return len(path) == 2 and named and isinstance(value, Mapping)
-
-    def _append(self, path: KeyPath, value: Any) -> None:
-        if _is_heading(self._keys.spans.get(path)):
-            self._insert_text(path, _format_section(path, value, "[[]]"))
-        else:
-            self._set(path, [*(self.get(*path) or ()), value])
 
     def _insert_sections(self, path: KeyPath, value: Any) -> None:
         if isinstance(value, Mapping) and value and all(self._is_section((*path, key), value[key]) for key in value):

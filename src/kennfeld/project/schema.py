@@ -295,11 +295,12 @@ class ChannelsForm(TableOfForm):
         return schema | {"properties": {_INNER: {"anyOf": [{"type": "string"}, schema]}}}
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SectionsFile:
     """A file of sections; `lines` are those of its keys, by path."""
 
     path: Path
-    lines: dict[str, int]
+    lines: dict[str, int] = field(repr=False)
 
     @property
     def folder(self) -> Path:
@@ -330,8 +331,6 @@ class SectionsFile:
 class ProjectFile(SectionsFile):
     """Contents of a project file, its sections in the documented order."""
 
-    path: Path
-    lines: dict[str, int] = field(repr=False)
     unsaved: Mapping[str, str] = field(default_factory=dict, repr=False)  # texts that replace those of files, by name
     model: ModelEntry = key("", missing='Write [model] and file = "....kf".')
     channels: Mapping[str, str] = key("", factory=dict, form=ChannelsForm(TextForm()))

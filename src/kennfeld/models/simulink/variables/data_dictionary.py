@@ -17,6 +17,7 @@ import numpy as np
 
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.matlab.mat_nodes import MatFileError
 from kennfeld.models.simulink.reader.document import solver_from
 from kennfeld.models.simulink.reader.model_package import is_zip, zip_package
@@ -241,10 +242,8 @@ def _read_referenced(file: Path, name: str) -> Dictionary:
 def _read_file(path: Path) -> Dictionary:
     """Return the dictionary of one file; raise `InputError` if it is not one."""
     diagnostics = ReadDiagnostics(path.name)
-    try:
+    with convert_errors(path, "cannot be read"):
         raw = path.read_bytes()
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
     if not is_zip(raw) and not is_text_dictionary(raw):
         raise InputError.of(Location(path.name), "is not a data dictionary", _EXTENSION_REMEDY)
     roots = _packed(raw, diagnostics) if is_zip(raw) else text_chunks(raw, diagnostics)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location, Severity
-from kennfeld.formatting import nearest
+from kennfeld.file_errors import convert_errors
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
@@ -315,11 +315,5 @@ def _file_loader(folder: Path) -> Files:
 
 def read_file(path: Path) -> bytes:
     """Return the content of a file; raise `InputError` if it cannot be read."""
-    try:
+    with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
         return path.read_bytes()
-    except FileNotFoundError:
-        siblings = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        remedy = nearest(path.name, siblings) or "Check the path."
-        raise InputError.of(Location(str(path)), "file not found", remedy) from None
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"the file cannot be read: {error.strerror or error}") from None
