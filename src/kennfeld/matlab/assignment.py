@@ -186,11 +186,8 @@ def _assign_numbers(
         return _put(evaluator, holder, indices, values, "\0", owned)
     if holder.dtype != values.dtype:
         name = v.class_name(holder) if holder.size and holder.dtype.kind in "iub" else result_class(holder, values)
-        owned = owned and holder.dtype == cast_to_class(np.zeros((1, 1)), name if name != "logical" else "double").dtype
-        if name == "logical":
-            values = v.numbers(values) != 0
-        else:
-            holder, values = cast_to_class(v.numbers(holder), name), cast_to_class(v.numbers(values), name)
+        owned = owned and v.class_name(holder) == name
+        holder, values = cast_to_class(v.numbers(holder), name), cast_to_class(v.numbers(values), name)
     return _put(evaluator, holder, indices, values, False if holder.dtype == np.bool_ else 0, owned)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.arrays import Int
 from kennfeld.formatting import size_text
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, numbers, trim_dimensions
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, is_vector, numbers, trim_dimensions
 
 
 class _All:
@@ -48,17 +48,13 @@ def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
         return (count, 1)
     indices = array_value(index)
     is_mask = indices.dtype == np.bool_
-    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and _is_vector(indices):
+    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and is_vector(indices):
         return (1, count)
-    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and _is_vector(indices):
+    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and is_vector(indices):
         return (count, 1)
     if is_mask:
         return (1, count) if indices.ndim == 2 and indices.shape[0] == 1 else (count, 1)
     return indices.shape
-
-
-def _is_vector(array: Array) -> bool:
-    return array.ndim == 2 and 1 in array.shape
 
 
 def _fold(shape: tuple[int, ...], count: int) -> tuple[int, ...]:

@@ -158,6 +158,8 @@ def cast_to_class(values: Float, name: str) -> v.Array:
     """Convert numbers to a class; integers are rounded and saturate."""
     if name == "double":
         return values
+    if name == "logical":
+        return np.asarray(values != 0)
     if name == "single":
         return values.astype(np.float32)
     limits = np.iinfo(name)

@@ -193,7 +193,8 @@ class _ScriptRunner(NumericEvaluator):
             case m.Command():
                 self._command(statement.name, [word.strip("'\"") for word in statement.words], statement.place)
             case m.If():
-                self._if(statement)
+                chosen = (branch.body for branch in statement.branches if self.is_true(branch.condition))
+                self.body(next(chosen, statement.otherwise))
             case m.For():
                 self._for(statement)
             case m.While():
@@ -201,7 +202,9 @@ class _ScriptRunner(NumericEvaluator):
                     if self._run_turn(statement.body):
                         break
             case m.Switch():
-                self._switch(statement)
+                subject = self.value(statement.subject)
+                chosen = (case.body for case in statement.cases if matches_case(subject, self.value(case.condition)))
+                self.body(next(chosen, statement.otherwise))
             case m.Try():
                 self._try(statement)
             case m.Jump():
@@ -260,7 +263,7 @@ class _ScriptRunner(NumericEvaluator):
         if not isinstance(first, m.Field) or first.name != "defineIntEnumType" or not isinstance(second, m.Call):
             return False
         try:
-            name, members = define_enumeration(self._arguments(second.arguments))
+            name, members = define_enumeration(self.flat_values(second.arguments))
         except v.MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
         self.variables[name] = members
@@ -284,13 +287,6 @@ class _ScriptRunner(NumericEvaluator):
         else:
             self._skip(name, place)
 
-    def _if(self, statement: m.If) -> None:
-        for branch in statement.branches:
-            if self.is_true(branch.condition):
-                self.body(branch.body)
-                return
-        self.body(statement.otherwise)
-
     def _for(self, statement: m.For) -> None:
         values = self.value(statement.values)
         data = v.elements_of(values)
@@ -311,14 +307,6 @@ class _ScriptRunner(NumericEvaluator):
                 raise
             return jump.kind == "break"
         return False
-
-    def _switch(self, statement: m.Switch) -> None:
-        subject = self.value(statement.subject)
-        for case in statement.cases:
-            if matches_case(subject, self.value(case.condition)):
-                self.body(case.body)
-                return
-        self.body(statement.otherwise)
 
     def _try(self, statement: m.Try) -> None:
         self.trying += 1
@@ -366,9 +354,8 @@ class _ScriptRunner(NumericEvaluator):
     ) -> list[v.Value]:
         """Call a function written in MATLAB."""
         with self.nested_call():
-            runner = _ScriptRunner(_parameters(function, arguments), self.functions, self.shared, name)
-            runner.local = local
-            runner.trying = self.trying
+            runner = self.inner(_parameters(function, arguments))
+            runner.name, runner.local = name, local
             runner.variables |= {"nargin": v.scalar(len(arguments)), "nargout": v.scalar(outputs)}
             with suppress(_JumpError):
                 runner.body(function.body)

@@ -144,6 +144,11 @@ def trim_dimensions(array: Array) -> Array:
     return array
 
 
+def is_vector(array: Array) -> bool:
+    """Return True if an array is one row or one column; it may be empty."""
+    return array.ndim == 2 and 1 in array.shape
+
+
 def array_value(value: Value) -> Array:
     """Return a value as an array; a parameter object counts as its Value."""
     if isinstance(value, MatlabStruct) and value.kind and "Value" in value.names and value.elements.size == 1:

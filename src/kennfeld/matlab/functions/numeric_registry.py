@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -81,23 +82,25 @@ class NumericArguments:
         return dimension - 1
 
 
+Run: TypeAlias = Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
+
+
 @dataclass(frozen=True)
 class NumericFunction:
     """A function with its minimum and maximum number of arguments."""
 
-    run: Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
+    run: Run
     least: int
     most: int
 
 
 NUMERIC_FUNCTIONS: dict[str, NumericFunction] = {}
-_Run = Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
 
 
-def function(names: str, least: int, most: int | None = None) -> Callable[[_Run], _Run]:
+def function(names: str, least: int, most: int | None = None) -> Callable[[Run], Run]:
     """Register a function under one or more names, separated by blanks."""
 
-    def register(run: _Run) -> _Run:
+    def register(run: Run) -> Run:
         for name in names.split():
             NUMERIC_FUNCTIONS[name] = NumericFunction(run, least, least if most is None else most)
         return run

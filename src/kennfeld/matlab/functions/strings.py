@@ -8,13 +8,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.matlab import values as v
-from kennfeld.matlab.functions.numeric_registry import (
-    MANY,
-    NUMERIC_FUNCTIONS,
-    NumericArguments,
-    NumericFunction,
-    function,
-)
+from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
 
 __all__: list[str] = []
 
@@ -37,7 +31,7 @@ def _over_texts(value: v.Value, change: Callable[[str], str]) -> v.Value:
     return v.characters(change(v.text(value)))
 
 
-def _comparison(same: Callable[[str, str, int], bool]) -> Callable[[NumericArguments], v.Value]:
+def _comparison(same: Callable[[str, str, int], bool]) -> Run:
     def run(call: NumericArguments) -> v.Value:
         count = call.integer(2, 0)
         sides = [_each_text(call[at]) for at in (0, 1)]
@@ -74,11 +68,10 @@ for _name, _same in {
     "strncmp": lambda a, b, n: len(a) >= n and len(b) >= n and a[:n] == b[:n],
     "strncmpi": lambda a, b, n: len(a) >= n and len(b) >= n and a[:n].casefold() == b[:n].casefold(),
 }.items():
-    _count = 3 if _name.startswith("strn") else 2
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_comparison(_same), _count, _count)
+    function(_name, 3 if _name.startswith("strn") else 2)(_comparison(_same))
 
 
-def _pattern_test(test: Callable[[str, str], bool]) -> Callable[[NumericArguments], v.Value]:
+def _pattern_test(test: Callable[[str, str], bool]) -> Run:
     def run(call: NumericArguments) -> v.Value:
         patterns = [item for item in _each_text(call[1]) if item is not None]
         results = [any(test(item or "", word) for word in patterns) for item in _each_text(call[0])]
@@ -92,7 +85,7 @@ for _name, _test in {
     "startsWith": lambda item, word: item.startswith(word),
     "endsWith": lambda item, word: item.endswith(word),
 }.items():
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_pattern_test(_test), 2, 2)
+    function(_name, 2)(_pattern_test(_test))
 
 
 def _register_change(names: str, change: Callable[[str], str]) -> None:
