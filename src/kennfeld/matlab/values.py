@@ -186,6 +186,11 @@ def integer(value: Value) -> int:
     return int(result)
 
 
+def is_text(value: Value | None) -> bool:
+    """Return True if a value is a character array or a string array."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
+
+
 def text(value: Value) -> str:
     """Return the text of a row of characters or of a single string."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "U" and (value.shape[0] == 1 or not value.size):

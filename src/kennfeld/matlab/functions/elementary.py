@@ -8,14 +8,17 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.matlab.functions.numeric_registry import NumericArguments, Run, function
-from kennfeld.matlab.operators import apply_binary, apply_unary, cast_to_class, pad_dimensions, result_class
+from kennfeld.matlab.operators import (
+    apply_binary,
+    apply_unary,
+    cast_to_class,
+    pad_dimensions,
+    result_class,
+    round_half_away,
+)
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
 _Real = Callable[[Float], Float]
-
-
-def _round_half_away(values: Float) -> Float:
-    return np.asarray(np.trunc(values + np.copysign(0.5, values)) if values.size else values)
 
 
 def _exact_degrees(turns: Float, name: str) -> Float:
@@ -119,7 +122,7 @@ _OPERATORS = {
 def _round(call: NumericArguments) -> Value:
     values, digits = call.numbers(0), call.integer(1, 0)
     factor = 10.0 ** min(max(digits, -300), 300)
-    rounded = _round_half_away(values * factor) / factor if digits else _round_half_away(values)
+    rounded = round_half_away(values * factor) / factor if digits else round_half_away(values)
     return cast_to_class(np.where(np.isfinite(values), rounded, values), result_class(call.array(0)))
 
 
@@ -152,7 +155,7 @@ def _is_multiple(left: Float, right: Float) -> Bool:
     return np.asarray(is_near & (right != np.floor(right)))
 
 
-_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": _round_half_away}
+_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": round_half_away}
 
 
 @function("idivide", 2, 3)

@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-
 from kennfeld.arrays import Float
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget
@@ -65,8 +63,7 @@ class NumericArguments:
 
     def is_text(self, at: int) -> bool:
         """Return True if the argument exists and is text."""
-        value = self.values[at] if at < len(self) else None
-        return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
+        return at < len(self) and v.is_text(self.values[at])
 
     def words(self, begin: int) -> list[str]:
         """Return the texts from an argument on, in lower case."""

@@ -9,16 +9,13 @@ import numpy as np
 
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
+from kennfeld.matlab.operators import round_half_away
 
 __all__: list[str] = []
 
 _FORMAT = re.compile(r"%(?:%|([-+ 0#]*)(\*|\d+)?(?:\.(\d+))?l?([diufeEgGxXoscaA]))")
 _ESCAPES = {"\\n": "\n", "\\t": "\t", "\\r": "\r", "\\\\": "\\", "\\a": "\a", "\\f": "\f", "\\v": "\v"}
 _MAX_WIDTH = 500
-
-
-def _is_text(value: v.Value) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
 
 
 def _over_texts(value: v.Value, change: Callable[[str], str]) -> v.Value:
@@ -56,10 +53,10 @@ def _equal_texts(left: str | None, right: str | None, count: int, same: Callable
 def _each_text(value: v.Value) -> list[str | None]:
     """Return the texts of a value; None for elements that are not text."""
     if isinstance(value, v.MatlabCell):
-        return [v.text(element) if _is_text(element) else None for element in value.values.ravel(order="F")]
+        return [v.text(element) if v.is_text(element) else None for element in value.values.ravel(order="F")]
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return [str(element) for element in value.ravel(order="F")]
-    return [v.text(value) if _is_text(value) and np.asarray(value).shape[0] < 2 else None]
+    return [v.text(value) if v.is_text(value) and np.asarray(value).shape[0] < 2 else None]
 
 
 for _name, _same in {
@@ -175,8 +172,8 @@ def _format_number(value: float, digits: int | None) -> str:
 
 @function("int2str", 1)
 def _int2str(call: NumericArguments) -> v.Value:
-    rounded = np.trunc(call.numbers(0) + np.copysign(0.5, call.numbers(0)))
-    return v.characters("  ".join(f"{number:.0f}" for number in rounded.ravel(order="F")))
+    rounded = round_half_away(call.numbers(0)).ravel(order="F")
+    return v.characters("  ".join(f"{number:.0f}" for number in rounded))
 
 
 @function("mat2str", 1, 2)
@@ -211,7 +208,7 @@ def _flatten(values: Sequence[v.Value]) -> list[Any]:
     for value in values:
         if isinstance(value, v.MatlabCell):
             raise v.MatlabValueError("a cell array cannot be printed")
-        if _is_text(value):
+        if v.is_text(value):
             items.append(v.text(value))
         else:
             items += v.numbers(value).ravel(order="F").tolist()
@@ -272,7 +269,7 @@ def _char(call: NumericArguments) -> v.Value:
         widest = max(map(len, words), default=0)
         call.budget.allocate(widest * len(words))
         return np.array([list(word.ljust(widest)) for word in words], dtype="U1").reshape(len(words), widest)
-    if _is_text(value):
+    if v.is_text(value):
         return value if v.class_name(value) == "char" else v.characters(v.text(value))
     codes = v.numbers(value)
     if not ((codes >= 0) & (codes < 0x110000) & (codes == np.floor(codes))).all():
@@ -294,7 +291,7 @@ def _string(call: NumericArguments) -> v.Value:
     value = call[0]
     if isinstance(value, v.MatlabCell):
         return v.object_array([v.text(element) for element in value.values.ravel(order="F")], value.values.shape)
-    if _is_text(value):
+    if v.is_text(value):
         return v.strings([v.text(value)]) if v.class_name(value) == "char" else value
     words = [_format_number(element, None) for element in v.numbers(value).ravel(order="F").tolist()]
     return v.object_array(words, call.array(0).shape)

@@ -114,10 +114,14 @@ def _cell2struct(call: NumericArguments) -> v.Value:
 
 @function("num2cell", 1)
 def _num2cell(call: NumericArguments) -> v.Value:
-    data = call.data(0)
-    call.budget.allocate(10 * data.size)
-    parts = [v.with_class_of(call[0], element.reshape(1, 1)) for element in data.ravel(order="F")]
-    return v.MatlabCell(v.object_array(parts, data.shape))
+    call.budget.allocate(10 * call.data(0).size)
+    return v.MatlabCell(v.object_array(_single_elements(call[0]), call.data(0).shape))
+
+
+def _single_elements(value: v.Value) -> list[v.Value]:
+    """Return the elements of a value as values of size 1 x 1."""
+    data = v.elements_of(value).ravel(order="F")
+    return [v.with_class_of(value, data[at : at + 1].reshape(1, 1)) for at in range(data.size)]
 
 
 @function("cell2mat", 1)
@@ -181,15 +185,7 @@ def _arrayfun(call: NumericArguments) -> tuple[v.Value, ...]:
     shapes = {v.elements_of(value).shape for value in values}
     if len(shapes) != 1:
         raise v.MatlabValueError("arrayfun requires arrays of equal size")
-    columns = [
-        [v.with_class_of(value, element.reshape(1, 1)) for element in _split_elements(value)] for value in values
-    ]
-    return _map_elements(call, columns, shapes.pop(), uniform)
-
-
-def _split_elements(value: v.Value) -> list[v.Array]:
-    data = v.elements_of(value).ravel(order="F")
-    return [data[at : at + 1] for at in range(data.size)]
+    return _map_elements(call, list(map(_single_elements, values)), shapes.pop(), uniform)
 
 
 @function("structfun", 2, MANY)

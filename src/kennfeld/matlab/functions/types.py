@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
-from kennfeld.matlab.operators import cast_to_class
+from kennfeld.matlab.operators import cast_to_class, to_logical
 
 __all__: list[str] = []
 
@@ -33,17 +32,11 @@ for _name in (*v.INTEGERS, "double", "single"):
     function(_name, 1)(_to(_name))
 
 
-def _to_logical(values: Float) -> v.Array:
-    if np.isnan(values).any():
-        raise v.MatlabValueError("NaN is neither true nor false")
-    return np.asarray(values != 0)
-
-
 @function("cast", 2)
 def _cast(call: NumericArguments) -> v.Value:
     name = call.text(1)
     if name == "logical":
-        return _to_logical(call.numbers(0))
+        return to_logical(call.numbers(0))
     if name not in (*v.INTEGERS, "double", "single"):
         raise v.MatlabValueError(f"unknown numeric class {name}")
     return cast_to_class(call.numbers(0), name)
@@ -171,7 +164,7 @@ def _in_base(base: int) -> Run:
 
 function("bin2dec", 1)(_in_base(2))
 function("hex2dec", 1)(_in_base(16))
-function("logical boolean", 1)(lambda call: _to_logical(call.numbers(0)))
+function("logical boolean", 1)(lambda call: to_logical(call.numbers(0)))
 function("class", 1)(lambda call: v.characters(v.class_name(call[0])))
 function("isstruct", 1)(lambda call: v.logical(isinstance(call[0], v.MatlabStruct) and not call[0].kind))
 function("isobject", 1)(lambda call: v.logical(isinstance(call[0], v.MatlabStruct) and bool(call[0].kind)))
