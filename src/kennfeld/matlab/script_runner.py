@@ -220,7 +220,7 @@ class _ScriptRunner(NumericEvaluator):
             if target is not None:
                 self._store(target, value, statement)
 
-    def _store(self, target: m.Expression, value: v.Value, statement: m.Assign | m.For) -> None:
+    def _store(self, target: m.Expression, value: v.Value, statement: m.Statement) -> None:
         try:
             name = assign(self, target, value)
         except v.MatlabValueError as error:
@@ -266,9 +266,7 @@ class _ScriptRunner(NumericEvaluator):
             name, members = define_enumeration(self.flat_values(second.arguments))
         except v.MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
-        self.variables[name] = members
-        self.undefined.pop(name, None)
-        self.lines.setdefault(name, statement.place.line)
+        self._store(m.Name(name), members, statement)
         return True
 
     def _is_user_function(self, name: str) -> bool:

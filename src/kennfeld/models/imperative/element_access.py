@@ -12,7 +12,7 @@ from kennfeld.matlab.values import MatlabValueError, trim_dimensions
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import round_half_away
 
 MASK_REMEDY = "Write it as a loop over all elements with if."
@@ -29,7 +29,7 @@ def fixed_element(array: Nodes, at: Sequence[int]) -> int:
         result = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(item + 1) for item in at)
-        raise ProgramError(f"index ({places}) exceeds an array of size {format_size(array)}") from None
+        raise ProgramError(f"index ({places}) exceeds an array of size {format_sizes(array)}") from None
     return int(result)
 
 
@@ -160,7 +160,7 @@ def check_within(at: list[int], size: int, array: Nodes, message: str) -> None:
     """Raise `ProgramError` if zero-based indices exceed a size."""
     wrong = next((item for item in at if not 0 <= item < size), None)
     if wrong is not None and size + len(at) > 0:
-        raise ProgramError(f"index {wrong + 1} of {message} exceeds its size {format_size(array)}")
+        raise ProgramError(f"index {wrong + 1} of {message} exceeds its size {format_sizes(array)}")
 
 
 def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
@@ -171,11 +171,6 @@ def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
     for number in range(parts.shape[0], 0, -1):
         result = apply("select", apply("eq", at, float(number)), parts[number - 1], result)
     return result
-
-
-def format_size(array: Nodes) -> str:
-    """Return the size of an array for a message."""
-    return "x".join(map(str, array.shape))
 
 
 def assign_part(
@@ -192,12 +187,9 @@ def assign_part(
             if not isinstance(key, str):
                 raise ProgramError("the name of a field is not a text")
             return _change_part(evaluator, old, of, lambda current: _with_field(current, key, value))
-        case m.Call(of, arguments):
-            return _change_part(
-                evaluator, old, of, lambda current: _with_elements(evaluator, current, arguments, value)
-            )
-        case m.CellIndex(of, arguments):
-            return _change_part(evaluator, old, of, lambda current: _with_cell(evaluator, current, arguments, value))
+        case m.Call(of, arguments) | m.CellIndex(of, arguments):
+            change = _with_cell if isinstance(target, m.CellIndex) else _with_elements
+            return _change_part(evaluator, old, of, lambda current: change(evaluator, current, arguments, value))
     raise ProgramError("the target of an assignment is not a variable")
 
 
@@ -267,9 +259,8 @@ def _with_elements(
     if new.size == 0:
         raise ProgramError("deleting elements is not supported")
     result = _written(evaluator, np.asarray(old), places, np.asarray(new))
-    logical = isinstance(new, s.LogicalNodes) and (
-        current is None or (isinstance(current, s.LogicalNodes) and current.size > 0)
-    )
+    keeps_logical = current is None or (isinstance(current, s.LogicalNodes) and current.size > 0)
+    logical = isinstance(new, s.LogicalNodes) and keeps_logical
     return s.as_logical(result) if logical else s.integers(result, s.word_of(new if old.size == 0 else old))
 
 
@@ -334,7 +325,7 @@ def _assign_fixed(evaluator: SymbolicEvaluator, old: Nodes, places: list[list[in
     try:
         return assign_elements(old, indices, new, evaluator.builder.const(0.0), Budget(), owned=False)
     except MatlabValueError as error:
-        raise ProgramError(f"assignment to an array of size {format_size(old)}: {error}") from None
+        raise ProgramError(f"assignment to an array of size {format_sizes(old)}: {error}") from None
 
 
 def _assign_selected(evaluator: SymbolicEvaluator, old: Nodes, places: list[Place], new: int) -> Nodes:

@@ -24,6 +24,11 @@ def check_size(size: int) -> None:
         raise EvaluationError(f"it creates an array of {size} elements; the maximum is {_MAX_ELEMENTS}")
 
 
+def format_sizes(*arrays: Nodes) -> str:
+    """Return the sizes of arrays for a message."""
+    return " and ".join("x".join(map(str, array.shape)) for array in arrays)
+
+
 def align_dimensions(*arrays: Nodes) -> list[Nodes]:
     """Return arrays with the same number of dimensions, so that numpy broadcasts them as MATLAB does.
 

@@ -10,14 +10,7 @@ from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    broadcast,
-    period_of,
-    select,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
 
 _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals

@@ -10,15 +10,7 @@ from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, witho
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
 from kennfeld.models.simulink.blocks.matrix_operations import as_matrix, inverse_of
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, evaluating
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    as_vector,
-    broadcast,
-    period_of,
-    select,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, as_vector, broadcast, period_of, select
 
 _TURNS = {"radian": None, "degree": 360.0, "revolution": 1.0}
 _INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")

@@ -8,12 +8,7 @@ from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import dimension_settings, selected_indices
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    period_of,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, period_of
 
 _MAX_COMPARISONS = 100_000
 _MAX_INVERSE_ROWS = 3

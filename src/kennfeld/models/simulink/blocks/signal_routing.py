@@ -172,15 +172,8 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
         _member_of(bus, path.strip())
-        bus = _assigned(bus, path.strip().split("."), block.input_or_bus(at))
+        bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
     return bus
-
-
-def _assigned(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
-    inner = wired.member(path[0]) if path and isinstance(wired, Bus) else None
-    if inner is None or not isinstance(wired, Bus):
-        return new
-    return replace(wired, members={**wired.members, path[0]: _assigned(inner, path[1:], new)})
 
 
 @block("BusElement", "BusElements")
@@ -200,12 +193,12 @@ def bus_element(block: BlockContext) -> SignalOrBus:
 
 
 def _set_member(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
-    """Return a bus with a signal added at a path, creating the buses on the way."""
+    """Return a bus with a signal added or replaced at a path, creating the buses on the way."""
     if not path:
         return new
-    members = dict(wired.members) if isinstance(wired, Bus) else {}
-    members[path[0]] = _set_member(members.get(path[0], Bus()), path[1:], new)
-    return Bus(members)
+    bus = wired if isinstance(wired, Bus) else Bus()
+    inner = _set_member(bus.member(path[0]) or Bus(), path[1:], new)
+    return replace(bus, members={**bus.members, path[0]: inner})
 
 
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")

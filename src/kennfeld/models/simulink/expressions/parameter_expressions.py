@@ -47,10 +47,6 @@ FIELD_FUNCTIONS: Final[Mapping[str, LibraryFunction]] = {
 _TEXT_FUNCTIONS: Final = ("eval", "str2num", "str2double")
 
 
-def _refuse_function(name: str) -> ProgramError:
-    return ProgramError(f"the function {name} requires numbers")
-
-
 class ParameterExpressions:
     """Evaluator of block fields on graph nodes."""
 
@@ -138,7 +134,7 @@ class ParameterExpressions:
         live: bool = True,
         names: Mapping[str, Nodes] | None = None,
         library: Mapping[str, LibraryFunction] = FIELD_FUNCTIONS,
-        refuse: Callable[[str], ProgramError] = _refuse_function,
+        refuse: Callable[[str], ProgramError] = lambda name: ProgramError(f"the function {name} requires numbers"),
         single_elements: bool = True,
     ) -> StatementInterpreter:
         """Return an interpreter of code that sees the names of a scope; `refuse` makes errors of other functions."""

@@ -6,6 +6,7 @@ Function imported alone is wrapped in a system with ports.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -59,25 +60,19 @@ def flatten(
     return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
 
 
+@dataclass
 class _Flattener:
     """Places the blocks of a system and of the systems below it."""
 
-    def __init__(
-        self,
-        placed: FlatteningState,
-        cuts: Mapping[str, str],
-        opaque: frozenset[str],
-        models: Mapping[str, Scope],
-        known: Mapping[str, bool],
-        counts: Mapping[str, int],
-    ) -> None:
-        self.placed = placed
-        self.cuts = cuts
-        self.opaque = opaque
-        self.models = models
-        self.known = known
-        self.counts = counts
-        self.repetition = IterationUnroller(placed, self._place)
+    placed: FlatteningState
+    cuts: Mapping[str, str]
+    opaque: frozenset[str]
+    models: Mapping[str, Scope]
+    known: Mapping[str, bool]
+    counts: Mapping[str, int]
+
+    def __post_init__(self) -> None:
+        self.repetition = IterationUnroller(self.placed, self._place)
 
     def level(
         self, level: SystemInstance, parent: SystemInstance | None = None, holder: ModelBlock | None = None

@@ -164,10 +164,10 @@ class BlockContext:
             remedy = "Set its input processing to elements as channels, or bind it."
             raise UnsupportedError(f"its input is a frame of {signal.shape[0]} samples, which is not supported", remedy)
 
-    def bus(self, index: int = 0) -> SignalOrBus:
-        """Return the bus at an input; that of a model input provides any signal by name."""
-        source = self.source(index)
-        arriving = self.input_or_bus(index)
+    def bus(self) -> SignalOrBus:
+        """Return the bus at the first input; that of a model input provides any signal by name."""
+        source = self.source()
+        arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
         return self.compiler.inputs.open_bus(source.flat)

@@ -55,11 +55,6 @@ _TYPE_CLASSES = frozenset(
 )
 
 
-def is_text_dictionary(raw: bytes) -> bool:
-    """Return True if bytes look like a text data dictionary."""
-    return _PARTS.encode() in raw[:_HEAD]
-
-
 def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """Return the chunks of a text dictionary; errors are recorded."""
     try:
@@ -245,7 +240,7 @@ def _read_file(path: Path) -> Dictionary:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
-    if not is_zip(raw) and not is_text_dictionary(raw):
+    if not is_zip(raw) and _PARTS.encode() not in raw[:_HEAD]:
         raise InputError.of(Location(path.name), "is not a data dictionary", _EXTENSION_REMEDY)
     roots = _packed(raw, diagnostics) if is_zip(raw) else text_chunks(raw, diagnostics)
     diagnostics.raise_if_errors()
