@@ -257,18 +257,14 @@ class NumericEvaluator:
                 behind = steps[at] if at < len(steps) else None
                 known = self.flat_values(behind.arguments) if isinstance(behind, m.Call) else []
                 return [construct_object(path, known)], at + isinstance(behind, m.Call)
-        first = steps[0] if steps else None
-        arguments = self.flat_values(first.arguments) if isinstance(first, m.Call) else []
-        is_call = isinstance(first, m.Call)
-        wanted = outputs if len(steps) == is_call else 1
+        call = steps[0] if steps and isinstance(steps[0], m.Call) else None
+        arguments = self.flat_values(call.arguments) if call is not None else []
         if not self.knows(base.name):
-            self._raise_unknown(base, path if not is_call else base.name, is_call)
-        return self.call(base.name, arguments, wanted, base.place), int(is_call)
-
-    def _raise_unknown(self, base: m.Name, path: str, is_call: bool) -> None:
-        remedy = nearest(base.name, [*self.variables, *NUMERIC_FUNCTIONS])
-        message = f"unknown function {path}" if is_call or "." in path else f"{path} is not defined"
-        raise MatlabError.at(self.name, base.place, message, remedy)
+            remedy = nearest(base.name, [*self.variables, *NUMERIC_FUNCTIONS])
+            message = f"unknown function {path}" if call is not None or "." in path else f"{path} is not defined"
+            raise MatlabError.at(self.name, base.place, message, remedy)
+        used = 0 if call is None else 1
+        return self.call(base.name, arguments, outputs if len(steps) == used else 1, base.place), used
 
     def knows(self, name: str) -> bool:
         """Return True if a function of this name exists."""
@@ -314,8 +310,7 @@ class NumericEvaluator:
         if function.body is None:
             return self.call(function.name, arguments, outputs, m.SourcePosition())
         with self.nested_call():
-            inner = self.inner(_bind_arguments(function, arguments))
-            return inner.values(function.body, outputs)
+            return self.inner(_bind_arguments(function, arguments)).values(function.body, outputs)
 
     def inner(self, variables: dict[str, v.Value]) -> "NumericEvaluator":
         """Return an evaluator for the body of a function."""

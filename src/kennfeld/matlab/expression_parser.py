@@ -161,8 +161,7 @@ class ExpressionParser:
         self.at += 1
         if self.is_operator("("):
             self.at += 1
-            name = self._parse_enclosed(")")
-            return m.DynamicField(of, name, place=of.place)
+            return m.DynamicField(of, self._parse_enclosed(")"), place=of.place)
         if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a field name is missing before {self.describe_token()}")
         return m.Field(of, self.take().text, place=of.place)

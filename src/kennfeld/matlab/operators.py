@@ -130,8 +130,7 @@ def _apply_to_strings(operator: str, left: v.Array, right: v.Array) -> v.Array:
     """Join strings by +, or compare them."""
     words = [_to_strings(array) for array in (left, right)]
     if operator == "+":
-        joined = np.frompyfunc(lambda a, b: a + b, 2, 1)(*words)
-        return np.asarray(joined, dtype=object)
+        return np.asarray(np.add(*words), dtype=object)
     if operator in ("==", "~="):
         return np.asarray(_COMPARED[operator](*words), dtype=np.bool_)
     raise v.MatlabValueError(f"{operator} is not defined for strings")
@@ -271,8 +270,7 @@ def _concatenate_arrays(arrays: Sequence[v.Array], axis: int, budget: Budget) ->
         return _concatenate([_to_characters(array) for array in arrays], axis, budget)
     whole = next((v.class_name(array) for array in arrays if array.dtype.kind in "iu"), "")
     name = whole or result_class(*arrays)
-    joined = _concatenate([v.numbers(array) for array in arrays], axis, budget)
-    return cast_to_class(joined, name)
+    return cast_to_class(_concatenate([v.numbers(array) for array in arrays], axis, budget), name)
 
 
 def _to_strings(array: v.Array) -> v.Array:

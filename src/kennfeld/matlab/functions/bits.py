@@ -56,9 +56,8 @@ def _apply_bits(call: NumericArguments, operation: Callable[[int, int], int], ki
     left = _to_integers(call, 0, kind)
     right = _to_integers(call, 1, replace(kind, signed=True))
     each = np.frompyfunc(lambda a, b: float(kind.wrapped(operation(int(a), int(b)))), 2, 1)
-    name = next(
-        (class_name(call.array(at)) for at in range(operands) if class_name(call.array(at)) in INTEGERS), "double"
-    )
+    names = [class_name(call.array(at)) for at in range(operands)]
+    name = next((name for name in names if name in INTEGERS), "double")
     return apply_pairwise(call, lambda *_: np.asarray(each(*pad_dimensions(left, right))).astype(np.float64), name)
 
 

@@ -235,7 +235,10 @@ class _StatementParser:
             case (("name" | "quoted"), _):
                 return self._call(token) if self._peek.text == "(" else self._bare(token)
             case "op", "(":
-                return self._bracket(token)
+                self._deeper()
+                inner = self._expression(_LOOSEST)
+                self._close(token)
+                return inner
             case "op", ("-" | "+" | "not"):
                 return self._prefix(token, level)
         raise self._no_operand(token)
@@ -262,12 +265,6 @@ class _StatementParser:
         self._close(opening)
         key = self._key("call", name.name, name.quoted, *(arg.key for arg in args))
         return Call(name.name, tuple(args), name, key)
-
-    def _bracket(self, opening: Token) -> Expr:
-        self._deeper()
-        inner = self._expression(_LOOSEST)
-        self._close(opening)
-        return inner
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:

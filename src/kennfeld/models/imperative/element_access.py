@@ -55,8 +55,7 @@ def index_value(
     places = evaluator.index_values(array, trees)
     if _is_mask(evaluator, array, places):
         return array
-    result = _elements(evaluator, array, places, message)
-    return s.of_class(array, result)
+    return s.of_class(array, _elements(evaluator, array, places, message))
 
 
 def _is_mask(evaluator: SymbolicEvaluator, array: Nodes, places: list[s.SymbolicValue]) -> bool:

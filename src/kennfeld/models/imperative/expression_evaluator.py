@@ -63,8 +63,10 @@ class ExpressionEvaluator:
                 return self._field(tree)
             case m.Unary(operator, operand):
                 return self._unary(operator, self.nodes(operand))
+            case m.Binary(("&&" | "||") as operator, left, right):
+                return self._short_circuit(operator, left, right)
             case m.Binary(operator, left, right):
-                return self._binary(operator, left, right)
+                return self.operation(operator, self._operand(left), self._operand(right))
             case m.Transpose(operand):
                 return transpose(self.nodes(operand))
             case m.Matrix(rows):
@@ -135,11 +137,6 @@ class ExpressionEvaluator:
         if operator == "-":
             return s.integers(self.apply("neg", operand), s.word_of(operand))
         return s.as_logical(self.apply("not", operand))
-
-    def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> s.SymbolicValue:
-        if operator in ("&&", "||"):
-            return self._short_circuit(operator, left, right)
-        return self.operation(operator, self._operand(left), self._operand(right))
 
     def _operand(self, tree: m.Expression) -> Nodes:
         current = s.force(self.value(tree))

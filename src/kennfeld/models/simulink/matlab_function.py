@@ -57,8 +57,7 @@ def _outputs(block: BlockContext) -> tuple[SignalOrBus, ...]:
     script = _script(block)
     function = script.functions[0]
     context = _evaluation_context(block, {function.name: function for function in script.functions[1:]})
-    values = _arguments(block, function)
-    call = _Call(block, context, function, values)
+    call = _Call(block, context, function, _arguments(block, function))
     results = call.results()
     period = period_of(block.input_or_bus(at) for at in range(_ports(block)))
     period = 0.0 if block.memories and period == CONSTANT else period

@@ -31,7 +31,7 @@ def assignment(block: BlockContext) -> SignalOrBus:
     port, axes = 2, list[list[tuple[int, int]] | Signal]()
     for axis, option in enumerate(options[:dimensions]):
         if option.endswith("(port)"):
-            axes.append(_variable_indices(block, block.input(port), option, values, nodes, axis, len(axes)))
+            axes.append(_variable_indices(block, block.input(port), option, values, nodes, axis))
             port += 1
         else:
             text = index_fields[axis] if axis < len(index_fields) else ""
@@ -58,7 +58,7 @@ def _constant_indices(
 
 
 def _variable_indices(
-    block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int, before: int
+    block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
     first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0

@@ -269,8 +269,7 @@ def selector(block: BlockContext) -> SignalOrBus:
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:
-    source = block.field_text("IndexIsStartValue", "off")
-    if block.field_text("ElementSrc", "Internal") != "Internal" or source == "on":
+    if block.field_text("ElementSrc", "Internal") != "Internal" or block.field_text("IndexIsStartValue", "off") == "on":
         raise UnsupportedError("its indices come from an input in a way that is not supported")
     return ["Index vector (dialog)"] * dimensions
 
@@ -375,8 +374,7 @@ def _memory(block: BlockContext) -> BlockContext:
 @block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
     """Return the content of a data store after the writers that run before this block."""
-    memory = _memory(block)
-    content = data_store_memory(memory)
+    content = data_store_memory(_memory(block))
     assert isinstance(content, Signal)
     return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))
 

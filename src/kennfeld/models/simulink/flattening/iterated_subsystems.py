@@ -148,8 +148,7 @@ class IterationUnroller:
         before: list[FlatBlock] = []
         for number in range(1, plan.count + 1):
             start = len(self.placed.flat_blocks)
-            inner = self._place_iteration(level, face, plan, number, levels, passing)
-            levels.append(inner)
+            levels.append(self._place_iteration(level, face, plan, number, levels, passing))
             blocks = self.placed.flat_blocks[start:]
             if plan.each:  # the first element represents the others
                 for flat in blocks if before else ():

@@ -109,8 +109,7 @@ def _close(builder: GraphBuilder, state: ContinuousState, new: int) -> None:
 def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:
     """Return the nodes of roots with some nodes replaced."""
     replaced = dict(place)
-    needed = _dependencies(builder, roots, replaced)
-    for at in sorted(needed):
+    for at in sorted(_dependencies(builder, roots, replaced)):
         op, args, payload = builder.nodes[at]
         if op == "major" or all(replaced.get(a, a) == a for a in args):
             replaced[at] = at

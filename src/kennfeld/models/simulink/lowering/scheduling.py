@@ -172,8 +172,7 @@ class SampleTimes:
         if hit is None:
             return replace(wired, period=rate.period)
         if flat.passes:
-            message = "it has its own sample time in an iterated subsystem, which is not supported"
-            self.failures.note(flat, message)
+            self.failures.note(flat, "it has its own sample time in an iterated subsystem, which is not supported")
         nodes = np.array([self._hold_node(hit, node) for node in wired.flat], dtype=np.int64)
         return replace(wired, nodes=nodes.reshape(wired.shape, order="F"), period=rate.period)
 

@@ -21,7 +21,7 @@ from kennfeld.models.simulink.reader.model_tree import (
     join_path,
     split_arguments,
 )
-from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, normalize_name
+from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode, normalize_name
 
 _BAR = re.compile(r"(?<!\\)\|")  # separator of values unless escaped by a backslash
 _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
@@ -147,7 +147,7 @@ class BlockReader:
         section = self.load(name)
         if section is None:
             message = f"has its content in {name[:80]}, which is missing or damaged"
-            self.diagnostics.error(place, message, "Use a complete copy of the file.")
+            self.diagnostics.error(place, message, COMPLETE_COPY)
             return System()
         if "Ref" in section.keys:
             raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which contains no system")

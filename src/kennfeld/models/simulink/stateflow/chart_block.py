@@ -55,8 +55,7 @@ def _check(chart: StoredChart) -> None:
     """Reject settings that change the execution of a chart."""
     if chart.update == "CONTINUOUS":
         raise UnsupportedError("continuous-time charts are not supported", DEFAULT_REMEDY)
-    machine = chart.settings.get("stateMachineType", "")
-    if "MOORE" in machine.upper():
+    if "MOORE" in chart.settings.get("stateMachineType", "").upper():
         raise UnsupportedError("Moore charts are not supported", DEFAULT_REMEDY)
     if chart.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("super step semantics are not supported", DEFAULT_REMEDY)
@@ -260,8 +259,9 @@ class _Chart:
             return int(apply("ne", signal, 0.0).nodes[0])
         kind = _EDGES.get(event.written.trigger)
         if kind is None:
-            message = f"event {event.written.name} has the unsupported trigger {event.written.trigger[:40]}"
-            raise UnsupportedError(message)
+            raise UnsupportedError(
+                f"event {event.written.name} has the unsupported trigger {event.written.trigger[:40]}"
+            )
         return int(self.block.zero_crossing(self.block.hold_in_minor_steps(signal), kind).nodes[0])
 
     # outputs
@@ -419,5 +419,4 @@ def chart_port_names(atom: FlatBlock, kind: str) -> list[str]:
     system = atom.block.system
     if system is None:
         raise UnsupportedError("the file does not contain its ports")
-    ports = sorted(system.of(kind), key=port_number)
-    return [port.name.removesuffix("()") for port in ports]
+    return [port.name.removesuffix("()") for port in sorted(system.of(kind), key=port_number)]

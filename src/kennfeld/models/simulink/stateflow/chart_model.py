@@ -152,8 +152,7 @@ class ChartModel:
     def __init__(self, chart: StoredChart) -> None:
         self.chart = chart
         self.language = ActionLanguage(chart.language, chart.bits)
-        parallel = chart.decomposition == "SET_CHART"
-        self.root = StateNode("", chart.name, parallel=parallel)
+        self.root = StateNode("", chart.name, parallel=chart.decomposition == "SET_CHART")
         self.states: dict[str, StateNode] = {"": self.root}
         self.functions: dict[tuple[str, str], ChartFunction] = {}
         self.data: dict[tuple[str, str], ChartVariable] = {}

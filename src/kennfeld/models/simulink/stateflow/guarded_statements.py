@@ -108,8 +108,7 @@ class GuardedStatements(ChartPart):
             return self.machine.functions.call(function, values, context, guard)
         results = self.values.call_library(name, arguments, wanted, context, guard)
         if not results:
-            message = f"unknown function {name} with several results"
-            raise UnsupportedError(f"{context.place}: {message}")
+            raise UnsupportedError(f"{context.place}: unknown function {name} with several results")
         return results, guard
 
     def _store(self, target: m.Expression | None, new: Nodes, context: ActionContext, guard: Guard) -> None:
@@ -270,8 +269,7 @@ class ChartFunctionCalls(ChartPart):
         for data in self.diagram.data.values():
             is_local = self.diagram.holder(data.written.parent) is function.state
             if is_local and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
-                start = self.variables.values[data.key]
-                self.variables.values[f"{frame}.{data.written.name}"] = start
+                self.variables.values[f"{frame}.{data.written.name}"] = self.variables.values[data.key]
 
     def _run_code(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
         try:

@@ -55,6 +55,10 @@ class StoredVariables:
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
+class UnusableValueError(Exception):
+    """A value cannot be used; the text gives the reason."""
+
+
 def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
     """Return an object by its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
@@ -123,7 +127,7 @@ def mxarray_value(raw: bytes) -> Value:
     """Return the value of a single `.mxarray` array; raises `MatFileError` if there is none."""
     try:
         return _NodeDecoder().value(read_array(raw, _MAX_BYTES), "")
-    except _UnreadError as why:
+    except UnusableValueError as why:
         raise n.MatFileError(str(why)) from None
 
 
@@ -146,7 +150,7 @@ def _data(loaded: n.MatFileContent, message: str) -> StoredVariables:
     for name, node in loaded.variables.items():
         try:
             entries[name] = _entry(name, node, reader.value(node, name))
-        except _UnreadError as why:
+        except UnusableValueError as why:
             reader.unreadable[name] = str(why)
     if loaded.lost:
         whole = message if not entries else f"{message} whole"
@@ -165,10 +169,6 @@ def _entry(name: str, node: n.Node, value: Value) -> StoredVariable:
     return StoredVariable(name, value, kind or word)
 
 
-class _UnreadError(Exception):
-    """A value cannot be used; the text gives the reason."""
-
-
 @dataclass
 class _NodeDecoder:
     """Converts nodes to values; `unreadable` lists what was skipped within them."""
@@ -176,7 +176,7 @@ class _NodeDecoder:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def value(self, node: n.Node, path: str) -> Value:
-        """Return the value of a node; raise `_UnreadError` if it is unsupported."""
+        """Return the value of a node; raise `UnusableValueError` if it is unsupported."""
         match node:
             case n.MatNumbers():
                 with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
@@ -191,8 +191,8 @@ class _NodeDecoder:
                 return tuple(self.value(element, f"{path}{{{at}}}") for at, element in enumerate(node.cells, 1))
             case n.MatUnreadable():
                 if node.kind in _WHY or node.kind == "damaged value":
-                    raise _UnreadError(node.why or _WHY[node.kind])
-                raise _UnreadError(f"{node.kind}: {node.why or 'it can only be read by MATLAB'}")
+                    raise UnusableValueError(node.why or _WHY[node.kind])
+                raise UnusableValueError(f"{node.kind}: {node.why or 'it can only be read by MATLAB'}")
 
     def _fields(self, node: n.MatStruct, path: str) -> Mapping[str, Value]:
         """Return the fields of a struct; unreadable ones are recorded and skipped."""
@@ -200,7 +200,7 @@ class _NodeDecoder:
         for name, inner in node.fields.items():
             try:
                 fields[name] = self.value(inner, f"{path}.{name}")
-            except _UnreadError as why:
+            except UnusableValueError as why:
                 self.unreadable[f"{path}.{name}"] = str(why)
         return fields
 
@@ -210,7 +210,7 @@ class _NodeDecoder:
         for name, inner in node.fields.items():
             try:
                 properties[name] = _NodeDecoder().value(inner, name)
-            except _UnreadError:
+            except UnusableValueError:
                 if name in _NEEDED:
                     raise
         return properties
