@@ -310,14 +310,14 @@ class _ScriptRunner(NumericEvaluator):
         self.trying += 1
         try:
             self.body(statement.body)
+            return
         except (MatlabError, v.MatlabValueError, _StopError) as error:
+            message = v.characters(str(error))
+        finally:
             self.trying -= 1
-            if statement.name:
-                message = v.characters(str(error))
-                self.variables[statement.name] = v.MatlabStruct.of({"message": message, "identifier": v.characters("")})
-            self.body(statement.handler)
-        else:
-            self.trying -= 1
+        if statement.name:
+            self.variables[statement.name] = v.MatlabStruct.of({"message": message, "identifier": v.characters("")})
+        self.body(statement.handler)
 
     def _declare(self, statement: m.Declaration) -> None:
         for name in statement.names:
