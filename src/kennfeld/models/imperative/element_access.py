@@ -33,6 +33,16 @@ def fixed_element(array: Nodes, at: Sequence[int]) -> int:
     return int(result)
 
 
+def cell_indices(evaluator: SymbolicEvaluator, whole: Nodes, trees: Sequence[m.Expression]) -> list[int]:
+    """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
+    indices = map(s.as_array, evaluator.index_values(whole, trees))
+    numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
+    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
+    if len(at) < len(trees):
+        raise ProgramError("the index of a cell is not a constant scalar")
+    return at
+
+
 def index_value(
     evaluator: SymbolicEvaluator, value: s.SymbolicValue, trees: Sequence[m.Expression], message: str
 ) -> s.SymbolicValue:
@@ -228,11 +238,7 @@ def _with_cell(
 ) -> s.SymbolicCell:
     cells = current if isinstance(current, s.SymbolicCell) else s.SymbolicCell((), (0, 0))
     whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    indices = map(s.as_array, evaluator.index_values(whole, trees))
-    numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
-    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
-    if len(at) != len(trees):
-        raise ProgramError("the index of a cell is not a constant scalar")
+    at = cell_indices(evaluator, whole, trees)
     is_row = len(cells.shape) == 2 and min(cells.shape) < 2
     if at == [len(cells.cells)] and is_row:  # one more, behind the last
         rows, columns = cells.shape

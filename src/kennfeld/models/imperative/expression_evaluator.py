@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.traversal import children, dotted_name
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.element_access import MASK_REMEDY, fixed_element, index_value
+from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.graph_operators import BINARY
 from kennfeld.models.imperative.library.elementwise_functions import ELEMENTWISE_NAMES
@@ -240,12 +240,8 @@ class ExpressionEvaluator:
     def _cell(self, value: s.SymbolicValue, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
         if not isinstance(value, s.SymbolicCell):
             raise ProgramError(f"braces index {s.describe(value)}, not a cell array")
-        shape = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
-        places = self.index_values(shape, arguments)
-        indices = [self.context.numbers(s.as_array(place), "the index of a cell") for place in places]
-        if any(index is None or index.size != 1 for index in indices):
-            raise ProgramError("the index of a cell is not a constant scalar")
-        return s.force(value.cells[fixed_element(shape, [int(n.item()) - 1 for n in indices if n is not None])])
+        whole = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
+        return s.force(value.cells[fixed_element(whole, cell_indices(self, whole, arguments))])
 
     def index_values(self, array: Nodes, trees: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""

@@ -1,7 +1,8 @@
 """Operations on arrays of graph nodes: elementwise with broadcasting, reductions, matrix products."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -58,9 +59,10 @@ class Elementwise:
         return elementwise(self.builder, op, *args)
 
 
-def reduce_nodes(builder: GraphBuilder, op: str, nodes: list[int]) -> int:
+def reduce_nodes(builder: GraphBuilder, op: str, nodes: Iterable[int]) -> int:
     """Combine nodes by an operation from first to last; 0 if there are none."""
-    return reduce(lambda a, b: builder.call(op, a, b), nodes) if nodes else builder.const(0.0)
+    terms = [int(node) for node in nodes]
+    return reduce(partial(builder.call, op), terms) if terms else builder.const(0.0)
 
 
 def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
@@ -72,7 +74,7 @@ def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
     for row in range(left.shape[0]):
         for column in range(right.shape[1]):
             terms = elementwise(builder, "mul", left[row, :], right[:, column])
-            result[row, column] = reduce_nodes(builder, "add", [int(term) for term in terms])
+            result[row, column] = reduce_nodes(builder, "add", terms)
     return result
 
 

@@ -176,10 +176,7 @@ class StatementInterpreter:
 
     def truth(self, value: s.SymbolicValue) -> int:
         """Return the condition of a value: all elements are non-zero, and there are any."""
-        nodes = s.as_array(s.force(value), "a condition")
-        if nodes.size == 0:
-            return self.builder.const(0.0)
-        return reduce_nodes(self.builder, "and", [int(node) for node in nodes.ravel()])
+        return reduce_nodes(self.builder, "and", s.as_array(s.force(value), "a condition").ravel())
 
     def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue:
         """Call `make` with other variables."""

@@ -152,7 +152,7 @@ def _to_symbolic(wired: SignalOrBus) -> SymbolicValue:
     """Return a signal as a variable: a vector as a column, a bus as a struct."""
     if isinstance(wired, Bus):
         return SymbolicStruct({name: _to_symbolic(member) for name, member in wired.members.items()})
-    return wired.nodes.reshape(-1, 1) if wired.nodes.ndim == 1 else wired.nodes
+    return wired.matrix
 
 
 def _wired(nodes: SymbolicValue, period: float) -> SignalOrBus:

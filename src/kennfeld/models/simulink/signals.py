@@ -56,6 +56,11 @@ class Signal:
         return [int(node) for node in self.nodes.ravel(order="F")]
 
     @property
+    def matrix(self) -> Nodes:
+        """Nodes as a matrix, a vector as a column."""
+        return self.nodes.reshape(-1, 1) if self.nodes.ndim == 1 else self.nodes
+
+    @property
     def elements(self) -> "list[Signal]":
         """Scalar signals, column by column."""
         return [replace(self, nodes=np.array([node], dtype=np.int64)) for node in self.flat]

@@ -123,7 +123,7 @@ def permute(block: BlockContext) -> SignalOrBus:
     if order != [2.0, 1.0]:
         text = block.field_text("Order")[:40]
         raise UnsupportedError(f"its Order {text} is not supported: arrays have at most two dimensions")
-    return block.signal(as_matrix(x).T, x.period)
+    return block.signal(x.matrix.T, x.period)
 
 
 @block("Convert 1-D to 2-D", linked=True, M="1", N="1")
@@ -138,12 +138,7 @@ def as_two_dimensional(block: BlockContext) -> SignalOrBus:
 @block("Transpose", linked=True)
 def transpose(block: BlockContext) -> SignalOrBus:
     """Transpose the input; a vector becomes a row."""
-    return block.signal(as_matrix(block.input()).T, block.input().period)
-
-
-def as_matrix(x: Signal) -> Nodes:
-    """Return a signal as a matrix, a vector as a column."""
-    return x.nodes.reshape(-1, 1) if x.nodes.ndim == 1 else x.nodes
+    return block.signal(block.input().matrix.T, block.input().period)
 
 
 @block("Cross Product", "3x3 Cross Product", linked=True)
@@ -161,14 +156,14 @@ def cross_product(block: BlockContext) -> SignalOrBus:
 def determinant(block: BlockContext) -> SignalOrBus:
     """Return the determinant of a matrix."""
     x = block.input()
-    return block.signal([determinant_of(block, _square(as_matrix(x)))], x.period)
+    return block.signal([determinant_of(block, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
 def inverse(block: BlockContext) -> SignalOrBus:
     """Return the inverse of a matrix."""
     x = block.input()
-    return block.signal(inverse_of(block, as_matrix(x)), x.period)
+    return block.signal(inverse_of(block, x.matrix), x.period)
 
 
 def _square(matrix: Nodes) -> Nodes:
@@ -183,10 +178,9 @@ def determinant_of(block: BlockContext, matrix: Nodes) -> int:
     """Expand the determinant of a small matrix along its first row."""
     if matrix.shape == (1, 1):
         return int(matrix[0, 0])
-    products = (
-        block.builder.call("mul", int(node), _cofactor(block, matrix, 0, at)) for at, node in enumerate(matrix[0])
-    )
-    return reduce_nodes(block.builder, "add", list(products))
+    call, first_row = block.builder.call, map(int, matrix[0])
+    products = (call("mul", node, _cofactor(block, matrix, 0, at)) for at, node in enumerate(first_row))
+    return reduce_nodes(block.builder, "add", products)
 
 
 def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:

@@ -9,7 +9,6 @@ import numpy as np
 from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.blocks.bit_operations import fit_to_type, stored_integer
-from kennfeld.models.simulink.blocks.matrix_operations import as_matrix
 from kennfeld.models.simulink.flattening.connections import bus_member_names
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
@@ -209,7 +208,7 @@ def concatenate(block: BlockContext) -> SignalOrBus:
     if block.option("Mode", "Vector", "Multidimensional array") == "Vector":
         return block.signal(_concatenate_vectors(inputs), period)
     axis = block.integer_field("ConcatenateDimension", 1, 2) - 1
-    parts = [as_matrix(signal) for signal in inputs]
+    parts = [signal.matrix for signal in inputs]
     try:
         return block.signal(np.concatenate(parts, axis=axis), period)
     except ValueError:

@@ -194,8 +194,8 @@ class BlockContext:
         return Signal(array if shape is None else array.reshape(shape, order="F"), period, builder=self.builder)
 
     def reduce(self, op: str, args: Sequence[Signal]) -> Signal:
-        """Reduce signals by a binary operation, from first to last."""
-        return functools.reduce(lambda result, arg: apply(op, result, arg), args)
+        """Combine signals by an operation from first to last; 0 if there are none."""
+        return functools.reduce(functools.partial(apply, op), args) if args else self.constant(0.0)
 
     def truncate(self, x: Signal) -> Signal:
         """Round a signal toward zero."""
@@ -203,8 +203,7 @@ class BlockContext:
 
     def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
         """Return 1 if a signal equals one of several values, else 0."""
-        equal = [apply("eq", x, value) for value in values]
-        return self.reduce("or", equal) if equal else self.constant(0.0)
+        return self.reduce("or", [apply("eq", x, value) for value in values])
 
     @property
     def time(self) -> Signal:

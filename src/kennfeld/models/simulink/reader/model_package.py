@@ -10,18 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kennfeld.archives import find_oversized
-from kennfeld.models.simulink.reader.section_tree import (
-    COMPLETE_COPY,
-    ReadDiagnostics,
-    SectionNode,
-    json_section,
-    xml_section,
-)
+from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
 _BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
 _PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
+_REMEDY = "Use a complete copy of the file."
 _BASE_UNPACKED_BYTES = 50_000_000  # allowed for any file
 _MAX_COMPRESSION_RATIO = 60  # model XML compresses 10 times, repetitive blocks 30 times
 
@@ -54,7 +49,7 @@ class ModelPackage:
             return self._unpack(self.members[name], self.archive)
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
             # RuntimeError: encrypted member; NotImplementedError: unknown compression method
-            self.diagnostics.error(name, f"cannot be unpacked: {error or type(error).__name__}", COMPLETE_COPY)
+            self.diagnostics.error(name, f"cannot be unpacked: {error or type(error).__name__}", _REMEDY)
             return None
 
     def _unpack(self, member: zipfile.ZipInfo, archive: zipfile.ZipFile) -> bytes | None:
@@ -63,7 +58,7 @@ class ModelPackage:
         self.room -= len(raw)
         if self.room < 0:
             message = "expands to far more data than a model of this size contains"
-            self.diagnostics.error(member.filename[:80], message, COMPLETE_COPY)
+            self.diagnostics.error(member.filename[:80], message, _REMEDY)
             self.room = 0
             return None
         return raw
@@ -99,7 +94,7 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
         diagnostics.error("", f"is a damaged zip archive: {error}", remedy)
         return ModelPackage(diagnostics)
     if too_much:
-        diagnostics.error("", f"expands to far more data than a model contains: {too_much}", COMPLETE_COPY)
+        diagnostics.error("", f"expands to far more data than a model contains: {too_much}", _REMEDY)
         return ModelPackage(diagnostics)
     room = max(_BASE_UNPACKED_BYTES, _MAX_COMPRESSION_RATIO * len(raw))
     return ModelPackage(diagnostics, members, archive, room=room)
@@ -109,7 +104,7 @@ def text_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
     """Return the parts of a text package: a header line each, then XML text or base64 bytes."""
     end = _END.search(raw)
     if end is None:
-        raise diagnostics.refuse("", "is truncated: the text package has no end", COMPLETE_COPY)
+        raise diagnostics.refuse("", "is truncated: the text package has no end", _REMEDY)
     release = _PACKAGE.search(raw)
     match = list(_PART.finditer(raw))
     stops = [*(part.start() for part in match[1:]), end.start()]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
-from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 from kennfeld.models.imperative.symbolic_values import constants
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, enclosing_conditions
 from kennfeld.models.simulink.lowering.block_context import BlockContext
@@ -192,8 +192,8 @@ class _Chart:
                 inputs[data.key] = self._late.get(at, self.calls.start(at))
                 continue
             signal = self.block.hold_in_minor_steps(self.block.input(at))
-            nodes = signal.nodes.reshape(-1, 1) if signal.nodes.ndim == 1 else signal.nodes
             unknown = before and signal.period != CONSTANT
+            nodes = signal.matrix
             inputs[data.key] = np.full(nodes.shape, self.builder.const(0.0)) if unknown else nodes
         return inputs
 
@@ -292,9 +292,7 @@ class _Chart:
         now = machine.variables.values[key]
         if self.hit is None or key not in before:
             return now
-        pairs = zip(now.ravel(), before[key].ravel(), strict=True)
-        value = [self.builder.call("select", self.hit, int(new), int(old)) for new, old in pairs]
-        return np.array(value, dtype=np.int64).reshape(now.shape)
+        return elementwise(self.builder, "select", np.array([self.hit]), now, before[key])
 
 
 def _called_too_early(event: ChartEvent, guard: Guard) -> None:

@@ -279,13 +279,12 @@ class ChartFunctionCalls(ChartPart):
         definition = next((candidate for candidate in script.functions if candidate.name == function.name), None)
         if definition is None:
             raise UnsupportedError(f"the code of function {function.name} defines no function of this name")
-        for name, own_name in zip(definition.parameters, function.parameters, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{own_name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{name}"] = value
+        self._copy_variables(context.frame, function.parameters, definition.parameters)
         after = self.machine.statements.function(definition.body, context, guard)
-        for name, own_name in zip(definition.results, function.results, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{own_name}"] = value
+        self._copy_variables(context.frame, definition.results, function.results)
         return after
+
+    def _copy_variables(self, frame: str, names: Sequence[str], copies: Sequence[str]) -> None:
+        for name, copy in zip(names, copies, strict=False):
+            if (value := self.variables.values.get(f"{frame}.{name}")) is not None:
+                self.variables.values[f"{frame}.{copy}"] = value
