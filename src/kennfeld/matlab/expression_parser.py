@@ -161,15 +161,15 @@ class ExpressionParser:
         self.at += 1
         if self.is_operator("("):
             self.at += 1
-            return m.DynamicField(of, self._parse_enclosed(")"), place=of.place)
+            return m.DynamicField(of, self._parse_enclosed(), place=of.place)
         if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a field name is missing before {self.describe_token()}")
         return m.Field(of, self.take().text, place=of.place)
 
-    def _parse_enclosed(self, closing: str) -> m.Expression:
+    def _parse_enclosed(self) -> m.Expression:
         spaced, self.spaced = self.spaced, False
         tree = self.expression()
-        self.expect(closing)
+        self.expect(")")
         self.spaced = spaced
         return tree
 
@@ -214,7 +214,7 @@ class ExpressionParser:
             return m.End(place=place)
         if self.is_operator("("):
             self.at += 1
-            return self._parse_enclosed(")")
+            return self._parse_enclosed()
         if self.is_operator("["):
             return m.Matrix(self._rows("]"), place=place)
         if self.is_operator("{"):

@@ -25,21 +25,17 @@ def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array
     if not indices:
         return array
     if len(indices) == 1:
-        return _index_linear(array, indices[0], budget)
+        positions = _positions(indices[0], array.size)
+        budget.allocate(positions.size)
+        _check_range(positions, array.size, "the index")
+        values = array.ravel(order="F")[positions]
+        return values.reshape(_shape_of(array, indices[0], positions.size), order="F")
     shape = _fold(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     budget.allocate(math.prod(map(len, chosen)))
     for at, (positions, size) in enumerate(zip(chosen, shape, strict=True)):
         _check_range(positions, size, f"index {at + 1}")
     return trim_dimensions(array.reshape(shape, order="F")[np.ix_(*chosen)])
-
-
-def _index_linear(array: Array, index: Index, budget: Budget) -> Array:
-    positions = _positions(index, array.size)
-    budget.allocate(positions.size)
-    _check_range(positions, array.size, "the index")
-    values = array.ravel(order="F")[positions]
-    return values.reshape(_shape_of(array, index, positions.size), order="F")
 
 
 def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
@@ -86,12 +82,14 @@ def _check_range(positions: Int, size: int, message: str) -> None:
 
 
 def assign_elements(
-    array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool
+    array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool = False
 ) -> Array:
     """Return the array after `array(indices) = values`, grown with `fill` if required.
 
     Only an array that is `owned` may be changed in place.
     """
+    if not indices:
+        raise MatlabValueError("an index is missing")
     if len(indices) == 1:
         return _assign_linear(array, indices[0], values, fill, budget, owned)
     shape = array.shape if array.ndim <= len(indices) else _fold(array.shape, len(indices))

@@ -334,26 +334,16 @@ class _ScriptRunner(NumericEvaluator):
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
-            return self._invoke(self.local[name], self.local, self.name, arguments, outputs)
-        if name == "load":
+            function, local, file = self.local[name], self.local, self.name
+        elif name == "load":
             return [v.MatlabStruct.of(self.shared.files.load(arguments))]
-        if not super().knows(name) and (functions := self.shared.files.functions(name)):
-            local = {function.name: function for function in functions}
-            return self._invoke(functions[0], local, f"{name}.m", arguments, outputs)
-        return super().call(name, arguments, outputs, place)
-
-    def _invoke(
-        self,
-        function: m.FunctionDefinition,
-        local: dict[str, m.FunctionDefinition],
-        name: str,
-        arguments: Sequence[v.Value],
-        outputs: int,
-    ) -> list[v.Value]:
-        """Call a function written in MATLAB."""
+        elif not super().knows(name) and (functions := self.shared.files.functions(name)):
+            function, local, file = functions[0], {function.name: function for function in functions}, f"{name}.m"
+        else:
+            return super().call(name, arguments, outputs, place)
         with self.nested_call():
             runner = self.inner(_parameters(function, arguments))
-            runner.name, runner.local = name, local
+            runner.name, runner.local = file, local
             runner.variables |= {"nargin": v.scalar(len(arguments)), "nargout": v.scalar(outputs)}
             with suppress(_JumpError):
                 runner.body(function.body)

@@ -273,7 +273,10 @@ def _written(evaluator: SymbolicEvaluator, old: Nodes, places: list[s.SymbolicVa
     if len(places) == 1 and isinstance(places[0], s.LogicalNodes) and places[0].shape == old.shape:
         mask = places[0]
         if evaluator.context.numbers(mask, "a mask") is None:
-            return _masked(evaluator, old, mask, new)
+            if new.size != 1:
+                raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
+            value = np.broadcast_to(new.reshape(()), old.shape)
+            return elementwise(evaluator.builder, "select", np.asarray(mask), value, old)
     sizes = [old.size] if len(places) == 1 else list(fold_dimensions(old, len(places)).shape)
     result = [resolve_index(evaluator, place, size, "it") for place, size in zip(places, sizes, strict=True)]
     if len(places) > 1 and old.size == 0:
@@ -314,12 +317,6 @@ def _whole(place: s.SymbolicValue, result: Place, new: Nodes, axis: int) -> Plac
     return None, list(range(new.shape[axis] if new.ndim > axis and new.size > 1 else 1))
 
 
-def _masked(evaluator: SymbolicEvaluator, old: Nodes, mask: Nodes, new: Nodes) -> Nodes:
-    if new.size != 1:
-        raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
-    return elementwise(evaluator.builder, "select", np.asarray(mask), np.broadcast_to(new.reshape(()), old.shape), old)
-
-
 def _assign_fixed(evaluator: SymbolicEvaluator, old: Nodes, places: list[list[int]], new: Nodes) -> Nodes:
     """Assign elements at fixed indices; the array grows to hold them, with new elements 0."""
     if any(item < 0 for at in places for item in at):
@@ -328,7 +325,7 @@ def _assign_fixed(evaluator: SymbolicEvaluator, old: Nodes, places: list[list[in
     evaluator.context.room(math.prod(float(max(at, default=0)) for at in places))
     indices = [np.array([at], dtype=np.float64) + 1 for at in places]
     try:
-        return assign_elements(old, indices, new, evaluator.builder.const(0.0), Budget(), owned=False)
+        return assign_elements(old, indices, new, evaluator.builder.const(0.0), Budget())
     except MatlabValueError as error:
         raise ProgramError(f"assignment to an array of size {format_sizes(old)}: {error}") from None
 

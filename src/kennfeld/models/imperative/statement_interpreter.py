@@ -119,21 +119,16 @@ class StatementInterpreter:
             self.value(expression)
 
     def _declare(self, kind: str, names: Sequence[str]) -> None:
-        if kind == "global":
-            self._share(names)
-            return
         for name in names:
-            self.frame.persistent.append(name)
-            unset = s.ConditionalValue(s.EMPTY, self.builder.const(0.0))
-            self.names[name] = self.state.kept.get((self.frame.name, name), unset)
-
-    def _share(self, names: Sequence[str]) -> None:
-        """Declare global variables, which the host provides."""
-        for name in names:
-            if (GLOBAL, name) not in self.state.kept:
+            if kind != "global":
+                self.frame.persistent.append(name)
+                unset = s.ConditionalValue(s.EMPTY, self.builder.const(0.0))
+                self.names[name] = self.state.kept.get((self.frame.name, name), unset)
+            elif (GLOBAL, name) not in self.state.kept:
                 raise ProgramError(f"global {name}: the block has no data store of this name", "Make it an input.")
-            self.frame.shared.append(name)
-            self.names[name] = self.state.kept[GLOBAL, name]
+            else:
+                self.frame.shared.append(name)
+                self.names[name] = self.state.kept[GLOBAL, name]
 
     # values
 

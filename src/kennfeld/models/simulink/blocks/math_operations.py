@@ -25,7 +25,7 @@ def gain(block: BlockContext) -> SignalOrBus:
         return block.parameter("Gain") * u
     k = block.matrix("Gain")
     if u.size == 1 < k.shape[1] and "u*K" not in kind:
-        block.suggest_dimensions(0, (k.shape[1],))
+        block.suggest_dimensions((k.shape[1],))
     column = u.matrix
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:

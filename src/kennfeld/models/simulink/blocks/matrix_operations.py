@@ -28,14 +28,16 @@ def assignment(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"it assigns along {dimensions} dimensions, but its input has {nodes.ndim}")
     options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or ["Index vector (dialog)"] * dimensions
     index_fields = dimension_settings(block, "Indices", "IndexParamArray")
-    port, axes = 2, list[list[tuple[int, int]] | Signal]()
+    port, axes = 2, list[list[int] | Signal]()
     for axis, option in enumerate(options[:dimensions]):
         if option.endswith("(port)"):
             axes.append(_variable_indices(block, block.input(port), option, values, nodes, axis))
             port += 1
         else:
             text = index_fields[axis] if axis < len(index_fields) else ""
-            axes.append(_constant_indices(block, option, text, nodes, axis, values))
+            count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
+            option = "Select all" if option == "Assign all" else option
+            axes.append(selected_indices(block, option, text, nodes.shape[axis], axis, count))
     assigned = _assigned(block, nodes, values, axes)
     if dimensions == 1:
         assigned = assigned.reshape(into.shape, order="F")
@@ -46,15 +48,6 @@ def _extent(values: Signal, axis: int, dimensions: int) -> int:
     if values.size == 1 or dimensions == 1:
         return values.size
     return values.nodes.shape[axis] if values.nodes.ndim == 2 else values.size
-
-
-def _constant_indices(
-    block: BlockContext, option: str, text: str, nodes: Nodes, axis: int, values: Signal
-) -> list[tuple[int, int]] | Signal:
-    """Return constant indices along a dimension, paired with those of the values; both from 0."""
-    option = "Select all" if option == "Assign all" else option
-    count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
-    return list(enumerate(selected_indices(block, option, text, nodes.shape[axis], axis, count)))
 
 
 def _variable_indices(
@@ -70,9 +63,7 @@ def _variable_indices(
     return places
 
 
-def _assigned(
-    block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[tuple[int, int]] | Signal]
-) -> Nodes:
+def _assigned(block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[int] | Signal]) -> Nodes:
     counts = tuple(axis.size if isinstance(axis, Signal) else len(axis) for axis in axes)
     new_nodes, assigned = _spread_values(values, counts), nodes.copy()
     for source in np.ndindex(*counts):
@@ -91,20 +82,17 @@ def _spread_values(values: Signal, counts: tuple[int, ...]) -> Nodes:
 
 
 def _targets(
-    block: BlockContext, shape: tuple[int, ...], axes: Sequence[list[tuple[int, int]] | Signal], source: tuple[int, ...]
+    block: BlockContext, shape: tuple[int, ...], axes: Sequence[list[int] | Signal], source: tuple[int, ...]
 ) -> list[tuple[tuple[int, ...], int | None]]:
     """Return the elements that one value may be assigned to, each with its condition (None if unconditional)."""
     targets: list[tuple[tuple[int, ...], int | None]] = [((), None)]
-    for axis, at in enumerate(source):
-        places = axes[axis]
-        along: list[tuple[int, int | None]]
+    for at, size, places in zip(source, shape, axes, strict=False):
+        along: list[tuple[int, int | None]] = []
         if isinstance(places, Signal):
-            along = [
-                (k, block.builder.call("eq", places.flat[at], block.builder.const(float(k))))
-                for k in range(shape[axis])
-            ]
+            call, index = block.builder.call, places.flat[at]
+            along += [(k, call("eq", index, block.builder.const(float(k)))) for k in range(size)]
         else:
-            along = [(places[at][1], None)]
+            along.append((places[at], None))
         targets = [
             ((*head, k), block.compiler.gates.conjunction(was, now)) for head, was in targets for k, now in along
         ]

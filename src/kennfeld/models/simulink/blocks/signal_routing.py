@@ -94,7 +94,7 @@ def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
             return tuple(members)
         wired = as_one_vector(block, wired)
     if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
-        block.suggest_dimensions(0, (_outputs(block),))
+        block.suggest_dimensions((_outputs(block),))
     ends = np.cumsum(_widths(block, wired.size))
     return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
 
@@ -341,8 +341,7 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
         numbers = [[float(first + at)] for at in range(len(data))]
     selected = data[-1]
     for at in reversed(range(len(data) - 1)):
-        here = block.reduce("or", [apply("eq", index, number) for number in numbers[at]])
-        selected = select_signal(here, data[at], selected)
+        selected = select_signal(block.is_among(index, numbers[at]), data[at], selected)
     return selected
 
 

@@ -118,18 +118,13 @@ class _Flattener:
         except EvaluationError as error:
             self.placed.place(level, block, block.type, f"a variant block: {error}").undefined = error.undefined
             return
-        if block.type != "SubSystem":
-            self._place_variant_port(level, block, at)
+        if block.type != "SubSystem":  # connect the active port; readers of the others are refused
+            if at is not None:
+                ends = (1, at + 1) if block.type == "VariantSource" else (at + 1, 1)
+                level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
+            self.placed.place(level, block, "InactiveVariant")
         path = join_path(*level.path, block.name)
         self.placed.variant_choices.append(f"{path}: {describe_choice(labels, at, scope)}")
-
-    def _place_variant_port(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
-        """Connect the active port of a variant source or sink; readers of the others are refused."""
-        number = 1 if at is None else at + 1
-        ends = (1, number) if block.type == "VariantSource" else (number, 1)
-        if at is not None:
-            level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
-        self.placed.place(level, block, "InactiveVariant")
 
     def _place_bus_element(self, level: SystemInstance, block: ModelBlock) -> None:
         """Place a bus element port: a block for each input element, one block for an output bus."""

@@ -283,9 +283,9 @@ class BlockContext:
         number = STATE_PORT if ported else self.memories
         return self.compiler.continuous.integrate(self.flat, number, init, slope, reset, limits)
 
-    def suggest_dimensions(self, index: int, shape: tuple[int, ...]) -> None:
-        """Suggest the shape of an input whose memory or inport does not determine it."""
-        source = self.source(index)
+    def suggest_dimensions(self, shape: tuple[int, ...]) -> None:
+        """Suggest the shape of the first input, whose memory or inport does not determine it."""
+        source = self.source()
         if source is not None:
             self.compiler.shapes.wish(source.flat, shape)
 

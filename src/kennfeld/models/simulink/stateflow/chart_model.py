@@ -158,20 +158,16 @@ class ChartModel:
         self.data: dict[tuple[str, str], ChartVariable] = {}
         self.events: dict[tuple[str, str], ChartEvent] = {}
         self._drawn = {state.id: state for state in chart.states}
-        self._states()
+        for drawn in chart.states:
+            if drawn.type != "GROUP_STATE" and not drawn.note:
+                self._state(drawn)
+        for state in self.states.values():
+            self._number(state)
         self._junctions = {item.id: self._junction(item.id, item.type, item.parent) for item in chart.junctions}
         self._add_transitions()
         self._names()
 
     # states
-
-    def _states(self) -> None:
-        for drawn in self.chart.states:
-            if drawn.type == "GROUP_STATE" or drawn.note:
-                continue
-            self._state(drawn)
-        for state in self.states.values():
-            self._number(state)
 
     def _state(self, drawn: StoredState) -> StateNode | None:
         if drawn.id in self.states:

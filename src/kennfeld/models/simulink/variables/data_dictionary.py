@@ -316,10 +316,10 @@ def _value(section: SectionNode, depth: int = 0) -> Value:
     if inner:
         return _several(inner, section)
     if section.first("P") is not None:
-        return stored_variable("", kind, _struct(section, depth)) if kind else _struct(section, depth)
+        return stored_variable(kind, _struct(section, depth)) if kind else _struct(section, depth)
     if "." in kind:
         # an enumeration stores the name of its member, an object with only defaults stores nothing
-        return section.text.strip() or stored_variable("", kind, {})
+        return section.text.strip() or stored_variable(kind, {})
     raise UnusableValueError(f"its class {kind[:60] or 'none'} is unknown")
 
 

@@ -262,19 +262,13 @@ def _struct(value: MatlabStruct) -> ParameterValue:
 def run_parameter_script(variables: VariableTable, path: Path) -> None:
     """Run a parameter script and add its variables to `variables`; raise `InputError` if it cannot be read."""
     text = read_file(path).decode("utf-8", "replace")
-    if is_class(text):
-        _enumeration(variables, text, path)
-    else:
+    if not is_class(text):
         run_text(variables, text, path.name, path.parent)
-
-
-def _enumeration(variables: VariableTable, text: str, path: Path) -> None:
-    enumeration = enumeration_of(text)
-    if enumeration is None:
-        raise InputError.of(
-            Location(path.name), "is a class, but not an enumeration of integers", "Use scripts and enumerations."
-        )
-    variables[enumeration[0]] = variable_of(enumeration[1], path.name)
+    elif (enumeration := enumeration_of(text)) is not None:
+        variables[enumeration[0]] = variable_of(enumeration[1], path.name)
+    else:
+        message = "is a class, but not an enumeration of integers"
+        raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
 
 
 def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> None:

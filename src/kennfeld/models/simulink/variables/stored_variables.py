@@ -59,19 +59,19 @@ class UnusableValueError(Exception):
     """A value cannot be used; the text gives the reason."""
 
 
-def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
+def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariable:
     """Return an object by its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
         breakpoints = tuple(
-            _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
+            _plain(_text(axis, "FieldName") or f".{number}", "breakpoints", axis)
             for number, axis in enumerate(map(_part, _several(axes)), 1)
         )
-        return replace(_plain(name, kind, _part(table)), breakpoints=breakpoints, properties=properties)
+        return replace(_plain("", kind, _part(table)), breakpoints=breakpoints, properties=properties)
     inner = _several(axes)
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
-    return _plain(name, kind, properties)
+    return _plain("", kind, properties)
 
 
 def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
@@ -184,7 +184,7 @@ class _NodeDecoder:
             case n.MatText():
                 return node.rows or node.text
             case n.MatStruct():
-                return stored_variable("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
+                return stored_variable(node.kind, self._properties(node)) if node.kind else self._fields(node, path)
             case n.MatStructArray():
                 return tuple(self.value(element, f"{path}({at})") for at, element in enumerate(node.elements, 1))
             case n.MatCells():
