@@ -198,8 +198,7 @@ def _expressions(
     for name, span in spans.items():
         quoted = Token("quoted", f"%{name.replace('%', '%%')}%", span[0], 0)
         statements.append(Definition(quoted, "", parse_expression(source, span, keys)))
-    names = NameTable(statements, around, source)
-    nodes = build(names, builder, known)
+    nodes = build(NameTable(statements, around, source), builder, known)
     source.raise_findings()
     return nodes
 
