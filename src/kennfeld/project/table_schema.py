@@ -38,7 +38,7 @@ class GroupAxisEntry:
     """One `[axes.NAME]`. Without breakpoints, begin, end and count, they come from the initial files."""
 
     location: Location
-    input: str = key("the quantity along the axis: an input, node or channel", "")
+    input: str = key("the quantity along the axis: an input, node or channel", "", holds="input")
     breakpoints: tuple[float, ...] | Literal["free"] = key(
         'strictly increasing numbers; or `"free"`: they are fitted, from `begin`, `end` and `count`, or from `count`, '
         "or, without these keys, from the initial files",
@@ -130,7 +130,7 @@ class GroupAxisEntry:
 class AxisEntry(GroupAxisEntry):
     """An axis of a table: its own, or a group axis."""
 
-    axis: str = key("the group axis, alone", "")
+    axis: str = key("the group axis, alone", "", holds="group axis")
 
     @property
     def group(self) -> str:

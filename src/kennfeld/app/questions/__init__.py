@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, settings
+from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, schema, settings
 from kennfeld.app.session.session import Session
 
 Question = Callable[[Session, Given], Answer]
@@ -20,6 +20,8 @@ QUESTIONS: dict[str, Question] = {
     "compare": runs.compare,
     "trust": runs.trust,
     "settings": settings.settings,
+    "schema": schema.schema,
+    "names": schema.names,
     "files": recordings.files,
     "proposals": recordings.proposals,
     "formats": exports.formats,
@@ -28,6 +30,7 @@ QUESTIONS: dict[str, Question] = {
 COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
     "set-keys": settings.set_keys,
+    "set-toml": settings.set_toml,
     "set-text": settings.set_text,
     "save": settings.save,
     "reload": settings.reload,
