@@ -8,6 +8,7 @@ from functools import singledispatch
 from typing import Any
 
 from kennfeld.calfiles import endings
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.project.document import format_toml
 from kennfeld.project.forms import (
     ChoiceForm,
@@ -64,16 +65,12 @@ def heading_of(name: str, form: Form) -> str:
 
 
 def describe_key(name: str, part: Field[Any]) -> Description:
-    """Return the description of a key; `value` is its default if that is a plain value."""
-    default = default_of(part)
+    """Return name, help, type, default, unit and form of a key, and what its texts and names are."""
     return {
         "name": name,
         "help": plain_text(part.metadata["meaning"]),
         "type": plain_text(form_of(part).label),
         "default": "" if is_required(part) else plain_text(default_text(part)),
-        "value": default
-        if isinstance(default, str | bool | int | float) and "default_text" not in part.metadata
-        else None,
         "required": "missing" in part.metadata,
         "unit": part.metadata.get("unit", ""),
         "holds": part.metadata.get("holds", ""),
@@ -139,7 +136,8 @@ def _(form: TextsForm) -> Description:
 
 @describe_form.register
 def _(form: OutputForm) -> Description:
-    return {"kind": "texts", "options": [ending.removeprefix(".") for ending in endings()]}
+    shown = [ending for ending in endings() if ending not in IMAGE_ENDINGS or ending in (".hex", ".s19")]
+    return {"kind": "texts", "options": [ending.removeprefix(".") for ending in shown]}
 
 
 @describe_form.register
@@ -235,7 +233,7 @@ def _either(*alternatives: Description) -> Description:
 
 def _part(name: str, form: Description, holds: str = "") -> Description:
     """Return the description of a part of a value that has no key of its own in the schema."""
-    return {"name": name, "help": "", "type": "", "default": "", "value": None, "required": False} | {
+    return {"name": name, "help": "", "type": "", "default": "", "required": False} | {
         "unit": "",
         "holds": holds,
         "by": "",

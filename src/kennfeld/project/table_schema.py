@@ -29,6 +29,7 @@ Factor = float | Literal["auto"]
 
 FACTOR = NumberForm(least=0, words=("auto",))
 FACTORS = EitherForm(FACTOR, TableOfForm(FACTOR, names=DIRECTIONS))
+_INITIAL = "by the initial files"
 _MAX_BREAKPOINTS = 100_000
 _LIMITS = TableOfForm(LimitPairForm(), names=DIRECTIONS)
 
@@ -168,13 +169,18 @@ class ParameterEntry:
         'an axis, as above, including `{ breakpoints = "free" }`, or `{ axis = "AxisSpeed" }`. A scalar has none, a '
         "curve has `x`, a map `x` and `y`",
         None,
+        default_text=_INITIAL,
     )
-    y: AxisEntry | None = key("the second axis", None)
-    z: AxisEntry | None = key("the third axis", None)
-    w: AxisEntry | None = key("the fourth axis", None)
-    unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True))
-    description: str | None = key("a text on the parameter", None, form=TextForm(may_be_empty=True))
-    initial: Float | None = key("a number, or all values, one row for each x", None, form=ArrayForm())
+    y: AxisEntry | None = key("the second axis", None, default_text=_INITIAL)
+    z: AxisEntry | None = key("the third axis", None, default_text=_INITIAL)
+    w: AxisEntry | None = key("the fourth axis", None, default_text=_INITIAL)
+    unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True), default_text=_INITIAL)
+    description: str | None = key(
+        "a text on the parameter", None, form=TextForm(may_be_empty=True), default_text=_INITIAL
+    )
+    initial: Float | None = key(
+        "a number, or all values, one row for each x", None, form=ArrayForm(), default_text=_INITIAL
+    )
     free: bool | None = key("`false` keeps the values", None, default_text="by `[calibration]`")
     bounds: tuple[Float, Float] | None = key(
         "`[lower, upper]`; each a number or a table of the parameter's shape. They hold exactly",

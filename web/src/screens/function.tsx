@@ -11,6 +11,7 @@ import { Proposals } from "../instruments/proposals";
 import { cursor, datasetNumber } from "../plots";
 import { settings } from "../settings";
 import { open, request, screen, settled, state } from "../store";
+import { FunctionSettings } from "./function/settings";
 
 interface NodeValue { name: string; now: number | null; start: number | null }
 const values = signal<NodeValue[]>([]);
@@ -53,7 +54,8 @@ export function Function() {
             <thead><tr><th>node</th><th>unit</th><th class="num">start</th><th class="num">now</th><th class="num">change</th></tr></thead>
             <tbody>{values.value.map((node) => <tr><td><b>{node.name}</b></td><td class="q">{state.value.nodes.find((n) => n.name === node.name)?.unit}</td><td class="num q">{number(node.start)}</td><td class="num ink">{number(node.now)}</td><td class="num">{node.now === null || node.start === null || node.now === node.start ? "" : signed(node.now - node.start)}</td></tr>)}</tbody>
           </table>
-      <Proposals />
+          <Proposals />
+          <FunctionSettings />
           <div class="head mid"><h2>Parameters</h2><span class="sub">what the function looks up</span></div>
           <table class="list"><tbody>{state.value.parameters.map((p) => <tr onClick={() => { open(p.name); screen.value = "parameters"; }}><td><b>{p.name}</b></td><td class="q">{p.kind} {p.shape.join(" × ")}</td><td class="q">{p.unit}</td></tr>)}</tbody></table>
         </section>

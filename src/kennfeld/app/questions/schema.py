@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions.overview import RECORDINGS, SCREENS
 from kennfeld.app.questions.recordings import channel_names
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
@@ -18,7 +19,7 @@ MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
     "function file": (".kf", *SIMULINK),
     "surrogate file": (".json",),
-    "recording": (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl"),
+    "recording": RECORDINGS,
     "calibration file": tuple(ending for ending in endings() if ending not in IMAGE_ENDINGS),
     "image": IMAGE_ENDINGS,
     "A2L file": (".a2l",),
@@ -26,13 +27,13 @@ _FILES = {
 
 
 def schema(session: Session, given: Given) -> Answer:
-    """Return the sections of the project file with their keys: kind of value, default, limits, unit and help."""
+    """Return the sections of the project file with their screens and keys: form, default, unit and help."""
     return Answer({"sections": _sections()})
 
 
 @cache
 def _sections() -> list[dict[str, Any]]:
-    return describe_sections()
+    return [{**section, "screen": SCREENS.get(section["name"], "parameters")} for section in describe_sections()]
 
 
 def names(session: Session, given: Given) -> Answer:

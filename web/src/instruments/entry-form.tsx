@@ -1,0 +1,96 @@
+// A form for one section or entry of the project file: a line a key, those that are set first.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useMemo, useRef } from "preact/hooks";
+import { tooltip } from "../fields";
+import { wanted } from "../navigation";
+import { asToml, keysOf, sectionOf, settingName, shownForms, type Key } from "../schema";
+import { messagesOf, messagesWithin, setKeys, settings, valueAt, type Path, type Toml } from "../settings";
+import { Remove, ValueField } from "./value-field";
+
+type Table = { [key: string]: Toml };
+
+interface FormProps {
+  path: Path;
+  skip?: string[]; // keys that stand elsewhere on the screen
+  directions?: string[]; // the axes that the table has
+  draft?: { own: Table; change: (next: Table) => void }; // an entry that is not in the file yet
+}
+
+/** The fields of an entry at a path, such as `["dataset", 1]` or `["optimizer"]`. */
+export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
+  const section = String(path[0]);
+  const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
+  const all = keysOf(section).filter((key) => !skip.includes(key.name) && !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)));
+  const [whole, focused] = [useSignal(false), useSignal("")];
+  const host = useRef<HTMLDivElement>(null);
+  useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
+  const set = useMemo(() => all.filter((key) => key.name in own || key.required).map((key) => key.name), [path.join("\n"), all.length, settings.value.text === ""]);
+  const upper = all.filter((key) => set.includes(key.name));
+  const rest = all.filter((key) => !set.includes(key.name));
+  const isOpen = whole.value || upper.length === 0 || draft !== undefined;
+  const [name, key] = wanted.value.split(".");
+  useEffect(() => {
+    if (name !== section || !all.some((each) => each.name === key)) return;
+    if (!isOpen && rest.some((each) => each.name === key)) whole.value = true;
+    else if (focusSetting(host.current, wanted.value)) wanted.value = "";
+  });
+  const change = (key: Key, value: Toml | null) => {
+    if (draft === undefined) void setKeys([[[...path, key.name], value]], `${settingName([...path, key.name])}: ${value === null ? "default" : typeof value === "string" ? value : asToml(value).slice(0, 60)}`);
+    else { const next = { ...own }; if (value === null) delete next[key.name]; else next[key.name] = value; draft.change(next); }
+  };
+  const row = (key: Key) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} focused={focused.value === key.name} change={(value) => change(key, value)} />;
+  const general = messagesOf(path);
+  return (
+    <div class="settings" ref={host} role="group" aria-label={path.join(" ")} onFocusIn={(event) => { focused.value = (event.target as HTMLElement).closest<HTMLElement>("[data-key]")?.dataset.key ?? ""; }}>
+      {general.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>)}
+      {upper.map(row)}
+      {upper.length > 0 && rest.length > 0 && draft === undefined && <button class="fold more" aria-expanded={whole.value} onClick={() => { whole.value = !whole.value; }}>{whole.value ? "⌄" : "›"} all settings ({rest.length})</button>}
+      {isOpen && rest.map(row)}
+    </div>
+  );
+}
+
+/** Put the cursor into the field of a key; false if it is not on the page yet. */
+export function focusSetting(host: Element | null, name: string): boolean {
+  const row = host?.querySelector(`[data-setting="${name}"]`);
+  const field = row?.querySelector<HTMLElement>("input, select, button");
+  if (!field) return false;
+  row!.scrollIntoView({ block: "center" });
+  field.focus();
+  return true;
+}
+
+function Setting({ path, of, own, directions, focused, change }: { path: Path; of: Key; own: Toml | undefined; directions?: string[]; focused: boolean; change: (value: Toml | null) => void }) {
+  const messages = messagesWithin(path, of);
+  const facts = [of.type, of.default && `default: ${of.default}`].filter(Boolean).join(" · ");
+  return (
+    <div class={`setting ${own === undefined ? "" : "set"}`} data-key={of.name} data-setting={settingName(path)}>
+      <span class="label cut" title={tooltip(path, of)}>{of.name}{of.required && own === undefined && <span class="bad" title="required"> *</span>}</span>
+      <ValueField form={of.form} own={own} label={settingName(path)} path={path} known={of} bad={messages.some((f) => f.severity === "error")} directions={directions} change={change} />
+      {own === undefined || of.required ? <span /> : <Remove label={`${settingName(path)}, back to the default`} act={() => change(null)} />}
+      {focused && <p class="help">{of.help}{facts && <span class="q"> ({facts})</span>}</p>}
+      {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
+    </div>
+  );
+}
+
+/** A section that is a table by name: calculated channels, units, surrogates. */
+export function TableForm({ section }: { section: string }) {
+  const known = sectionOf(section);
+  const host = useRef<HTMLDivElement>(null);
+  useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
+  const isWanted = wanted.value === section;
+  useEffect(() => { if (isWanted && focusSetting(host.current, section)) wanted.value = ""; });
+  if (known === undefined) return null;
+  const messages = messagesWithin([section]);
+  return (
+    <div class="settings" ref={host} role="group" aria-label={section}>
+      <p class="help">{known.help}</p>
+      <div class="setting whole" data-setting={section}>
+        <ValueField form={known.form} own={valueAt([section])} label={section} path={[section]} known={known} bad={messages.some((f) => f.severity === "error")} change={(value) => setKeys([[[section], value]], `${section} changed`)} />
+      </div>
+      {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
+    </div>
+  );
+}
