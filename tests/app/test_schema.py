@@ -1,4 +1,4 @@
-"""The keys of the project file as the page shows them: complete, explained, and without a trace once removed."""
+"""Keys of the project file that the page sets: written as TOML, chosen from names, and without a trace once removed."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +12,7 @@ from kennfeld.app.session.state import SessionState, SetKeys
 from kennfeld.errors import InputError
 from kennfeld.project.demo import write
 from kennfeld.project.document import ProjectDocument
-from kennfeld.project.forms import keys_of
-from kennfeld.project.key_descriptions import describe_sections, plain_text
-from kennfeld.project.schema import ProjectFile
+from kennfeld.project.key_descriptions import describe_sections
 
 SECTIONS = {section["name"]: section for section in describe_sections()}
 VALUES = {
@@ -61,26 +59,6 @@ def paths(document: ProjectDocument) -> Iterator[tuple[tuple[str | int, ...], di
             yield (name, "Name"), form["values"]
         for key in form.get("keys", ()):
             yield (*base, key["name"]), key["form"]
-
-
-def test_every_key_is_explained() -> None:
-    assert list(SECTIONS) == list(keys_of(ProjectFile))
-    for section in SECTIONS.values():
-        assert section["help"]
-        for key in section["form"].get("keys", ()):
-            assert key["help"], key["name"]
-            assert "](" not in key["help"]
-            assert "`" not in key["help"] + key["default"] + key["type"]
-
-
-def test_limits_units_and_defaults_come_from_the_schema() -> None:
-    dataset = {key["name"]: key for key in SECTIONS["dataset"]["form"]["keys"]}
-    assert (dataset["raster"]["unit"], dataset["raster"]["form"]["above"]) == ("s", 0)
-    assert (dataset["where"]["holds"], dataset["shift"]["by"]) == ("condition", "channel")
-    assert dataset["shift"]["form"]["values"]["words"] == ["auto"]
-    assert dataset["weight"]["default"] == "1"
-    assert dataset["use"]["form"]["options"] == ["training", "test"]
-    assert plain_text("a `[formula](formula.md)`") == "a formula"
 
 
 @pytest.mark.parametrize("demo", ["torque", "exhaust", "idle"])

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
-import { allKeys, jump } from "./navigation";
+import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
@@ -23,6 +23,7 @@ export const COMMANDS: Command[] = [
   { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
   { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
+  { title: "Settings of this screen", keys: ["Ctrl", ","], run: togglePanel, enabled: () => state.value.project !== null && screen.value in panel },
   { title: "Light or dark", keys: [], run: toggleTheme },
   { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },
 ];

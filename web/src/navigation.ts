@@ -8,6 +8,14 @@ import { open, openName, screen, state, type Finding } from "./store";
 /** The section whose settings a screen shows, empty if none. */
 export const panel = { data: signal(""), parameters: signal(""), function: signal("") };
 
+const FIRST = { data: "dataset", parameters: "parameters", function: "model" };
+
+/** Open or close the settings of the present screen. */
+export function togglePanel(): void {
+  const name = screen.value as keyof typeof panel;
+  panel[name].value = panel[name].value ? "" : FIRST[name];
+}
+
 /** The open entry of a section: its number, or its name; 0 if none is open. */
 export const opened = signal<Record<string, number | string>>({ dataset: 1 });
 

@@ -2,7 +2,7 @@
 
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import type { Path, Toml } from "./settings";
+import { textRevision, type Path, type Toml } from "./settings";
 import { request, settled, type Screen } from "./store";
 
 /** The kind of a value, and what its field needs. */
@@ -55,8 +55,7 @@ const loadNames = newest(async (_: number) => {
 export const shownForms = signal(0);
 
 effect(() => {
-  const { textRevision, project } = settled.value;
-  if (shownForms.value > 0 && project !== null) loadNames(textRevision);
+  if (shownForms.value > 0 && textRevision.value > 0) loadNames(textRevision.value);
 });
 
 export const sectionOf = (name: string): Section | undefined => sections.value.find((each) => each.name === name);
@@ -78,6 +77,12 @@ export function settingName(path: Path): string {
   const section = sectionOf(String(path[0]));
   if (section === undefined || path.length === 1) return String(path[0]);
   return `${path[0]}.${path[isSingle(section) || section.form.kind === "table" ? 1 : 2] ?? ""}`;
+}
+
+/** The axes of a parameter: as many of x, y, z and w as it has; undefined if it is not known. */
+export function directionsOf(name: string): string[] | undefined {
+  const own = settled.value.parameters.find((p) => p.name === name);
+  return own && (own.kind === "scalar" ? [] : ["x", "y", "z", "w"].slice(0, own.shape.length));
 }
 
 /** True if a field of this form can show the value. */
@@ -111,9 +116,11 @@ export function asToml(value: Toml): string {
 
 const asElement = (value: Toml): string => (value === "inf" || value === "-inf" ? value : asToml(value));
 
+const MAIN = ["channel", "node", "hex", "parameter", "where", "input"]; // keys whose values need no name
+
 /** A value in a few words, for the line of an entry. */
 export function brief(value: Toml): string {
-  if (Array.isArray(value)) return value.every((each) => typeof each !== "object") && value.length <= 3 ? value.join(", ") : `${value.length} ${value.length === 1 ? "entry" : "entries"}`;
-  if (typeof value === "object") return Object.entries(value).map(([name, inner]) => (["channel", "node", "hex"].includes(name) ? brief(inner) : `${name} ${brief(inner)}`)).join(", ");
+  if (Array.isArray(value)) return value.length <= 3 ? value.map(brief).join(", ") : `${value.length} entries`;
+  if (typeof value === "object") return Object.entries(value).map(([name, inner]) => (MAIN.includes(name) ? brief(inner) : `${name} ${brief(inner)}`)).join(" ");
   return String(value);
 }

@@ -17,7 +17,7 @@ const load = newest(async (_: number) => {
   if (reply !== null) settings.value = reply.head as unknown as Settings;
 });
 
-const textRevision = computed(() => state.value.textRevision);
+export const textRevision = computed(() => state.value.textRevision);
 
 effect(() => {
   if (textRevision.value > 0) load(textRevision.value);

@@ -166,8 +166,8 @@ class ParameterEntry:
     location: Location
     name: str
     x: AxisEntry | None = key(
-        'an axis, as above, including `{ breakpoints = "free" }`, or `{ axis = "AxisSpeed" }`. A scalar has none, a '
-        "curve has `x`, a map `x` and `y`",
+        'an axis, with the keys of `[axes.NAME]`, or the name of a group axis, `{ axis = "AxisSpeed" }`. A scalar has '
+        "none, a curve has `x`, a map `x` and `y`",
         None,
         default_text=_INITIAL,
     )

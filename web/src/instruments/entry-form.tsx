@@ -22,7 +22,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
   const section = String(path[0]);
   const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
   const all = keysOf(section).filter((key) => !skip.includes(key.name) && !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)));
-  const [whole, focused] = [useSignal(false), useSignal("")];
+  const [whole, focused, part] = [useSignal(false), useSignal(""), useSignal("")];
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
   const set = useMemo(() => all.filter((key) => key.name in own || key.required).map((key) => key.name), [path.join("\n"), all.length, settings.value.text === ""]);
@@ -39,10 +39,10 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     if (draft === undefined) void setKeys([[[...path, key.name], value]], `${settingName([...path, key.name])}: ${value === null ? "default" : typeof value === "string" ? value : asToml(value).slice(0, 60)}`);
     else { const next = { ...own }; if (value === null) delete next[key.name]; else next[key.name] = value; draft.change(next); }
   };
-  const row = (key: Key) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} focused={focused.value === key.name} change={(value) => change(key, value)} />;
+  const row = (key: Key) => <Setting key={key.name} path={[...path, key.name]} of={key} own={own[key.name]} directions={directions} help={focused.value === key.name ? part.value || key.help : ""} change={(value) => change(key, value)} />;
   const general = messagesOf(path);
   return (
-    <div class="settings" ref={host} role="group" aria-label={path.join(" ")} onFocusIn={(event) => { focused.value = (event.target as HTMLElement).closest<HTMLElement>("[data-key]")?.dataset.key ?? ""; }}>
+    <div class="settings" ref={host} role="group" aria-label={path.join(" ")} onFocusIn={(event) => { const at = event.target as HTMLElement; focused.value = at.closest<HTMLElement>("[data-key]")?.dataset.key ?? ""; part.value = at.closest<HTMLElement>("[data-part]")?.dataset.part ?? ""; }}>
       {general.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>)}
       {upper.map(row)}
       {upper.length > 0 && rest.length > 0 && draft === undefined && <button class="fold more" aria-expanded={whole.value} onClick={() => { whole.value = !whole.value; }}>{whole.value ? "⌄" : "›"} all settings ({rest.length})</button>}
@@ -61,7 +61,7 @@ export function focusSetting(host: Element | null, name: string): boolean {
   return true;
 }
 
-function Setting({ path, of, own, directions, focused, change }: { path: Path; of: Key; own: Toml | undefined; directions?: string[]; focused: boolean; change: (value: Toml | null) => void }) {
+function Setting({ path, of, own, directions, help, change }: { path: Path; of: Key; own: Toml | undefined; directions?: string[]; help: string; change: (value: Toml | null) => void }) {
   const messages = messagesWithin(path, of);
   const facts = [of.type, of.default && `default: ${of.default}`].filter(Boolean).join(" · ");
   return (
@@ -69,10 +69,16 @@ function Setting({ path, of, own, directions, focused, change }: { path: Path; o
       <span class="label cut" title={tooltip(path, of)}>{of.name}{of.required && own === undefined && <span class="bad" title="required"> *</span>}</span>
       <ValueField form={of.form} own={own} label={settingName(path)} path={path} known={of} bad={messages.some((f) => f.severity === "error")} directions={directions} change={change} />
       {own === undefined || of.required ? <span /> : <Remove label={`${settingName(path)}, back to the default`} act={() => change(null)} />}
-      {focused && <p class="help">{of.help}{facts && <span class="q"> ({facts})</span>}</p>}
+      {help && <p class="help">{help}{help === of.help && facts && <span class="q"> ({facts})</span>}</p>}
       {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
     </div>
   );
+}
+
+/** The entries of a table that differ, as the history says it. */
+function changeOf(section: string, before: Table, after: Table): string {
+  const names = [...new Set([...Object.keys(before), ...Object.keys(after)])].filter((name) => before[name] !== after[name]);
+  return names.map((name) => `${section}.${name}: ${after[name] ?? "removed"}`).join(", ");
 }
 
 /** A section that is a table by name: calculated channels, units, surrogates. */
@@ -88,7 +94,7 @@ export function TableForm({ section }: { section: string }) {
     <div class="settings" ref={host} role="group" aria-label={section}>
       <p class="help">{known.help}</p>
       <div class="setting whole" data-setting={section}>
-        <ValueField form={known.form} own={valueAt([section])} label={section} path={[section]} known={known} bad={messages.some((f) => f.severity === "error")} change={(value) => setKeys([[[section], value]], `${section} changed`)} />
+        <ValueField form={known.form} own={valueAt([section])} label={section} path={[section]} known={known} bad={messages.some((f) => f.severity === "error")} change={(value) => setKeys([[[section], value]], changeOf(section, (valueAt([section]) ?? {}) as Table, (value ?? {}) as Table))} />
       </div>
       {messages.map((f) => <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">{f.message}</p>)}
     </div>

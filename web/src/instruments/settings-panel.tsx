@@ -24,5 +24,5 @@ export function SettingsPanel({ own, tabs, label }: { own: Signal<string>; tabs:
 /** Opens and closes the settings of a screen; `first` is the section that it opens. */
 export function SettingsButton({ own, first, label = "Settings" }: { own: Signal<string>; first: string; label?: string }) {
   const isOpen = own.value !== "";
-  return <button class="chip" data-settings={first} aria-pressed={isOpen} title={`${label}: every key of the project file, with its meaning`} onClick={() => { own.value = isOpen ? "" : first; }}>{label}</button>;
+  return <button class="chip" data-settings={first} aria-pressed={isOpen} title={`${label}: every key of the project file, with its meaning (Ctrl+,)`} onClick={() => { own.value = isOpen ? "" : first; }}>{label}</button>;
 }

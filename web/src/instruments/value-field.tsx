@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { ask } from "../connection";
 import { ChoiceInput, LineInput, NumberInput, NumbersInput, PairInput } from "../inputs";
-import { asToml, brief, names, shows, type Form, type Key } from "../schema";
+import { asToml, brief, directionsOf, names, shows, type Form, type Key } from "../schema";
 import type { Path, Toml } from "../settings";
 
 type Table = { [key: string]: Toml };
@@ -90,7 +90,7 @@ function TableValue(props: ValueProps) {
   const fixed = props.form.names ?? [];
   const shown = fixed.length ? fixed.filter((name) => name in table || (props.directions ?? fixed).includes(name)) : Object.keys(table);
   const put = (name: string, value: Toml | null) => props.change(without(table, name, value));
-  const inner = (name: string) => <ValueField {...props} form={props.form.values!} own={table[name]} label={`${props.label} ${name}`} path={[...props.path, name]} known={{ ...NOTHING, holds: props.known.holds, by: props.known.by, unit: props.known.unit }} change={(value) => put(name, value)} />;
+  const inner = (name: string) => <ValueField {...props} form={props.form.values!} own={table[name]} label={`${props.label} ${name}`} path={[...props.path, name]} known={{ ...NOTHING, holds: props.known.holds, by: props.known.by, unit: props.known.unit }} directions={props.known.by === "parameter" ? directionsOf(name) : props.directions} change={(value) => put(name, value)} />;
   return (
     <span class="column">
       {shown.map((name) => <span class={`row part ${fixed.length ? "short" : ""}`}><span class="name cut" title={name}>{name}</span>{inner(name)}{!fixed.length && <Remove label={`${props.label} ${name}`} act={() => put(name, null)} />}</span>)}
@@ -112,7 +112,7 @@ function AddNamed({ props, taken, put }: { props: ValueProps; taken: string[]; p
   const add = (value: Toml | null) => { if (value !== null && name.value) { put(name.value, value); name.value = ""; } };
   const isTaken = taken.includes(name.value);
   return (
-    <span class="row part">
+    <span class={`row part ${name.value && !isTaken ? "" : "lone"}`}>
       <span class={`field small name ${isTaken ? "bad" : ""}`} title={isTaken ? "is there already" : ""}><LineInput label={`New name in ${props.label}`} holds={props.known.by} placeholder={props.known.by || "name"} text={name.value} enter={(text) => { name.value = text; }} /></span>
       {name.value && !isTaken && <ValueField {...props} form={props.form.values!} own={undefined} label={`${props.label} ${name.value}`} path={[...props.path, name.value]} known={{ ...NOTHING, holds: props.known.holds, by: props.known.by, unit: props.known.unit }} change={add} />}
     </span>
@@ -131,7 +131,7 @@ function EntryValue(props: ValueProps) {
     if (isWhole) props.change(next);
   };
   if (keys.length === 1) return <KeyValue props={props} of={keys[0]!} table={table} put={put} />;
-  const rows = keys.map((key) => <span class="row part"><span class="name cut" title={key.help}>{key.name}</span><KeyValue props={props} of={key} table={table} put={put} /></span>);
+  const rows = keys.map((key) => <span class="row part" data-part={`${key.name}: ${key.help}`}><span class="name cut" title={key.help}>{key.name}</span><KeyValue props={props} of={key} table={table} put={put} /></span>);
   if (keys.length < 5) return <span class="column">{rows}</span>;
   return (
     <span class="column">
@@ -158,7 +158,7 @@ function EntriesValue(props: ValueProps) {
   };
   const entry = (table: Table, number: number, enter: (next: Table) => void, remove: () => void) => (
     <span class="entry">
-      <span class="column">{keys.map((key) => <span class="row part"><span class="name cut" title={key.help}>{key.name}</span><KeyValue props={{ ...props, label: `${props.label} ${number}`, path: [...props.path, number] }} of={key} table={table} put={(name, value) => enter(without(table, name, value) ?? {})} /></span>)}</span>
+      <span class="column">{keys.map((key) => <span class="row part" data-part={`${key.name}: ${key.help}`}><span class="name cut" title={key.help}>{key.name}</span><KeyValue props={{ ...props, label: `${props.label} ${number}`, path: [...props.path, number] }} of={key} table={table} put={(name, value) => enter(without(table, name, value) ?? {})} /></span>)}</span>
       <Remove label={`${props.label} ${number}`} act={remove} />
     </span>
   );
@@ -187,7 +187,7 @@ function EitherValue(props: ValueProps) {
   const change = (value: Toml | null) => { chosen.value = null; props.change(value); };
   const isDone = form.options?.length === 1;
   return (
-    <span class={["table", "entries", "toml"].includes(form.kind) ? "column" : "row"}>
+    <span class={["table", "entries", "toml"].includes(form.kind) || (form.keys?.length ?? 0) > 1 ? "column" : "row"}>
       <ChoiceInput own={form.title} options={forms.map((each) => each.title ?? "")} label={`Kind of ${props.label}`} bad={false} width={78} choose={choose} />
       {!isDone && <ValueField {...props} form={form} own={at === present ? props.own : undefined} change={change} />}
     </span>

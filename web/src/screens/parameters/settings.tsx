@@ -5,10 +5,9 @@ import { AddByName, EntryList } from "../../instruments/entry-list";
 import { SettingsPanel, type Tab } from "../../instruments/settings-panel";
 import { Remove } from "../../instruments/value-field";
 import { openEntry, opened, panel } from "../../navigation";
+import { directionsOf } from "../../schema";
 import { setKeys, settings, valueAt } from "../../settings";
 import { open, openName, state } from "../../store";
-
-const DIRECTIONS = ["x", "y", "z", "w"];
 
 const TABS: Tab[] = [
   { section: "parameters", title: "Parameter", content: () => <OpenParameter /> },
@@ -20,8 +19,6 @@ export const ParameterSettings = () => <SettingsPanel own={panel.parameters} tab
 
 function OpenParameter() {
   const name = openName.value;
-  const shape = state.value.parameters.find((p) => p.name === name)?.shape;
-  const isScalar = shape !== undefined && shape.length === 1 && shape[0] === 1;
   const inFile = valueAt(["parameters", name]) !== undefined;
   return (
     <>
@@ -29,7 +26,7 @@ function OpenParameter() {
         <b class="grow cut">{name || "No parameter is open"}</b>
         {inFile && <button class="btn small" title={`Remove [parameters.${name}] from the project file; values of calibration files stay`} onClick={() => setKeys([[["parameters", name], null]], `Removed the settings of ${name}`)}>Remove</button>}
       </div>
-      {name && <EntryForm key={name} path={["parameters", name]} directions={shape === undefined ? undefined : isScalar ? [] : DIRECTIONS.slice(0, shape.length)} />}
+      {name && <EntryForm key={name} path={["parameters", name]} directions={directionsOf(name)} />}
       <Others />
     </>
   );
