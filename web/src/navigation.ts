@@ -49,7 +49,7 @@ export function jump(section: string, key: string): void {
   wanted.value = key ? `${section}.${key}` : section;
 }
 
-const PLACES = [/^\[\[(\w+)\]\] (\d+) ?(\w*)/, /^\[(\w+)\.(.+?)\] ?(\w*)/, /^\[(\w+)\]() ?(\w*)/];
+const PLACES = [/^\[\[(\w+)\]\] ?(\d*) ?(\w*)/, /^\[(\w+)\.(.+?)\] ?(\w*)/, /^\[(\w+)\]() ?(\w*)/];
 
 /** Show the field that a message is about, or its screen. */
 export function showFinding(finding: Finding): void {

@@ -65,8 +65,8 @@ function Setting({ path, of, own, directions, help, change }: { path: Path; of: 
   const messages = messagesWithin(path, of);
   const facts = [of.type, of.default && `default: ${of.default}`].filter(Boolean).join(" · ");
   return (
-    <div class={`setting ${own === undefined ? "" : "set"}`} data-key={of.name} data-setting={settingName(path)}>
-      <span class="label cut" title={tooltip(path, of)}>{of.name}{of.required && own === undefined && <span class="bad" title="required"> *</span>}</span>
+    <div class={`setting ${own === undefined ? "" : "set"}`} data-key={of.name} data-setting={settingName(path)} role="group" aria-label={of.name} title={tooltip(path, of)}>
+      <span class="label cut">{of.name}{of.required && own === undefined && <span class="bad" title="required"> *</span>}</span>
       <ValueField form={of.form} own={own} label={settingName(path)} path={path} known={of} bad={messages.some((f) => f.severity === "error")} directions={directions} change={change} />
       {own === undefined || of.required ? <span /> : <Remove label={`${settingName(path)}, back to the default`} act={() => change(null)} />}
       {help && <p class="help">{help}{help === of.help && facts && <span class="q"> ({facts})</span>}</p>}

@@ -45,7 +45,7 @@ function TextValue(props: ValueProps) {
 }
 
 function NumberValue(props: ValueProps) {
-  return <span class={box(props, "num")}><NumberInput label={props.label} words={props.form.words} placeholder={props.known.default} own={props.own} enter={props.change} />{props.known.unit && <u>{props.known.unit}</u>}</span>;
+  return <span class={box(props, `num ${props.known.default.length > 8 ? "long" : ""}`)}><NumberInput label={props.label} words={props.form.words} placeholder={props.known.default} own={props.own} enter={props.change} />{props.known.unit && <u>{props.known.unit}</u>}</span>;
 }
 
 function NumbersValue(props: ValueProps) {

@@ -8,7 +8,7 @@ import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
-import { openEntry, panel } from "../navigation";
+import { openEntry, panel, showFinding } from "../navigation";
 import { setKeys, valueAt, type Change } from "../settings";
 import { failure, message, request, screen, settled, state } from "../store";
 import { DataSettings } from "./data/settings";
@@ -162,7 +162,7 @@ function Mapping() {
         </tbody>
       </table>
       <Proposals />
-      {remarks.length > 0 && <div class="cks">{remarks.map((f) => <div class={`ck ${f.severity === "error" ? "w" : "w"}`}><Icon name="warning" /><span class="grow">{f.text}</span></div>)}</div>}
+      {remarks.length > 0 && <div class="cks">{remarks.map((f) => <div class={`ck ${f.severity === "error" ? "w" : "w"}`}><Icon name="warning" /><span class="grow">{f.text}</span><button class="btn small" onClick={() => showFinding(f)}>Show</button></div>)}</div>}
     </section>
   );
 }
