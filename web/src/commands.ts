@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
-import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
+import { isRunning, move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
 
@@ -11,7 +11,7 @@ export const overlay = signal<"" | "palette" | "keys">("");
 
 const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6]];
 
-const running = (): boolean => ["running", "stopping"].includes(state.value.job.state);
+const running = (): boolean => isRunning(state.value.job);
 
 export const COMMANDS: Command[] = [
   ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),

@@ -25,7 +25,7 @@ def recent_projects() -> list[Path]:
 
 
 def remember(path: Path) -> None:
-    """Put a project first in the list. A list that cannot be written is no error."""
+    """Put a project first in the list. A list that cannot be written is not an error."""
     path = path.resolve()
     paths = [path, *(other for other in recent_projects() if other != path)][:MAX_PROJECTS]
     with suppress(OSError):

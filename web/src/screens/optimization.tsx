@@ -7,9 +7,11 @@ import { token } from "../drawing/colours";
 import { MISSING, count, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { Picture, drawCurves, drawGrid } from "../instruments/picture";
+import { drawGrid } from "../drawing/grid";
+import { drawCurves } from "../drawing/slices";
+import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
-import { open, request, screen, settled, state } from "../store";
+import { isRunning, open, request, screen, settled, state } from "../store";
 import { OptimizationSettings } from "./optimization/settings";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
@@ -33,7 +35,7 @@ effect(() => {
 
 export function Optimization() {
   const { job } = state.value;
-  const running = job.state === "running" || job.state === "stopping";
+  const running = isRunning(job);
   return (
     <>
       <main class="optimization">

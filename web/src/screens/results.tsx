@@ -6,7 +6,9 @@ import { extent, type Pen } from "../drawing/canvas";
 import { MISSING, plain, signed, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { Picture, drawCurves, drawGrid } from "../instruments/picture";
+import { drawGrid } from "../drawing/grid";
+import { drawCurves } from "../drawing/slices";
+import { Picture } from "../instruments/picture";
 import { open, request, screen, settled, state, type Axis } from "../store";
 
 export function Results() {

@@ -3,7 +3,19 @@
 from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, schema, settings
+from kennfeld.app.questions import (
+    error_split,
+    evidence,
+    exports,
+    history,
+    parameters,
+    plots,
+    recordings,
+    runs,
+    schema,
+    settings,
+    signals,
+)
 from kennfeld.app.session.session import Session
 
 Question = Callable[[Session, Given], Answer]
@@ -12,10 +24,16 @@ QUESTIONS: dict[str, Question] = {
     "table": parameters.table,
     "strip": plots.strip_chart,
     "statistics": plots.stretch_statistics,
+    "cursor": plots.cursor,
     "scatter": plots.scatter,
+    "points": plots.points,
+    "signals": signals.signals,
     "informing": evidence.informing,
     "passed": evidence.passed,
-    "sample": evidence.sample,
+    "conditions": evidence.conditions,
+    "coverage": evidence.coverage,
+    "split": error_split.split,
+    "worst": error_split.worst,
     "progress": runs.progress,
     "compare": runs.compare,
     "trust": runs.trust,

@@ -1,5 +1,6 @@
 """Export of the present values: calibration files, the report, all files of a run, and a script that repeats it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
+from kennfeld.project import Project
 
 SCRIPT = '''\
 """Repeats the calibration of {project}."""
@@ -58,12 +60,14 @@ def export(session: Session, given: Given) -> Answer:
         path = folder / f"parameters{ending}"
         findings += [*write_parameters(values, path), *losses(values, path)]
         written.append(path)
-    if given.get("whole"):
+    whole, report = given.get("whole"), given.get("report")
+    result = _result(session) if whole or (report and session.runs) else None
+    if whole and result is not None:
         from kennfeld.project.results import write
 
-        written += write(_result(session), project, folder)
-    if given.get("report"):
-        written.append(_write_report(session, folder))
+        written += write(result, project, folder)
+    if report:
+        written.append(_write_report(project, result, session.findings, folder))
     if given.get("script"):
         ending = next(iter(given.get("formats", ())), ".json")
         path = session.path.with_name("calibrate.py")
@@ -81,11 +85,9 @@ def _result(session: Session) -> Result:
     return replace(last, parameters=now, start=start, quality=Scorer(view.model.problem).quality(start, now))
 
 
-def _write_report(session: Session, folder: Path) -> Path:
+def _write_report(project: Project, result: Result | None, findings: Sequence[Finding], folder: Path) -> Path:
     from kennfeld.report import document
 
-    assert session.project is not None
-    result = _result(session) if session.runs else None
     path = folder / "report.html"
-    write_whole(path, document(session.project, result, session.findings))
+    write_whole(path, document(project, result, findings))
     return path
