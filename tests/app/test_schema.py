@@ -129,5 +129,6 @@ def test_values_choose_from_the_names_of_the_project(torque: Path) -> None:
     assert "TorquePredict" in names["node"]
     assert "MapOptTorque" in names["parameter"]
     assert names["variant"] == ["Engine=1", "Engine=2"]
-    assert {"start.dcm", "variants.dcm"} <= set(names["calibration file"])
+    assert names["calibration file"] == ["start.dcm", "variants.dcm"]
+    assert "bench.csv" in names["recording"]
     assert names["image"] == ["ecu.hex"]

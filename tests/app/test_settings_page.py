@@ -138,3 +138,19 @@ def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path, tmp_path: 
         enter(page, "parameters.bounds, as TOML", "[0, 500]")
         page.wait_for_selector("#unsaved.dirty")
         page.wait_for_selector("[data-setting='parameters.bounds'] [role=alert]", state="detached")
+
+
+def test_steps_are_moved_and_unknown_keys_removed(torque: Path, tmp_path: Path) -> None:
+    text = torque.read_text()
+    torque.write_text(text + '\n[[step]]\nname = "fine"\ncolour = 3\n\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n')
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=optimization]")
+        page.click("[data-section=step] [data-entry='1'] .fold")
+        page.wait_for_selector("[data-setting='step.colour'] .remark:has-text('unknown key')")
+        page.click("[aria-label='Remove step.colour, back to the default']")
+        page.wait_for_selector("[data-setting='step.colour']", state="detached")
+        page.click("[aria-label='Move step 2 up']")
+        page.wait_for_selector("[data-section=step] [data-entry='1']:has-text('coarse')")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    assert torque.read_text() == text + '\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n\n[[step]]\nname = "fine"\n'

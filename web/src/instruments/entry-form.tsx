@@ -21,7 +21,8 @@ interface FormProps {
 export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
   const section = String(path[0]);
   const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
-  const all = keysOf(section).filter((key) => !skip.includes(key.name) && !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)));
+  const strays = Object.keys(own).filter((name) => !keysOf(section).some((key) => key.name === name)).map(unknownKey);
+  const all = [...keysOf(section), ...strays].filter((key) => !skip.includes(key.name) && !(directions && ["x", "y", "z", "w"].includes(key.name) && !directions.includes(key.name) && !(key.name in own)));
   const [whole, focused, part] = [useSignal(false), useSignal(""), useSignal("")];
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => { shownForms.value += 1; return () => { shownForms.value -= 1; }; }, []);
@@ -50,6 +51,9 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     </div>
   );
 }
+
+/** A key that the schema does not have, which may be removed or corrected. */
+const unknownKey = (name: string): Key => ({ name, help: "not a key of this section", type: "", default: "", required: false, unit: "", holds: "", by: "", form: { kind: "toml" } });
 
 /** Put the cursor into the field of a key; false if it is not on the page yet. */
 export function focusSetting(host: Element | null, name: string): boolean {

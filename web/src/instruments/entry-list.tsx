@@ -20,11 +20,12 @@ interface ListProps {
   empty: string; // what to say without entries
   title?: string; // of a head with the button that adds one
   sub?: string;
+  ordered?: boolean; // entries can be moved
   line?: (entry: number, table: Table) => ComponentChildren; // further fields of an entry's line
 }
 
 /** A list of the entries of an array of tables, `[[criterion]]`, or of named tables, `[axes.NAME]`. */
-export function EntryList({ section, noun, empty, title, sub, line }: ListProps) {
+export function EntryList({ section, noun, empty, title, sub, ordered, line }: ListProps) {
   const draft = useSignal<Table | null>(null);
   const isNamed = sectionOf(section)?.form.kind === "named";
   const value = valueAt([section]);
@@ -49,6 +50,12 @@ export function EntryList({ section, noun, empty, title, sub, line }: ListProps)
     openEntry(section, 0);
     void setKeys([[[section, entry], null]], `Removed ${noun} ${entry}`);
   };
+  const moveUp = (entry: number) => {
+    const tables = entries.map(([, table]) => table);
+    tables.splice(entry - 2, 2, tables[entry - 1]!, tables[entry - 2]!);
+    openEntry(section, 0);
+    void setKeys([[[section], tables]], `Moved ${noun} ${entry} up`);
+  };
   return (
     <div class="entries" data-section={section} ref={host}>
       {title && <div class="head mid"><h2>{title}</h2><span class="sub">{entries.length > 1 ? entries.length : sub}</span><span class="right"><AddButton section={section} noun={noun} disabled={draft.value !== null} add={() => { draft.value = {}; }} /></span></div>}
@@ -63,6 +70,7 @@ export function EntryList({ section, noun, empty, title, sub, line }: ListProps)
                 <i>{isOpen ? "⌄" : "›"}</i> <Summary entry={entry} table={table} section={section} skip={line !== undefined} />{bad && <span class="tag b">error</span>}
               </button>
               {typeof entry === "number" && line?.(entry, table)}
+              {ordered && entry !== 1 && <button class="btn bare small remove" aria-label={`Move ${noun} ${entry} up`} title={`Move ${noun} ${entry} up`} onClick={() => moveUp(entry as number)}>↑</button>}
               <Remove label={`${noun} ${entry}`} act={() => remove(entry)} />
             </div>
             {isOpen && <EntryForm path={[section, entry]} />}

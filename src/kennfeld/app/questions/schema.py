@@ -1,13 +1,13 @@
 """The keys of the project file as a page shows them, and the names that their values choose from."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions.overview import RECORDINGS, SCREENS
-from kennfeld.app.questions.recordings import channel_names
+from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
@@ -52,7 +52,7 @@ def names(session: Session, given: Given) -> Answer:
                 "parameter": _unique(parameters),
                 "group axis": _keys(settings, "axes"),
                 "variant": _variants(session),
-                **_files(session.path.parent),
+                **_files(session.path.parent, set(recording_names(session))),
             }
         }
     )
@@ -67,10 +67,15 @@ def _keys(settings: dict[str, Any], section: str) -> list[str]:
     return list(table) if isinstance(table, dict) else []
 
 
-def _files(folder: Path) -> dict[str, list[str]]:
-    """Return the files of a folder by what they can be."""
+def _files(folder: Path, recordings: Collection[str]) -> dict[str, list[str]]:
+    """Return the files of a folder by what they can be; `recordings` of the project are nothing else."""
     present = sorted(path.name for path in folder.iterdir() if path.is_file())[:MAX_FILES]
-    return {kind: [name for name in present if name.lower().endswith(ends)] for kind, ends in _FILES.items()}
+    return {
+        kind: [
+            name for name in present if name.lower().endswith(ends) and (kind == "recording" or name not in recordings)
+        ]
+        for kind, ends in _FILES.items()
+    }
 
 
 def _variants(session: Session) -> list[str]:

@@ -21,7 +21,7 @@ export function OptimizationSettings() {
       <div class="head mid"><h2>Search</h2></div>
       <QuickFields />
       <Further />
-      <EntryList section="step" noun="step" title="Sequence" empty="One search, all at once. Steps search one after the other." />
+      <EntryList section="step" noun="step" title="Sequence" ordered empty="One search, all at once. Steps search one after the other." />
     </>
   );
 }
