@@ -14,6 +14,7 @@ import { Results } from "./screens/results";
 import { Start } from "./screens/start";
 import { connected, screen, state, takeState, type Screen } from "./store";
 import "./style.css";
+import "./instruments/settings.css";
 import "./screens/data.css";
 import "./screens/function.css";
 import "./screens/optimization.css";

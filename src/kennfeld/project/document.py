@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ class ProjectDocument:
     r"""The text of a project file, changed by path.
 
     A path consists of keys of TOML; entries of a list count from 1. If a change restores values that the text had
-    before, it restores that text, too.
+    before, or an `earlier` text, it restores that text, too.
 
     >>> document = ProjectDocument('[model]\nfile = "a.kf"  # the sensor\n')
     >>> document.set(("model", "file"), "b.kf")
@@ -37,12 +37,16 @@ class ProjectDocument:
     <BLANKLINE>
     """
 
-    def __init__(self, text: str, path: Path | None = None, entry: type = ProjectFile) -> None:
+    def __init__(
+        self, text: str, path: Path | None = None, entry: type = ProjectFile, earlier: Iterable[str] = ()
+    ) -> None:
         self.path, self._name = path, path.name if path else "text"
         self._mark = _BOM if text.startswith(_BOM) else ""
         self._order = {key: form_of(part) for key, part in keys_of(entry).items()}
         self._break = "\r\n" if "\r\n" in text else "\n"
         self._texts: dict[str, str] = {}  # by their values
+        for each in (other.removeprefix(_BOM) for other in earlier):
+            self._texts.setdefault(_canonical(parse_toml(self._name, each.replace("\r\n", "\n"))), each)
         self._load(text.removeprefix(_BOM))
 
     @classmethod
@@ -91,6 +95,21 @@ class ProjectDocument:
         if self.get(*path) is not None:
             self._remove(tuple(path))
             self._load(self._texts.get(_canonical(self._values), self._text))
+
+    def remove_empty(self, path: Sequence[str | int]) -> None:
+        """Remove a table, and those around it, if they are empty. Entries of lists and headings with comments stay."""
+        table = tuple(path)
+        while table and self.get(*table) == {} and not isinstance(table[-1], int) and not self._has_comment(table):
+            self.remove(table)
+            table = table[:-1]
+
+    def _has_comment(self, path: KeyPath) -> bool:
+        """Return if a section has a comment between its heading and the next one."""
+        starts = [start for start, heading in self._keys.headings if heading == path]
+        if not starts:
+            return False
+        stop = min((start for start, _ in self._keys.headings if start > starts[0]), default=len(self._text))
+        return "#" in self._text[starts[0] : stop].partition("\n\n")[0]
 
     def set_entry(self, path: Sequence[str | int], entry: Any) -> None:
         """Set a section to an entry. Keys that equal their default are not written unless they are in the file."""

@@ -481,6 +481,17 @@ def write_entry(entry: Any) -> dict[str, Any]:
     return table
 
 
+def meaning_of(part: Field[Any]) -> str:
+    """Return what a key sets, with its unit (Markdown)."""
+    unit, meaning = part.metadata.get("unit", ""), str(part.metadata["meaning"])
+    return f"{unit}; {meaning}" if unit else meaning
+
+
+def without_links(markdown: str) -> str:
+    """Return Markdown with the text of links in their place."""
+    return _LINK.sub(r"\1", markdown)
+
+
 def entry_schema(entry: type) -> dict[str, Any]:
     """Return the JSON schema of a table."""
     known = keys_of(entry)
@@ -494,7 +505,7 @@ def entry_schema(entry: type) -> dict[str, Any]:
 
 
 def _describe(part: Field[Any]) -> dict[str, Any]:
-    meaning, default = _LINK.sub(r"\1", part.metadata["meaning"]), default_of(part)
+    meaning, default = without_links(meaning_of(part)), default_of(part)
     has_default = isinstance(default, int | float | str) and default != "" and "default_text" not in part.metadata
     return {
         **({"description": meaning} if meaning else {}),

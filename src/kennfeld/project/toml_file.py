@@ -46,6 +46,18 @@ def parse_toml(name: str, text: str) -> dict[str, Any]:
         raise InputError.of(Location(name), f"a value cannot be read: {error}") from None
 
 
+def parse_value(key: str, text: str) -> Any:
+    """Return the value of a key that is written as TOML. Raises `InputError` if the text is not one value.
+
+    >>> parse_value("bounds", "[0, inf]")
+    [0, inf]
+    """
+    tables = parse_toml(key, f"value = {text}")
+    if list(tables) != ["value"]:
+        raise InputError.of(Location(key), f"must be one value, got {text[:_MAX_EXCERPT]!r}")
+    return tables["value"]
+
+
 def is_training(tables: Mapping[str, Any]) -> bool:
     """Return if these are the tables of a training file for `kennfeld surrogate train`, not of a project.
 

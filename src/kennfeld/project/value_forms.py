@@ -188,7 +188,7 @@ class CoordinatesForm(Form):
         return {"anyOf": [{"type": ["number", "string"]}, {"type": "array"}]}
 
 
-_AXIS_RANGE = PairForm("must be the first and the last axis value", "Write {key} = [first, last].", may_be_equal=True)
+AXIS_RANGE = PairForm("must be the first and the last axis value", "Write {key} = [first, last].", may_be_equal=True)
 
 
 class LockForm(Form):
@@ -212,14 +212,14 @@ class LockForm(Form):
         if not section.values:
             section.report("", "the range is empty", "Write lock = true for the whole table.")
         present = [direction for direction in DIRECTIONS if direction in section.values]
-        ends = {direction: _AXIS_RANGE.read(section, direction) for direction in present}
+        ends = {direction: AXIS_RANGE.read(section, direction) for direction in present}
         section.report_unknown(DIRECTIONS)
         return {direction: pair for direction, pair in ends.items() if pair is not None}
 
     def json_schema(self) -> dict[str, Any]:
         part = {
             "type": "object",
-            "properties": dict.fromkeys(DIRECTIONS, _AXIS_RANGE.json_schema()),
+            "properties": dict.fromkeys(DIRECTIONS, AXIS_RANGE.json_schema()),
             "additionalProperties": False,
             "minProperties": 1,
         }
@@ -273,8 +273,10 @@ class TargetForm(Form):
 class ImageEntry:
     """An image of a control unit's memory in `initial`, and the A2L file that describes it."""
 
-    hex: str = key("image, Intel HEX or S-records", missing='Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.')
-    a2l: str = key("its A2L file", "")
+    hex: str = key(
+        "image, Intel HEX or S-records", holds="image", missing='Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.'
+    )
+    a2l: str = key("its A2L file", "", holds="A2L file")
 
 
 class InitialForm(Form):

@@ -11,6 +11,9 @@ import { Proposals } from "../instruments/proposals";
 import { MapTable, cellsOf, type Shown } from "../instruments/map-table";
 import { Slice } from "../instruments/slices";
 import { Surface } from "../instruments/surface";
+import { panel } from "../navigation";
+import { SettingsButton } from "../instruments/settings-panel";
+import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
 import { open, openName, referenceName, selection, state, table, type Parameter, type Table } from "../store";
 
@@ -29,10 +32,11 @@ export function Parameters() {
   const own = table.value;
   return (
     <>
-      <main class="parameters">
+      <main class={`parameters ${panel.parameters.value ? "open" : ""}`}>
         <List />
         <Bar own={own} />
         {own === null ? <section class="pane tbl"><p class="pad q">No parameter is open.</p><Proposals /></section> : <Editor own={own} />}
+        <ParameterSettings />
       </main>
       <Footer>
         <Key keys={["Enter"]} text="set all" />
@@ -112,6 +116,8 @@ function Bar({ own }: { own: Table | null }) {
           <span class="sep" />
           <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}><span class="sw hatched" />no data</button>
           <button class="chip" aria-pressed={shown.value.deviation} onClick={() => set({ deviation: !shown.value.deviation })}><span class="sw bar2" />std dev</button>
+          <span class="sep" />
+          <SettingsButton own={panel.parameters} first="parameters" />
         </div>
       </div>
     </section>

@@ -12,6 +12,7 @@ from kennfeld.app.questions import (
     plots,
     recordings,
     runs,
+    schema,
     settings,
     signals,
 )
@@ -37,6 +38,8 @@ QUESTIONS: dict[str, Question] = {
     "compare": runs.compare,
     "trust": runs.trust,
     "settings": settings.settings,
+    "schema": schema.schema,
+    "names": schema.names,
     "files": recordings.files,
     "proposals": recordings.proposals,
     "formats": exports.formats,
@@ -45,6 +48,7 @@ QUESTIONS: dict[str, Question] = {
 COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
     "set-keys": settings.set_keys,
+    "set-toml": settings.set_toml,
     "set-text": settings.set_text,
     "save": settings.save,
     "reload": settings.reload,
