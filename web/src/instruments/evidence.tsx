@@ -22,13 +22,19 @@ const strip = signal<Strip | null>(null);
 const load = newest(async (given: { name: string; cell: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
-  const { x, y, weight } = reply.arrays;
-  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x: x ?? new Float32Array(), y: y ?? new Float32Array(), weight: weight ?? new Float32Array() };
+  const array = (key: string) => reply.arrays[key] ?? new Float32Array();
+  const samples = { x: array("x"), y: array("y"), weight: array("weight") };
+  const before = evidence.value;
+  const same = before !== null && (["x", "y", "weight"] as const).every((key) => equal(before[key], samples[key]));
+  const { x, y, weight } = same ? before : samples; // the same arrays are not drawn again
+  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x, y, weight };
   batch(() => {
     if (next.name !== evidence.value?.name || next.cell !== evidence.value.cell) shownStretch.value = 0;
     evidence.value = next;
   });
 });
+
+const equal = (a: Float32Array, b: Float32Array): boolean => a.length === b.length && a.every((value, k) => value === b[k]);
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
   const pause = Math.max((to - from) * 1.5, 4);
@@ -129,7 +135,7 @@ function Timeline({ part }: { part: Part | undefined }) {
 }
 
 function Near({ name }: { name: string }) {
-  return <Picture label="Samples around the grid point" kind="near n1" draw={drawNear} of={[evidence.value, selection.value, name]} />;
+  return <Picture label="Samples around the grid point" kind="near n1" draw={drawNear} of={[evidence.value?.x, selection.value, name]} />;
 }
 
 function StretchHead() {
