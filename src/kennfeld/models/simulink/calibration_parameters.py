@@ -11,6 +11,7 @@ import numpy as np
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
+from kennfeld.models.imperative.symbolic_values import constants
 from kennfeld.models.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
@@ -39,12 +40,12 @@ class DeclaredParameters:
         shape = np.atleast_2d(numbers).shape
         known = self.parameters.get(name)
         if known is not None and known.axes:  # a table also used as numbers stays unchanged
-            return _constants(builder, np.atleast_2d(numbers))
+            return constants(builder, numbers)
         if numbers.size == 1:
             scalar = Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ()))
             return np.full(shape, builder.lookup(self._declare(scalar, variable).name), dtype=np.int64)
         if not np.all(np.isfinite(numbers)):
-            return _constants(builder, np.atleast_2d(numbers))
+            return constants(builder, numbers)
         return self._block(builder, name, numbers, variable).reshape(shape)
 
     def _block(self, builder: GraphBuilder, name: str, numbers: Numbers, variable: Variable) -> Nodes:
@@ -123,7 +124,3 @@ def _source_attributes(variable: Variable, shape: tuple[int, ...]) -> dict[str, 
     fitting = {side: bound.reshape(shape) if bound.size == size else bound for side, bound in bounds.items()}
     known = {side: bound for side, bound in fitting.items() if bound.size in (1, size)}
     return {"unit": variable.unit, "description": variable.description, **known}
-
-
-def _constants(builder: GraphBuilder, numbers: Numbers) -> Nodes:
-    return np.array([builder.const(float(n)) for n in numbers.ravel()], dtype=np.int64).reshape(numbers.shape)
