@@ -8,7 +8,7 @@ export interface Command { title: string; keys: string[]; run: () => void; enabl
 
 export const overlay = signal<"" | "palette" | "keys">("");
 
-const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6]];
+const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6], ["files", "Files", 7]];
 
 const running = (): boolean => ["running", "stopping"].includes(state.value.job.state);
 
@@ -22,6 +22,8 @@ export const COMMANDS: Command[] = [
   { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
   { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
+  { title: "Compare, merge or convert calibration files", keys: [], run: () => { screen.value = "files"; } },
+  { title: "Download the folder as ZIP", keys: [], run: () => { location.assign("/project.zip"); }, enabled: () => state.value.project !== null },
   { title: "Light or dark", keys: [], run: toggleTheme },
   { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },
 ];

@@ -2,20 +2,22 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { setKeys, valueAt, type Toml } from "./settings";
+import type { Change as KeyChange } from "./settings";
 import { request, screen, settled, state, type Axis } from "./store";
 
 export interface Change { name: string; kind: string; unit: string; description: string; largest: number; mean: number; relative: number; atBound: number; axes: Axis[]; first: number[]; second: number[]; biggest: number[]; bound: number[] }
 export interface ComparedScore { use: string; unit: string; criterion: string; first: number | null; second: number | null; largest: number | null }
-export interface Direction { sentence: string; remedy: string; exact: boolean; deviation: number | null; parameters: string[] }
-export interface Pin { parameter: string; at: number[]; value: number }
-export interface Trust { directions: Direction[]; sentence: string; advice: string; remark: string; pins: Pin[] }
+export interface Remedy { kind: string; title: string; changes: KeyChange[]; applied: boolean }
+export interface Direction { sentence: string; remedy: string; remedies: Remedy[]; exact: boolean; deviation: number | null; parameters: string[] }
+export interface Trust { directions: Direction[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
+
+const NOTHING: Trust = { directions: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
 
 export const first = signal("start");
 export const second = signal("now");
 export const changes = signal<Change[]>([]);
 export const scores = signal<ComparedScore[]>([]);
-export const trust = signal<Trust>({ directions: [], sentence: "", advice: "", remark: "", pins: [] });
+export const trust = signal<Trust>(NOTHING);
 export const chosen = signal("");
 export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
 
@@ -27,7 +29,7 @@ const load = newest(async (_: string) => {
     changes.value = compared.head.changes as Change[];
     scores.value = compared.head.scores as ComparedScore[];
   }
-  if (known !== null) trust.value = known.head as unknown as Trust;
+  if (known !== null) trust.value = { ...NOTHING, ...(known.head as unknown as Trust) };
 });
 
 effect(() => {
@@ -46,14 +48,4 @@ export function accept(): void {
     else if (kept.size < each.first.length) cells[each.name] = each.first.map((_, k) => k).filter((k) => !kept.has(k));
   }
   void request("accept", { run, cells, title: `Accepted run ${run}` });
-}
-
-/** Pin the values that determine everything that the data leave open. */
-export function pinValues(pins: Pin[]): void {
-  const changes = new Map<string, Toml[]>();
-  for (const { parameter, at, value } of pins) {
-    const known = changes.get(parameter) ?? [...((valueAt(["parameters", parameter, "pin"]) as Toml[] | undefined) ?? [])];
-    changes.set(parameter, [...known, { at, value: Number(value.toPrecision(8)) }]);
-  }
-  void setKeys([...changes].map(([name, list]) => [["parameters", name, "pin"], list]), `Pinned ${pins.length} value${pins.length > 1 ? "s" : ""}`);
 }

@@ -86,6 +86,7 @@ export function Rail() {
       {STEPS.map((step) => <StepButton step={step} />)}
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
+      <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
       <span style={{ flex: 1 }} />
       <hr />
       <button class="one" title="Keys (?)" onClick={() => { overlay.value = "keys"; }}><i>?</i><b>Keys</b></button>

@@ -6,6 +6,7 @@ import { connect, listen } from "./connection";
 import { Header, Rail } from "./frame";
 import { Overlays } from "./overlays";
 import { Data } from "./screens/data";
+import { Files } from "./screens/files";
 import { Function } from "./screens/function";
 import { Optimization } from "./screens/optimization";
 import { Parameters } from "./screens/parameters";
@@ -15,6 +16,7 @@ import { Start } from "./screens/start";
 import { connected, screen, state, takeState, type Screen } from "./store";
 import "./style.css";
 import "./screens/data.css";
+import "./screens/files.css";
 import "./screens/function.css";
 import "./screens/optimization.css";
 import "./screens/parameters.css";
@@ -25,7 +27,7 @@ import "./screens/start.css";
 const before = state.value;
 
 const SHOWN: Record<Screen, () => JSX.Element> = {
-  data: Data, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
+  data: Data, files: Files, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
 };
 
 function Page() {

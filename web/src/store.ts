@@ -94,7 +94,7 @@ export interface Table {
   upper: (number | null)[];
 }
 
-export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "start"] as const;
+export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "files", "start"] as const;
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {

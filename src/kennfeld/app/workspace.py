@@ -86,6 +86,12 @@ class AppWorkspace:
             raise ArgumentError("no project is open")
         return free_path(self.session.path.parent, name)
 
+    def folder(self) -> Path:
+        """Return the folder of the project. Raises `ArgumentError` if none is open."""
+        if self.session is None:
+            raise ArgumentError("no project is open")
+        return self.session.path.parent
+
     def download(self, name: str) -> Path:
         """Return a file of the project's folder. Raises `ArgumentError` if it is outside of it."""
         if self.session is None:

@@ -228,7 +228,7 @@ class _TableBuilder:
             self._report(*self._missing_values())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
-            return _regrid(self.old, axes)
+            return regrid(self.old, axes)
         if self.old.values.shape == shape:
             return self.old.values
         message = f"the initial file has {describe_parameter(self.old)}, but the axes require {format_shape(shape)}"
@@ -283,8 +283,8 @@ class _TableBuilder:
         return inside
 
 
-def _regrid(old: Parameter, axes: Sequence[Axis]) -> Float:
-    """Interpolate a table onto other axes."""
+def regrid(old: Parameter, axes: Sequence[Axis]) -> Float:
+    """Return the values of a table, interpolated onto other axes."""
     values = old.values
     for i, (before, after) in enumerate(zip(old.axes, axes, strict=True)):
         if not np.array_equal(before.breakpoints, after.breakpoints):

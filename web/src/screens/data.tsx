@@ -8,7 +8,8 @@ import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { setKeys, valueAt, type Change } from "../settings";
-import { failure, message, request, screen, settled, state } from "../store";
+import { request, screen, settled, state } from "../store";
+import { upload } from "../uploads";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
 interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; channels: Channel[] }
@@ -51,16 +52,10 @@ async function drop(event: DragEvent): Promise<void> {
 }
 
 /** Store files beside the project, and add each as a dataset. */
-async function addFiles(files: globalThis.File[]): Promise<void> {
+export async function addFiles(files: globalThis.File[]): Promise<void> {
   const changes: Change[] = [];
   let number = ((valueAt(["dataset"]) as unknown[] | undefined)?.length ?? 0) + 1;
-  for (const file of files) {
-    message.value = `Reading ${file.name}`;
-    const answer = await fetch(`/upload/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
-    const { file: stored, error } = (await answer.json()) as { file?: string; error?: string };
-    if (stored === undefined) failure.value = `${file.name}: ${error}`;
-    else changes.push([["dataset", number++], { files: [stored], use: entries.value.length ? "test" : "training" }]);
-  }
+  for (const stored of await upload(files)) changes.push([["dataset", number++], { files: [stored], use: entries.value.length ? "test" : "training" }]);
   if (changes.length) await setKeys(changes, `Added ${files.map((file) => file.name).join(", ")}`);
 }
 

@@ -3,7 +3,18 @@
 from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, settings
+from kennfeld.app.questions import (
+    calibrations,
+    evidence,
+    exports,
+    history,
+    parameters,
+    plots,
+    recordings,
+    runs,
+    settings,
+    trust,
+)
 from kennfeld.app.session.session import Session
 
 Question = Callable[[Session, Given], Answer]
@@ -18,12 +29,17 @@ QUESTIONS: dict[str, Question] = {
     "sample": evidence.sample,
     "progress": runs.progress,
     "compare": runs.compare,
-    "trust": runs.trust,
+    "trust": trust.trust,
     "settings": settings.settings,
     "files": recordings.files,
     "proposals": recordings.proposals,
     "formats": exports.formats,
     "export": exports.export,
+    "calibrations": calibrations.calibrations,
+    "contents": calibrations.contents,
+    "differences": calibrations.differences,
+    "pair": calibrations.pair,
+    "write-calibration": calibrations.write_calibration,
 }
 COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
@@ -37,4 +53,5 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "run": runs.run,
     "stop": runs.stop,
     "accept": runs.accept,
+    "take-values": calibrations.take_values,
 }

@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions.calibrations import rounded
+from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.session import Session
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import endings, losses
@@ -30,11 +33,28 @@ result.parameters.save(folder / "parameters{ending}")
 '''
 
 
+SIMULATIONS = (".parquet", ".csv")
+
+
 def formats(session: Session, given: Given) -> Answer:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
-    known = [each for each in endings() if each not in (*IMAGE_ENDINGS, ".msq") or each in own]
+    image = _image(session)
+    special = (".msq", *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending))
+    known = [each for each in endings() if each not in special or each in own]
     return Answer({"formats": list(dict.fromkeys([*own, *known])), "own": list(own), "folder": str(_folder(session))})
+
+
+def _image(session: Session) -> tuple[Path, Path | None] | None:
+    """Return the image among the initial files, with its A2L file if the project names one."""
+    if session.project is None:
+        return None
+    calibration, folder = session.project.file.calibration, session.path.parent
+    images = [name for name in calibration.files if name.lower().endswith(IMAGE_ENDINGS)]
+    if not images:
+        return None
+    description = calibration.descriptions.get(images[-1])
+    return folder / images[-1], folder / description if description else None
 
 
 def _folder(session: Session) -> Path:
@@ -44,7 +64,8 @@ def _folder(session: Session) -> Path:
 def export(session: Session, given: Given) -> Answer:
     """Write the present values into the results folder.
 
-    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run.
+    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run;
+    `simulation` is the extension of a file with all nodes over all datasets.
     """
     view, project, folder = session.require_view(), session.project, _folder(session)
     assert project is not None
@@ -54,10 +75,15 @@ def export(session: Session, given: Given) -> Answer:
             raise ArgumentError(f"unknown format {ending!r}")
     folder.mkdir(parents=True, exist_ok=True)
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
+    rounding: list[dict[str, Any]] = []
     for ending in given.get("formats", ()):
-        path = folder / f"parameters{ending}"
-        findings += [*write_parameters(values, path), *losses(values, path)]
+        path, (image, a2l) = folder / f"parameters{ending}", _image(session) or (None, None)
+        image = image if is_image(path.name) else None
+        findings += [*write_parameters(values, path, image, a2l), *losses(values, path)]
+        rounding += rounded(values, path, a2l)
         written.append(path)
+    if given.get("simulation"):
+        written.append(_write_simulation(session, str(given["simulation"])))
     if given.get("whole"):
         from kennfeld.project.results import write
 
@@ -69,7 +95,19 @@ def export(session: Session, given: Given) -> Answer:
         path = session.path.with_name("calibrate.py")
         write_whole(path, SCRIPT.format(project=session.path.name, ending=ending))
         written.append(path)
-    return Answer({"files": [str(path) for path in dict.fromkeys(written)], "findings": [str(f) for f in findings]})
+    files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
+    return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
+
+
+def _write_simulation(session: Session, ending: str) -> Path:
+    """Write every node over every dataset at the present values, as `kennfeld simulate` does."""
+    from kennfeld.project.results import write_simulation
+
+    if ending not in SIMULATIONS:
+        raise ArgumentError(f"unknown format {ending!r} of a simulation")
+    assert session.project is not None
+    datasets = session.project.simulate(session.require_view().now.parameters)
+    return write_simulation(datasets, session.path.parent / f"simulation{ending}")
 
 
 def _result(session: Session) -> Result:

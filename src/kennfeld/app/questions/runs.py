@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.pictures import thumbnail
-from kennfeld.app.session.session import Run, Session, View
+from kennfeld.app.session.session import Session, View
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.optimize.result import TraceLine
@@ -151,31 +151,3 @@ def accept(session: Session, given: Given) -> Answer:
         tables[name] = values.reshape(start[name].values.shape)
     session.do(SetTables(str(given["title"]), tables))
     return Answer()
-
-
-def trust(session: Session, given: Given) -> Answer:
-    """Return what the data of the last run cannot determine, with remedies as data."""
-    if not session.runs:
-        return Answer({"directions": [], "pins": []})
-    last: Run = session.runs[-1]
-    known = last.result.trust
-    return Answer(
-        {
-            "directions": [
-                {
-                    "sentence": direction.sentence,
-                    "remedy": direction.remedy,
-                    "exact": direction.exact,
-                    "deviation": finite(direction.deviation),
-                    "parameters": list(direction.parts),
-                }
-                for direction in known.directions
-            ],
-            "sentence": known.null_space.sentence,
-            "advice": known.null_space.advice,
-            "dimension": known.null_space.dimension,
-            "pins": [vars(pin) | {"at": list(pin.at)} for pin in known.null_space.remedy.pins],
-            "remark": known.remark,
-            "freedom": finite(known.freedom),
-        }
-    )

@@ -4,20 +4,24 @@ import asyncio
 import contextlib
 import json
 import socket
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kennfeld.app.answer import Answer
+from kennfeld.app.archive import write_archive
 from kennfeld.app.server.frames import pack
 from kennfeld.app.server.security import RequestGuard, new_token
 from kennfeld.app.workspace import AppWorkspace
@@ -26,6 +30,7 @@ from kennfeld.errors import KennfeldError
 STATIC = Path(__file__).parent.parent / "static"
 MAX_MESSAGE = 4_000_000  # bytes; a pasted table of 10 000 values takes 200 000
 MAX_UPLOAD = 4_000_000_000  # bytes
+CHUNK = 1_000_000  # bytes of a download that are sent at once
 WATCH_INTERVAL = 1.0  # s between looks at the files on disk
 SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
 
@@ -57,6 +62,7 @@ class Server:
                 WebSocketRoute("/socket", self._socket),
                 Route("/upload/{name:path}", self._upload, methods=["PUT"]),
                 Route("/file/{name:path}", self._download),
+                Route("/project.zip", self._archive),
                 Mount("/static", StaticFiles(directory=STATIC)),
             ],
             exception_handlers={KennfeldError: _refusal},
@@ -138,6 +144,25 @@ class Server:
     async def _download(self, request: Request) -> Response:
         path = await self._in_session(lambda: self.workspace.download(request.path_params["name"]))
         return FileResponse(path, filename=path.name)
+
+    async def _archive(self, request: Request) -> Response:
+        """Return the folder of the project as it is on disk, without what begins with a dot."""
+        folder = await self._in_session(self.workspace.folder)
+        file = tempfile.TemporaryFile()  # noqa: SIM115  (closed when the answer has been sent)
+        try:
+            await asyncio.to_thread(write_archive, folder, file)
+        except BaseException:
+            file.close()
+            raise
+        size = file.tell()
+        file.seek(0)
+        headers = {"content-disposition": _attachment(f"{folder.name}.zip"), "content-length": str(size)}
+        chunks = iter(lambda: file.read(CHUNK), b"")
+        return StreamingResponse(chunks, 200, headers, "application/zip", BackgroundTask(file.close))
+
+
+def _attachment(name: str) -> str:
+    return f"attachment; filename*=utf-8''{quote(name)}"
 
 
 async def _refusal(request: Request, error: Exception) -> Response:

@@ -26,6 +26,7 @@ from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.models import Model
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
@@ -59,12 +60,12 @@ class Run:
 
     Attributes:
         number: counted from 1.
-        before: the values at its start.
+        problem: what was calibrated, with the values at its start.
         result: its result.
     """
 
     number: int
-    before: ParameterSet
+    problem: Problem
     result: Result
 
 
@@ -79,6 +80,7 @@ class Job:
         seconds: how long it has run.
         trace: the steps so far.
         preview: values of the best step so far, by parameter.
+        problem: what is calibrated.
     """
 
     state: str = "idle"
@@ -87,6 +89,7 @@ class Job:
     seconds: float = 0.0
     trace: list[TraceLine] = field(default_factory=list)
     preview: Mapping[str, Float] = field(default_factory=dict)
+    problem: Problem | None = None
 
 
 class View:
@@ -215,7 +218,7 @@ class Session:
         view = self.require_view()
         assert self.project is not None
         problem = replace(view.model.problem, parameters=view.now.parameters)
-        self.job = Job("running", "compiling", time.monotonic())
+        self.job = Job("running", "compiling", time.monotonic(), problem=problem)
         self._running = RunJob(problem, self.project.options, self._put)
 
     def stop(self) -> None:
@@ -257,7 +260,7 @@ class Session:
             return
         result, view = end.result, self.require_view()
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result)
+        run = Run(len(self.runs) + 1, job.problem or view.model.problem, result)
         self.runs.append(run)
         self.revision = next(_REVISIONS)
         names = [name for name in view.model.problem.free_names if name in result.parameters]

@@ -1,0 +1,53 @@
+"""The screen of calibration files in a browser: compare, take, undo, merge, convert."""
+
+from pathlib import Path
+
+import pytest
+from browser import READY, browser_page, started
+
+import kennfeld as kf
+from kennfeld.project import Project
+
+
+@pytest.fixture
+def bench(torque: Path) -> Path:
+    """Return a calibration file of the folder with another map."""
+    own = Project.read(torque).problem().parameters
+    table = own["MapOptTorque"]
+    path = torque.parent / "bench.dcm"
+    own.with_parameters(table.with_values(table.values + 3.0)).save(path)
+    return path
+
+
+def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=files]")
+        page.click("[data-file='bench.dcm']")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]:has-text('3.000')")
+        assert page.inner_text("#difference-count") == "1 of 4 names differ"
+        page.click("#take-values")
+        page.wait_for_selector("#difference-count:has-text('equal')")
+        page.keyboard.press("Control+z")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]")
+
+
+def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_path: Path) -> None:
+    own = kf.read_parameters(bench)
+    outside = tmp_path / "tuned.json"
+    own.with_parameters(own["MapOptTorque"].with_values(own["MapOptTorque"].values * 2)).save(outside)
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=files]")
+        page.set_input_files(".fl input[type=file]", str(outside))
+        page.wait_for_selector("[data-file='tuned.json'].on")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]")
+        page.fill("#target-name", "both")
+        page.select_option("#target-ending", ".cdfx")
+        page.click("#write-file")
+        page.wait_for_selector("#written:has-text('both.cdfx')")
+        page.click("#write-file")
+        page.wait_for_selector("#replace-file")
+        page.click("#replace-file")
+        page.wait_for_selector("#replace-file", state="detached")
+        page.wait_for_selector(READY)
+    both = kf.read_parameters(torque.parent / "both.cdfx")
+    assert both["MapOptTorque"].values == pytest.approx(own["MapOptTorque"].values * 2)
