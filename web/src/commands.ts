@@ -2,6 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
+import { run } from "./runs";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; keys: string[]; run: () => void; enabled?: () => boolean }
@@ -15,7 +16,7 @@ const running = (): boolean => ["running", "stopping"].includes(state.value.job.
 export const COMMANDS: Command[] = [
   ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),
   { title: "Projects", keys: [], run: () => { screen.value = "start"; } },
-  { title: "Run the calibration", keys: ["F5"], run: () => void request("run"), enabled: () => !running() },
+  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
   { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },

@@ -4,6 +4,7 @@ import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
+import { run } from "./runs";
 import { connected, failure, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
 
 export function Header() {
@@ -35,7 +36,7 @@ export function Header() {
           <div id="job-state" class={running ? "running" : job.state}>{job.state}</div>
           <span>{jobText(job, runs.length)}</span>
         </div>
-        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={() => request("run")}><Icon name="run" />Run</button>
+        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}><Icon name="run" />Run</button>
         <button class="btn stop" id="stop" title="Stop and keep the best (Shift+F5)" disabled={!running} onClick={() => request("stop")}><Icon name="stop" />Stop</button>
       </div>
       <div class="set" style={{ gap: 0, paddingRight: 0 }}>

@@ -28,6 +28,7 @@ QUESTIONS: dict[str, Question] = {
     "passed": evidence.passed,
     "sample": evidence.sample,
     "progress": runs.progress,
+    "outcome": runs.outcome,
     "compare": runs.compare,
     "trust": trust.trust,
     "settings": settings.settings,

@@ -1,5 +1,6 @@
 """Export of the present values: calibration files, the report, all files of a run, and a script that repeats it."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,9 +86,12 @@ def export(session: Session, given: Given) -> Answer:
     if given.get("simulation"):
         written.append(_write_simulation(session, str(given["simulation"])))
     if given.get("whole"):
-        from kennfeld.project.results import write
+        from kennfeld.project.results import write, write_text
 
         written += write(_result(session), project, folder)
+        if session.validation is not None:
+            text = json.dumps(session.validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+            written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
     if given.get("report"):
         written.append(_write_report(session, folder))
     if given.get("script"):
