@@ -10,7 +10,6 @@ from kennfeld.errors import ArgumentError
 
 MAX_BYTES = 4_000_000_000  # of all files
 MAX_FILES = 20_000
-_PART = ".part"  # of an upload in progress
 
 
 def write_archive(folder: Path, target: IO[bytes]) -> int:
@@ -39,5 +38,5 @@ def archived_files(folder: Path) -> Iterator[Path]:
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = Path(root) / name
-            if not name.startswith(".") and not name.endswith(_PART) and path.is_file() and not path.is_symlink():
+            if not name.startswith(".") and path.is_file() and not path.is_symlink():
                 yield path

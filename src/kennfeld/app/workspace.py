@@ -1,6 +1,8 @@
 """The open project that all pages share, and the answers to their questions."""
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from kennfeld.app.answer import Answer, Given
@@ -11,6 +13,9 @@ from kennfeld.app.recent import recent_projects, remember
 from kennfeld.app.session.session import Session
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.project.demo import prepare, write
+
+UPLOAD_ENDING = ".upload.part"
+ABANDONED = 600.0  # s after which an upload is not in progress any more
 
 Push = Callable[[str, Answer], None]
 
@@ -46,6 +51,7 @@ class AppWorkspace:
             path = path / "kennfeld.toml"
         if not path.is_file():
             raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
+        _remove_parts(path.parent)
         session = Session(path.resolve(), lambda: self._wake())
         self.close()
         self.session = session
@@ -80,11 +86,11 @@ class AppWorkspace:
         if self.session is not None:
             self.session.close()
 
-    def upload_target(self, name: str) -> Path:
-        """Return where a file that was dropped onto a page is stored: beside the project, under a free name."""
-        if self.session is None:
-            raise ArgumentError("no project is open")
-        return free_path(self.session.path.parent, name)
+    def store(self, part: Path, name: str) -> Path:
+        """Give an uploaded file its name, a free one of the folder of the project, and return its path."""
+        target = free_path(self.folder(), name)
+        part.replace(target)
+        return target
 
     def folder(self) -> Path:
         """Return the folder of the project. Raises `ArgumentError` if none is open."""
@@ -110,8 +116,20 @@ def _projects(workspace: AppWorkspace, given: Given) -> Answer:
 
 
 def _open(workspace: AppWorkspace, given: Given) -> Answer:
-    workspace.open(Path(str(given["path"])).expanduser())
+    """Open a project, unless it is open already."""
+    path = Path(str(given["path"])).expanduser()
+    file = path / "kennfeld.toml" if path.is_dir() else path
+    if workspace.session is None or workspace.session.path != file.resolve():
+        workspace.open(file)
     return Answer()
+
+
+def _remove_parts(folder: Path) -> None:
+    """Remove what uploads to an earlier server left behind that was killed."""
+    with suppress(OSError):
+        for path in folder.glob(f".*{UPLOAD_ENDING}"):
+            if time.time() - path.stat().st_mtime > ABANDONED:
+                path.unlink(missing_ok=True)
 
 
 def _demo(workspace: AppWorkspace, given: Given) -> Answer:

@@ -389,7 +389,9 @@ class Session:
         return Recovery(self.path)
 
     def recover(self, *, discard: bool = False) -> None:
-        """Take over the edits of a session that ended without saving, or forget them."""
+        """Take over the edits of a session that ended without saving, or forget them; nothing if there are none."""
+        if not self.recoverable:
+            return
         edits, self.recoverable = None if discard else self.recovery.read(self.saved), False
         self.recovery.remove()
         if edits is not None:
