@@ -102,7 +102,7 @@ function StepButton({ step }: { step: Step }) {
     <button data-screen={step.screen} title={`${step.title} (Alt+${step.key})`} aria-current={screen.value === step.screen ? "page" : undefined} onClick={() => { screen.value = step.screen; }}>
       <i>{step.key}</i><b>{step.title}</b>
       {worst.length ? <Icon name="warning" kind="w" /> : <span />}
-      <small>{step.detail()}</small>
+      <small>{state.value.project === null ? "no project" : step.detail()}</small>
     </button>
   );
 }

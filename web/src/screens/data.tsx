@@ -7,8 +7,8 @@ import { NumberField, Segment, TextField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
-import { setKeys, valueAt, type Change } from "../settings";
-import { request, screen, settled, state } from "../store";
+import { setKeys } from "../settings";
+import { message, request, screen, settled, state } from "../store";
 import { upload } from "../uploads";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
@@ -51,12 +51,10 @@ async function drop(event: DragEvent): Promise<void> {
   await addFiles([...(event.dataTransfer?.files ?? [])]);
 }
 
-/** Store files beside the project, and add each as a dataset. */
-export async function addFiles(files: globalThis.File[]): Promise<void> {
-  const changes: Change[] = [];
-  let number = ((valueAt(["dataset"]) as unknown[] | undefined)?.length ?? 0) + 1;
-  for (const stored of await upload(files)) changes.push([["dataset", number++], { files: [stored], use: entries.value.length ? "test" : "training" }]);
-  if (changes.length) await setKeys(changes, `Added ${files.map((file) => file.name).join(", ")}`);
+/** Store files beside the project, and add each as what it is: a dataset, the function, or initial values. */
+async function addFiles(files: globalThis.File[]): Promise<void> {
+  const names = await upload(files);
+  if (names.length && (await request("add-files", { files: names })) !== null) message.value = `Added ${names.join(", ")}`;
 }
 
 function FileList() {

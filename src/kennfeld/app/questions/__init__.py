@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions import (
+    additions,
     calibrations,
     evidence,
     exports,
@@ -54,5 +55,6 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "run": runs.run,
     "stop": runs.stop,
     "accept": runs.accept,
+    "add-files": additions.add_files,
     "take-values": calibrations.take_values,
 }
