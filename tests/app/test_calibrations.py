@@ -217,3 +217,31 @@ def test_a_value_beyond_the_raw_scale_is_refused_by_name(flash: Path) -> None:
     with pytest.raises(InputError, match="CurveEtaDeltaSpark"):
         ask(session, "write-calibration", first=file("new.json"), target="new.hex", image="ecu.hex")
     assert not (flash.parent / "new.hex").exists()
+
+
+def test_the_labels_of_an_a2l_file_are_listed(flash: Path) -> None:
+    head = ask(Session(flash), "contents", source=file("ecu.a2l")).head
+    (row,) = head["rows"]
+    assert (row["name"], row["kind"], row["size"], row["greatest"]) == ("CurveEtaDeltaSpark", "curve", "12", 2.0)
+
+
+def test_the_report_on_an_earlier_run_is_written_from_its_folder(session: Session) -> None:
+    from kennfeld.project import Project
+    from kennfeld.project.results import write
+
+    folder = session.path.parent / "results"
+    assert not ask(session, "formats").head["stored"]
+    project = Project.read(session.path)
+    write(project.calibrate(), project, folder)
+    assert ask(session, "formats").head["stored"]
+    assert ask(session, "export", formats=[], stored=True).head["files"] == ["results/report.html"]
+    assert "TorquePredict" in (folder / "report.html").read_text()
+
+
+def test_a_simulation_is_written_at_the_present_values(session: Session) -> None:
+    ask(session, "set-values", name="MapOptTorque", cells=[0], values=[200.0], title="Typed")
+    assert ask(session, "export", formats=[], simulation=".csv").head["files"] == ["simulation.csv"]
+    header = (session.path.parent / "simulation.csv").read_text().splitlines()[0]
+    assert "TorquePredict" in header
+    with pytest.raises(ArgumentError):
+        ask(session, "export", formats=[], simulation=".exe")

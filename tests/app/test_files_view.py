@@ -89,3 +89,16 @@ def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path, tmp_path: P
         with page.expect_download() as download:
             page.click("#export-folder")
         assert download.value.suggested_filename == "torque.zip"
+
+
+def test_values_that_are_not_accepted_keep_their_start(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("#run")
+        page.wait_for_selector("#job-state.converged", timeout=60_000)
+        page.click("[data-screen=results]")
+        page.wait_for_selector("#if-pinned")
+        page.click(".pi[data-parameter=MapOptTorque] .tick")
+        page.wait_for_selector("#choice")
+        expected = page.inner_text("#choice b")
+        page.click("#accept")
+        page.wait_for_selector(f"#rmse-training:has-text('{expected}')")

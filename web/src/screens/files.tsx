@@ -35,7 +35,7 @@ function Bar() {
         <ToleranceField label="Absolute tolerance" which="absolute" help="Values that differ by less count as equal, in the unit of the values (kennfeld diff --tolerance). Typical: 0" />
         <ToleranceField label="Relative tolerance" which="relative" help="Values that differ by less than this share count as equal (kennfeld diff --relative). Typical: 1e-6" />
         <span class="right q" id="difference-count">{result === null ? "" : result.count === 0 ? `equal: ${result.compared} names in both` : `${result.count} of ${result.compared} names differ`}</span>
-        <Segment label="What is shown" options={["differences", "contents"]} chosen={shown.value} choose={(option) => { shown.value = option as typeof shown.value; }} />
+        <Segment label="What is shown" options={["differences", "contents"]} chosen={shown.value} choose={(option) => { if (option === "differences" && sides.second.value.toLowerCase().endsWith(".a2l")) sides.second.value = "start"; shown.value = option as typeof shown.value; }} />
       </div>
     </section>
   );
@@ -51,6 +51,7 @@ function SourceChoice({ label, side }: { label: string; side: "first" | "second"
         <option value="now">present values</option><option value="start">start</option>
         {state.value.runs.map((run) => <option value={String(run.number)}>run {run.number}</option>)}
         {folder.value.files.map((file) => <option value={`file:${file.name}`}>{file.name}</option>)}
+        {shown.value === "contents" && side === "second" && folder.value.descriptions.map((name) => <option value={`file:${name}`}>{name}</option>)}
       </select>
       {image && <select class="field small" aria-label={`A2L file of ${name}`} title="The A2L file that describes the image; without a choice the one of the same name, or the only one in its folder" value={descriptions.value[name] ?? ""} onChange={(event) => { descriptions.value = { ...descriptions.value, [name]: event.currentTarget.value }; }}><option value="">its A2L</option>{folder.value.descriptions.map((each) => <option value={each}>{each}</option>)}</select>}
     </>
@@ -68,11 +69,11 @@ function FileList() {
       <div class="head"><h2>Calibration files</h2><span class="right"><label class="btn small"><Icon name="plus" />Add<input type="file" multiple hidden onChange={(event) => addFiles([...(event.currentTarget.files ?? [])])} /></label></span></div>
       {files.length === 0 && <p class="pad q">No calibration file is in the folder of the project. Drop a DCM, CDFX, CVX, Excel, MATLAB, JSON or MSQ file here, or an image with its A2L file.</p>}
       {files.map((file) => (
-        <button class={`file-row ${sides.second.value === `file:${file.name}` ? "on" : ""}`} data-file={file.name} title={`${file.name}: compare it with ${sides.first.value === "now" ? "the present values" : "the first set"}`} onClick={() => { sides.second.value = `file:${file.name}`; }}>
+        <button class={`file-row ${sides.second.value === `file:${file.name}` ? "on" : ""}`} data-file={file.name} title={`${file.name}: compare it with ${sides.first.value === "now" ? "the present values" : "the first set"}`} onClick={() => { if (sides.second.value.toLowerCase().endsWith(".a2l")) shown.value = "differences"; sides.second.value = `file:${file.name}`; }}>
           <Icon name="file" /><span class="cut">{file.name}</span><span class="tag">{file.format}</span>
         </button>
       ))}
-      {described.map((name) => <div class="file-row"><Icon name="file" kind="q" /><span class="cut q">{name}</span><span class="tag">A2L</span></div>)}
+      {described.map((name) => <button class={`file-row ${sides.second.value === `file:${name}` ? "on" : ""}`} data-file={name} title={`${name}: its labels; choose it beside an image`} onClick={() => { sides.second.value = `file:${name}`; shown.value = "contents"; }}><Icon name="file" kind="q" /><span class="cut q">{name}</span><span class="tag">A2L</span></button>)}
     </section>
   );
 }

@@ -1,12 +1,14 @@
 // The results: two sets of values side by side, what to accept, and what the data cannot determine.
 
-import { accept, changes, chosen, first, rejected, scores, second, shown, type Change } from "../comparison";
+import { accept, changes, choiceScore, chosen, first, keepAll, keptCount, ranked, ranking, rejected, scores, second, shown, valueCount, type Change } from "../comparison";
 import { MISSING, plain, signed, significant } from "../drawing/numbers";
+import { Segment } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Pictures } from "../instruments/pictures";
 import { open, screen, state } from "../store";
 import { ExportPane } from "./results/export";
+import { IfPinned } from "./results/pinned";
 import { TrustPane } from "./results/trust";
 
 export function Results() {
@@ -23,16 +25,16 @@ export function Results() {
           </div>
         </section>
         <section class="pane li">
-          <div class="head"><h2>Changes</h2><span class="sub">biggest first</span></div>
-          <div class="items">{changes.value.map((each) => <ChangeItem own={each} />)}</div>
+          <div class="head"><h2>Changes</h2><span class="sub">biggest first</span><span class="right"><Segment label="Rank by" options={["max", "mean"]} chosen={ranking.value} choose={(option) => { ranking.value = option as typeof ranking.value; }} /></span></div>
+          <div class="items">{ranked.value.map((each) => <ChangeItem own={each} />)}</div>
           {own && <CellList own={own} />}
         </section>
         <section class="pane mp">
-          <div class="head"><h2>{own?.name ?? MISSING}</h2><span class="sub">{own ? describe(own) : ""}</span>{own && <span class="right"><button class="btn small" onClick={() => { open(own.name); screen.value = "parameters"; }}>Edit</button></span>}</div>
+          <div class="head"><h2>{own?.name ?? MISSING}</h2><span class="sub">{own ? describe(own) : ""}</span>{own && <span class="right">{choiceScore.value && <span class="q" id="choice">RMSE with this choice <b class="ink">{number(choiceScore.value.rmse)}</b> {choiceScore.value.unit}</span>}<button class="btn small" onClick={() => { open(own.name); screen.value = "parameters"; }}>Edit</button></span>}</div>
           {own && <Pictures {...own} titles={[first.value, second.value]} hatched={rejected.value[own.name]} />}
         </section>
         <TrustPane />
-        <ExportPane />
+        <section class="pane ep"><IfPinned /><ExportPane /></section>
       </main>
       <Footer><Key keys={["Space"]} text="accept or keep" /><Key keys={["Ctrl", "E"]} text="export" /></Footer>
     </>
@@ -114,6 +116,6 @@ function CellList({ own }: { own: Change }) {
 function AcceptButton() {
   const last = state.value.runs.at(-1);
   if (last === undefined) return <span class="q">A run ends here, to be accepted.</span>;
-  const kept = Object.values(rejected.value).reduce((sum, cells) => sum + cells.size, 0);
-  return <><span class="q">{kept ? `${kept} values keep their start` : ""}</span> <button class="btn primary" id="accept" style={{ height: "22px" }} onClick={accept}>{kept ? "Accept the choice" : "Accept the run"}</button></>;
+  const kept = keptCount.value;
+  return <><span class="q">accepted {valueCount.value - kept} of {valueCount.value}</span> <button class="btn small" id="keep-all" title="Keep the start of every value, or accept every value" onClick={() => keepAll(kept < valueCount.value)}>{kept < valueCount.value ? "None" : "All"}</button> <button class="btn primary" id="accept" style={{ height: "22px" }} onClick={accept}>{kept ? "Accept the choice" : "Accept the run"}</button></>;
 }

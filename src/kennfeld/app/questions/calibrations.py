@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given, finite, finite_list
@@ -45,12 +46,37 @@ def calibrations(session: Session, given: Given) -> Answer:
 
 
 def contents(session: Session, given: Given) -> Answer:
-    """Return what a set of values holds: `source` is one of `source_of`."""
+    """Return what a set of values holds: `source` is one of `source_of`, or an A2L file, which has labels alone."""
+    if str(given["source"].get("file", "")).lower().endswith(".a2l"):
+        return _labels(confined(session.path.parent, given["source"]["file"]))
     source = source_of(session, given["source"])
     rows = [_content(item) for item in _items(source)]
     return Answer(
         {"label": source.label, "rows": rows[:MAX_ROWS], "count": len(rows), "findings": _texts(source.findings)}
     )
+
+
+def _labels(path: Path) -> Answer:
+    """Return the labels of an A2L file with their limits."""
+    from kennfeld.calfiles import describe_a2l
+
+    description = describe_a2l(path)
+    rows = [
+        {
+            "name": label.name,
+            "kind": label.kind,
+            "size": " x ".join(map(str, label.shape)),
+            "unit": label.unit,
+            "description": label.description,
+            "function": ", ".join(label.functions),
+            "text": "",
+            "least": finite(label.lower),
+            "greatest": finite(label.upper),
+        }
+        for label in description.labels
+    ]
+    findings = _texts(description.findings)
+    return Answer({"label": path.name, "rows": rows[:MAX_ROWS], "count": len(rows), "findings": findings})
 
 
 def _content(item: Item) -> dict[str, Any]:
@@ -220,7 +246,7 @@ def _change_row(change: Change) -> dict[str, str]:
     return {"name": change.name, "action": "replaced" if change.replaces else "added", "details": details}
 
 
-def rounded(parameters: ParameterSet, target: Any, a2l: Any) -> list[dict[str, Any]]:
+def rounded(parameters: ParameterSet, target: Path, a2l: Path | None) -> list[dict[str, Any]]:
     """Return the labels whose values an image does not store exactly: asked for, stored, and how many differ."""
     if not is_image(target.name):
         return []

@@ -16,6 +16,7 @@ from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
+from kennfeld.project.results import RESULT
 
 SCRIPT = '''\
 """Repeats the calibration of {project}."""
@@ -43,7 +44,14 @@ def formats(session: Session, given: Given) -> Answer:
     image = _image(session)
     special = (".msq", *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending))
     known = [each for each in endings() if each not in special or each in own]
-    return Answer({"formats": list(dict.fromkeys([*own, *known])), "own": list(own), "folder": str(_folder(session))})
+    return Answer(
+        {
+            "formats": list(dict.fromkeys([*own, *known])),
+            "own": list(own),
+            "folder": str(_folder(session)),
+            "stored": (_folder(session) / RESULT).is_file(),
+        }
+    )
 
 
 def _image(session: Session) -> tuple[Path, Path | None] | None:
@@ -65,7 +73,8 @@ def _folder(session: Session) -> Path:
 def export(session: Session, given: Given) -> Answer:
     """Write the present values into the results folder.
 
-    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run;
+    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run; `stored`
+    is the report on the run whose files are in the results folder;
     `simulation` is the extension of a file with all nodes over all datasets.
     """
     view, project, folder = session.require_view(), session.project, _folder(session)
@@ -94,6 +103,8 @@ def export(session: Session, given: Given) -> Answer:
             written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
     if given.get("report"):
         written.append(_write_report(session, folder))
+    if given.get("stored"):
+        written.append(_write_stored_report(session, folder))
     if given.get("script"):
         ending = next(iter(given.get("formats", ())), ".json")
         path = session.path.with_name("calibrate.py")
@@ -121,6 +132,16 @@ def _result(session: Session) -> Result:
     last, view = session.runs[-1].result, session.require_view()
     start, now = view.start.parameters, view.now.parameters
     return replace(last, parameters=now, start=start, quality=Scorer(view.model.problem).quality(start, now))
+
+
+def _write_stored_report(session: Session, folder: Path) -> Path:
+    """Write the report on an earlier run, as `kennfeld report` does."""
+    from kennfeld.report import from_folder
+
+    assert session.project is not None
+    path = folder / "report.html"
+    write_whole(path, from_folder(session.project, folder))
+    return path
 
 
 def _write_report(session: Session, folder: Path) -> Path:

@@ -230,6 +230,23 @@ def _change(view: View, first: ParameterSet, second: ParameterSet, name: str) ->
 
 def accept(session: Session, given: Given) -> Answer:
     """Take the values of run `run` for the given `cells` by parameter (None: all), and those of the start elsewhere."""
+    session.do(SetTables(str(given["title"]), _chosen(session, given)))
+    return Answer()
+
+
+def choice(session: Session, given: Given) -> Answer:
+    """Return the errors that `accept` would lead to."""
+    view, initial = session.require_view(), session.require_view().start.parameters
+    tables = {name: values for name, values in _chosen(session, given).items() if values is not None}
+    scores = view.model.evaluate(
+        initial.with_parameters(*(initial[name].with_values(values) for name, values in tables.items()))
+    ).scores
+    rows = [{"use": s.use, "criterion": s.criterion, "rmse": finite(s.rmse)} for s in scores if s.samples]
+    return Answer({"scores": rows, "unit": view.model.unit(0)})
+
+
+def _chosen(session: Session, given: Given) -> dict[str, Float | None]:
+    """Return the tables with the chosen values; None for tables that keep their start."""
     wanted, start = _values(session, given["run"]), session.require_view().start.parameters
     cells: Mapping[str, Sequence[int] | None] = given["cells"]
     tables: dict[str, Float | None] = {}
@@ -241,5 +258,4 @@ def accept(session: Session, given: Given) -> Answer:
         part = slice(None) if chosen is None else np.array(chosen, dtype=np.int64)
         values[part] = wanted[name].values.ravel()[part]
         tables[name] = values.reshape(start[name].values.shape)
-    session.do(SetTables(str(given["title"]), tables))
-    return Answer()
+    return tables
