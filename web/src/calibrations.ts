@@ -27,6 +27,7 @@ export const chosen = signal("");
 export const pair = signal<Pair | null>(null);
 export const ticked = signal(new Set<string>());
 export const written = signal<Written | null>(null);
+export const existing = signal(""); // name of a file that would be replaced
 export const opened = signal<Contents | null>(null);
 export const shown = signal<"differences" | "contents">("differences");
 export const search = signal("");
@@ -101,7 +102,8 @@ export async function write(given: { merged: boolean; target: string; image: str
   const first = source(given.merged ? sides.first.value : sides.second.value);
   const more = given.merged ? { second: source(sides.second.value), names: [...ticked.value] } : {};
   const reply = await request("write-calibration", { first, ...more, target: given.target, image: given.image, a2l: given.a2l, force: given.force });
-  if (reply === null) return;
+  existing.value = String(reply?.head.exists ?? "");
+  if (reply === null || existing.value) return;
   written.value = reply.head as unknown as Written;
   message.value = `Written to ${written.value.file}`;
   changed.value++;

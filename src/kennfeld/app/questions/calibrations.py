@@ -19,7 +19,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read, write
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.errors import ArgumentError, Finding
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -214,14 +214,15 @@ def write_calibration(session: Session, given: Given) -> Answer:
     """Write a set of values as the file `target` of the folder; its ending selects the format.
 
     With `second`, the labels `names` of that set replace those of `first`. `image` and its `a2l` are the image whose
-    copy gets the values. A file that exists is replaced only with `force`.
+    copy gets the values. A file that exists is replaced only with `force`; without it, the answer has its name as
+    `exists`.
     """
     first, folder = source_of(session, given["first"]), session.path.parent
     target = folder / plain_name(str(given["target"]))
-    if target.exists() and not given.get("force"):
-        raise InputError.of(Location(target.name), "already exists", "Replace it, or name another file.")
     if target.suffix.lower() not in endings():
         raise ArgumentError(f"unknown format {target.suffix!r}; known are {', '.join(endings())}")
+    if target.exists() and not given.get("force"):
+        return Answer({"exists": target.name})
     parameters, changes = first.parameters, tuple[Change, ...]()
     if given.get("second"):
         second = source_of(session, given["second"])

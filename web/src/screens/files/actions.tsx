@@ -1,12 +1,11 @@
 // What is done with two sets of values: take labels into the project, write a merged or converted file, use a file as start.
 
 import { signal } from "@preact/signals";
-import { comparison, descriptions, folder, shown, sides, take, ticked, write, written } from "../../calibrations";
+import { comparison, descriptions, existing, folder, shown, sides, take, ticked, write, written } from "../../calibrations";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { RoundedTable } from "../../instruments/rounded";
 import { setKeys, type Toml } from "../../settings";
-import { failure } from "../../store";
 import { address } from "../../uploads";
 
 const kind = signal<"merged" | "converted">("merged");
@@ -39,7 +38,7 @@ function WriteFile() {
   const { endings, files, descriptions: described } = folder.value;
   const merged = kind.value === "merged" && shown.value !== "contents";
   const target = `${name.value.trim() || (merged ? "merged" : "converted")}${ending.value}`;
-  const exists = failure.value.includes("already exists");
+  const exists = existing.value === target;
   const run = (force: boolean) => write({ merged, target, image: isImage(target) ? image.value : "", a2l: isImage(target) ? (descriptions.value[image.value] ?? "") : "", force });
   const result = written.value;
   return (
@@ -54,7 +53,7 @@ function WriteFile() {
         {isImage(target) && <div class="row"><span class="q">copy of</span><select class="field small grow" aria-label="Image to write the values into" title="The image whose copy gets the values; without a choice the one that the set was read from" value={image.value} onChange={(event) => { image.value = event.currentTarget.value; }}><option value="">the image of the set</option>{files.filter((file) => file.image).map((file) => <option value={file.name}>{file.name}</option>)}</select></div>}
         {isImage(target) && image.value !== "" && described.length > 1 && <div class="row"><span class="q">described by</span><select class="field small grow" aria-label="A2L file of the image" value={descriptions.value[image.value] ?? ""} onChange={(event) => { descriptions.value = { ...descriptions.value, [image.value]: event.currentTarget.value }; }}><option value="">its A2L</option>{described.map((each) => <option value={each}>{each}</option>)}</select></div>}
         <div class="go"><button class="btn" id="write-file" onClick={() => run(false)}>Write {target}</button>{exists && <button class="btn" id="replace-file" onClick={() => run(true)}>Replace it</button>}</div>
-        {exists && <p class="note warn">{failure.value}</p>}
+        {exists && <p class="note warn">{target} exists already.</p>}
         {result && <div class="done" id="written"><p class="good">Written: <a href={address(result.file)} download>{result.file}</a></p>{result.changes.slice(0, 40).map((each) => <p class="cut" title={each.details}>{each.name} <span class="q">{each.action}</span></p>)}</div>}
         {result?.findings.map((text) => <p class="note warn">{text}</p>)}
       </div>
