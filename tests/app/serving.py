@@ -103,11 +103,17 @@ class Page:
 
 
 @contextmanager
-def served(path: Path, home: Path | None = None) -> Iterator[Served]:
-    """Serve a project; a `home` of its own keeps what one server leaves for the next."""
+def served(path: Path, home: Path | None = None, prelude: str = "pass") -> Iterator[Served]:
+    """Serve a project.
+
+    Args:
+        path: the project file.
+        home: folder of the user; one of its own keeps what one server leaves for the next.
+        prelude: a statement that the process of the server runs first.
+    """
     folder = str(home or path.parent)
     environment = {**os.environ, "HOME": folder, "USERPROFILE": folder}
-    command = [sys.executable, "-c", START.format(path=str(path))]
+    command = [sys.executable, "-c", f"{prelude}; {START.format(path=str(path))}"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout is not None

@@ -1,5 +1,6 @@
 """What the page and the server survive: a restart, a dying worker, and an upload that breaks off."""
 
+import json
 import os
 import signal
 import socket
@@ -161,3 +162,42 @@ def test_random_bytes_do_not_stop_the_server(server: Served) -> None:
         assert b"Traceback" not in answer
         assert b"torque" not in answer
     assert server.request("GET", "/", {"Cookie": server.cookie})[0] == 200
+
+
+def test_a_symbolic_link_out_of_the_folder_is_not_followed(server: Served, torque: Path, tmp_path: Path) -> None:
+    (tmp_path / "secret.dcm").write_text("secret")
+    (torque.parent / "link.dcm").symlink_to(tmp_path / "secret.dcm")
+    (torque.parent / "folder").symlink_to(tmp_path)
+    for name in ("link.dcm", "folder/secret.dcm", "..%2fsecret.dcm", "folder/../../secret.dcm", "%2e%2e/secret.dcm"):
+        status, _, body = server.request("GET", f"/file/{name}", {"Cookie": server.cookie})
+        assert status == 404
+        assert b"secret" not in body.replace(name.encode(), b"").replace(b"secret.dcm", b"")
+    with server.page() as page:
+        for name in ("link.dcm", "folder/secret.dcm", "../secret.dcm"):
+            head, _ = page.ask("contents", source={"from": "file", "file": name})
+            assert "is outside of torque" in head["error"]
+            assert "outside" in page.ask("add-files", files=[name])[0]["error"]
+        names = [each["name"] for each in page.ask("calibrations")[0]["files"]]
+    assert names == ["start.dcm"]
+    archived = server.request("GET", "/project.zip", {"Cookie": server.cookie})[2]
+    assert b"link.dcm" not in archived
+    assert b"folder/" not in archived
+
+
+def test_an_upload_that_is_too_large_is_refused_and_leaves_nothing(torque: Path, tmp_path: Path) -> None:
+    before = {path.name for path in torque.parent.iterdir()}
+    with served(torque, tmp_path, "import kennfeld.app.server.server as own; own.MAX_UPLOAD = 1000") as own:
+        headers = {"Cookie": own.cookie, "Origin": f"http://{own.host}"}
+        assert own.request("PUT", "/upload/large.csv", headers, b"x" * 1001)[0] == 413
+        assert {path.name for path in torque.parent.iterdir()} == before
+        assert own.request("PUT", "/upload/small.csv", headers, b"x" * 1000)[0] == 200
+
+
+def test_a_page_that_never_reads_is_closed_and_the_others_live(server: Served) -> None:
+    with server.page() as slow:
+        slow.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        question = {"id": 1, "ask": "table", "with": {"name": "MapOptTorque"}}
+        for _ in range(3000):
+            slow.socket.send(json.dumps(question))
+        with server.page() as page:
+            assert "table" in page.ask("table", name="MapOptTorque")[0]

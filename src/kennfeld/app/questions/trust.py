@@ -1,4 +1,4 @@
-"""What the data of the last run cannot determine, with remedies that the page applies."""
+"""Values that the data of the last run cannot determine, with remedies that the page applies."""
 
 from typing import Any
 

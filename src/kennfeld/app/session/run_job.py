@@ -41,7 +41,7 @@ class Validation:
 
 @dataclass(frozen=True)
 class RunTask:
-    """What the process of a run does.
+    """The work of the process of a run.
 
     Attributes:
         problem: what is calibrated.

@@ -1,4 +1,4 @@
-"""What the start page shows of a project: its errors, its state, and a picture of its first dataset."""
+"""Summary of a project for the start page: its errors, its state, and a picture of its first dataset."""
 
 from typing import Any
 
