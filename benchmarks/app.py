@@ -1,4 +1,4 @@
-"""Topic `app`: the page in headless Chromium, on 500 000 samples and a 20 x 20 map."""
+"""Topic `app`: the page in headless Chromium, on 500 000 samples and a 20 x 20 map, and on 1 000 000 x 20 channels."""
 
 import re
 import shutil
@@ -17,6 +17,7 @@ from benchmarks.machine import load
 from benchmarks.table import Table
 
 SAMPLES = 500_000
+STRIP_SAMPLES, STRIPS = 1_000_000, 20
 REPEATS = 15
 PROJECT = """
 [model]
@@ -42,6 +43,23 @@ FUNCTION = """
 settled[degC] = MapSettled(Speed, Load)
 Temperature[degC] = PT1(settled, CurveTime(Speed))
 """
+STRIP_PROJECT = """
+[model]
+file = "sensor.kf"
+
+[[dataset]]
+files = ["drive.parquet"]
+
+[[criterion]]
+node = "Temperature"
+target = { channel = "measured" }
+
+[parameters.MapTemperature]
+x = { input = "Speed", begin = 700, end = 4200, count = 20 }
+y = { input = "Load", begin = 5, end = 95, count = 20 }
+initial = 300
+"""
+STRIP_FUNCTION = "Temperature[degC] = MapTemperature(Speed, Load)"
 LAUNCH = (
     "from pathlib import Path; from kennfeld.app.launch import launch; launch(Path('kennfeld.toml'), browser=False)"
 )
@@ -61,29 +79,67 @@ key => new Promise(resolve => {
 """
 
 
+# keeps a strip for each channel, as the list of signals does
+CHOOSE = """
+async names => {
+  const project = document.querySelector('.project small').textContent.trim();
+  const strips = names.map(name => ({ weight: 1, lines: [{ kind: 'channel', name }] }));
+  localStorage.setItem('kennfeld.plots:' + project, JSON.stringify({ strips }));
+}
+"""
+# resolves when the answers have come and a frame has passed
+SETTLED = """
+new Promise(resolve => {
+  const begin = performance.now();
+  const wait = () => document.documentElement.dataset.state === 'busy' ? setTimeout(wait, 0)
+    : requestAnimationFrame(() => setTimeout(() => resolve(performance.now() - begin)));
+  %s
+  setTimeout(wait, 0);
+})
+"""
+CLICK = "document.querySelector('[data-screen=plots]').click();"
+OPEN = f"() => {SETTLED % CLICK}"
+PRESS = f"key => {SETTLED % 'dispatchEvent(new KeyboardEvent(`keydown`, {key, bubbles: true}));'}"
+WHEEL = """
+  const canvas = document.querySelector('.strips canvas:last-of-type');
+  const box = canvas.getBoundingClientRect();
+  const place = {clientX: box.left + box.width / 2, clientY: box.top + 50};
+  canvas.dispatchEvent(new WheelEvent('wheel', {...place, %s, bubbles: true, cancelable: true}));
+"""
+ZOOM = f"() => {SETTLED % (WHEEL % 'deltaY: -120')}"
+PAN = f"() => {SETTLED % (WHEEL % 'deltaX: 40')}"
+
+
 def run() -> list[Table]:
-    """Time to a usable page, an edit, a move of a drag, a zoom; memory of the server."""
-    table = Table(
-        "app: 500 000 samples, a 20 x 20 map, every edit recomputes the whole model", ("step", "median", "worst")
-    )
+    """Time to a usable page, an edit, a move of a drag, a zoom; the same for many strips; memory of the server."""
+    columns = ("step", "median", "worst")
+    edits = Table("app: 500 000 samples, a 20 x 20 map, every edit recomputes the whole model", columns)
+    strips = Table(f"app: {STRIPS} strips of 1 000 000 samples", columns)
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        table.add("page", "-", "missing: playwright")
-        return [table]
+        edits.add("page", "-", "missing: playwright")
+        return [edits]
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
-        table.add("page", "-", "missing: Chromium")
-        return [table]
+        edits.add("page", "-", "missing: Chromium")
+        return [edits]
+    with sync_playwright() as driver:
+        _serve(edits, _write, lambda address: _measure(edits, driver, browser, address))
+        _serve(strips, _write_strips, lambda address: _measure_strips(strips, driver, browser, address))
+    return [edits, strips]
+
+
+def _serve(table: Table, write: Callable[[Path], int], measure: Callable[[str], None]) -> None:
+    """Serve a project, measure, and note the memory of the server."""
     with tempfile.TemporaryDirectory() as folder:
-        size = _write(Path(folder))
+        size = write(Path(folder))
         process = subprocess.Popen([sys.executable, "-c", LAUNCH], stdout=subprocess.PIPE, text=True, cwd=folder)
         assert process.stdout is not None
         try:
-            found = re.search(r"http\S+", process.stdout.readline())
-            assert found is not None
-            with sync_playwright() as driver:
-                _measure(table, driver, browser, found[0])
+            address = re.search(r"http\S+", process.stdout.readline())
+            assert address is not None
+            measure(address[0])
             table.notes = [
                 f"{_memory(process.pid) / 1e6:.0f} MB in the server, {size / 1e6:.0f} MB of data. Load {load()}."
             ]
@@ -91,7 +147,6 @@ def run() -> list[Table]:
             process.kill()
             process.wait()
             process.stdout.close()
-    return [table]
 
 
 def _write(folder: Path) -> int:
@@ -110,9 +165,25 @@ def _write(folder: Path) -> int:
     return int(frame.memory_usage(deep=True).sum())
 
 
+def _write_strips(folder: Path) -> int:
+    """Write a recording with many channels; return the size of its data in memory, in bytes."""
+    import pandas as pd
+
+    rng = np.random.default_rng(2)
+    time_s = np.arange(STRIP_SAMPLES) * 0.01
+    columns = {"time": time_s, "Speed": 2400 + 1600 * np.sin(time_s / 37), "Load": 50 + 40 * np.sin(time_s / 11)}
+    columns["measured"] = 100 + 0.1 * columns["Speed"] + 2 * columns["Load"] + rng.normal(0, 3, STRIP_SAMPLES)
+    for number in range(STRIPS - 3):
+        columns[f"Channel{number}"] = np.sin(time_s / (3 + 7 * number)) + rng.normal(0, 0.1, STRIP_SAMPLES)
+    frame = pd.DataFrame(columns)
+    frame.to_parquet(folder / "drive.parquet")
+    (folder / "kennfeld.toml").write_text(STRIP_PROJECT, encoding="utf-8")
+    (folder / "sensor.kf").write_text(STRIP_FUNCTION, encoding="utf-8")
+    return int(frame.memory_usage(deep=True).sum())
+
+
 def _measure(table: Table, driver: Any, browser: str, address: str) -> None:
-    own = driver.chromium.launch(executable_path=browser, args=["--headless", "--no-sandbox", "--disable-gpu"])
-    page = own.new_context(viewport={"width": 1280, "height": 800}).new_page()
+    own, page = _open(driver, browser)
     received: list[int] = []
     page.on("response", lambda answer: received.append(int(answer.headers.get("content-length", "0"))))
     ready = "html[data-state=ready]"
@@ -131,6 +202,40 @@ def _measure(table: Table, driver: Any, browser: str, address: str) -> None:
     page.wait_for_timeout(1500)
     _row(table, "zoom of five strips until they are drawn", lambda: _zoom(page))
     own.close()
+
+
+def _open(driver: Any, browser: str) -> tuple[Any, Any]:
+    own = driver.chromium.launch(executable_path=browser, args=["--headless", "--no-sandbox", "--disable-gpu"])
+    return own, own.new_context(viewport={"width": 1280, "height": 800}).new_page()
+
+
+def _measure_strips(table: Table, driver: Any, browser: str, address: str) -> None:
+    own, page = _open(driver, browser)
+    page.goto(address)
+    page.wait_for_selector("html[data-state=ready]")
+    names = ["Speed", "Load", "measured", *(f"Channel{number}" for number in range(STRIPS - 3))]
+    page.evaluate(CHOOSE, names)
+    page.reload()
+    page.wait_for_selector("html[data-state=ready]")
+    begin = time.perf_counter()
+    page.click("[data-screen=plots]")
+    page.wait_for_selector("html[data-state=ready]")
+    table.add("first drawing, all channels read from the file", f"{(time.perf_counter() - begin) * 1e3:.0f} ms", "")
+    page.wait_for_timeout(1000)
+    _row(table, "drawing, screen opened again", lambda: _reopened_plots(page), 7)
+    _row(table, "zoom until all strips are drawn", lambda: _zoom(page))
+    _row(table, "pan until all strips are drawn", lambda: float(page.evaluate(PAN)))
+    _row(table, "step of the cursor until its values are shown", lambda: float(page.evaluate(PRESS, "ArrowRight")))
+    for _ in range(30):
+        _zoom(page)
+    _row(table, "zoom of raw samples", lambda: _zoom(page))
+    own.close()
+
+
+def _reopened_plots(page: Any) -> float:
+    page.click("[data-screen=optimization]")
+    page.wait_for_selector("html[data-state=ready]")
+    return float(page.evaluate(OPEN))
 
 
 def _row(table: Table, name: str, measure: Callable[[], float], repeats: int = REPEATS) -> None:
@@ -158,19 +263,7 @@ def _step(page: Any) -> float:
 
 def _zoom(page: Any) -> float:
     """Turn the wheel; the strips are drawn when the answer has come and a frame has passed."""
-    script = """
-    () => new Promise(resolve => {
-      const canvas = document.querySelector('.strips canvas');
-      const box = canvas.getBoundingClientRect();
-      const begin = performance.now();
-      const place = {clientX: box.left + box.width / 2, clientY: box.top + 50};
-      canvas.dispatchEvent(new WheelEvent('wheel', {...place, deltaY: -120, bubbles: true, cancelable: true}));
-      const wait = () => document.documentElement.dataset.state === 'busy' ? setTimeout(wait, 0)
-        : requestAnimationFrame(() => setTimeout(() => resolve(performance.now() - begin)));
-      setTimeout(wait, 0);
-    })
-    """
-    return float(page.evaluate(script))
+    return float(page.evaluate(ZOOM))
 
 
 def _memory(process: int) -> float:

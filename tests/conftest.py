@@ -5,6 +5,8 @@ A search for new ones is asked for: `pytest --hypothesis-profile=search`.
 
 import os
 import signal
+import tempfile
+from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 
@@ -21,6 +23,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 os.environ.pop("COLUMNS", None)  # tables would follow the width of a terminal that pytest-xdist tells its workers
+
+# Code that tests compile is kept apart from that of the user; processes of one run share it.
+os.environ.setdefault(
+    "KENNFELD_CACHE", str(Path(tempfile.gettempdir()) / f"kennfeld-tests-{os.getuid() if hasattr(os, 'getuid') else 0}")
+)
 
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 

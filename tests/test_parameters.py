@@ -158,6 +158,13 @@ def test_a_parameter_cannot_be_changed(made):
             array[...] = 0
 
 
+def test_values_at_a_bound_are_neither_locked_nor_fixed_by_equal_bounds():
+    curve = Curve("C", range(6), [0, 1, 5, 6, 1, 2], lower=[1, 1, 1, 1, 1, 2], upper=[5, 5, 5, 5, 5, 2])
+    assert curve.at_bound.tolist() == [True, True, True, True, True, False]
+    assert curve.changed(locked=np.arange(6) < 2).at_bound.tolist() == [False, False, True, True, True, False]
+    assert not Scalar("K", 1.0).at_bound
+
+
 @pytest.mark.parametrize("attribute", ["values", "lower", "upper", "locked"])
 def test_a_parameter_keeps_its_own_copy_of_arrays(attribute):
     given = np.zeros(2, dtype=bool if attribute == "locked" else float)

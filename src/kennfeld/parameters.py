@@ -192,6 +192,12 @@ class Parameter:
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
     @property
+    def at_bound(self) -> Bool:
+        """True for values at a bound; locked values, and those with equal bounds, do not count."""
+        outside = (self.values <= self.lower) | (self.values >= self.upper)
+        return outside & ~self.locked & (self.lower < self.upper)
+
+    @property
     def index_axes(self) -> tuple[Axis, ...]:
         """The axes that a lookup searches: its own, or the positions 0, 1, ... of a value block."""
         return self.axes

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.evidence import corrections
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
@@ -74,3 +75,30 @@ def test_a_table_that_does_not_act_is_out_of_reach(torque: Path) -> None:
     parameters = Session(torque).parameters
     [correction] = corrections(1.0, {"MapOptTorque": np.zeros(parameters["MapOptTorque"].values.shape)}, parameters)
     assert not correction.reachable
+
+
+def test_the_mean_error_at_a_grid_point_is_that_of_its_samples(exhaust: Path) -> None:
+    session = Session(exhaust)
+    view = session.require_view()
+    errors = view.now.errors[0][0]
+    answer = QUESTIONS["coverage"](session, {"name": "MapSettled", "criterion": 0})
+    value = int(np.argmax(view.samples["MapSettled"]))
+    part = view.evidence.informing("MapSettled", value)[0]
+    own, scored = errors[part.samples], np.isfinite(errors[part.samples])
+    expected = np.average(own[scored], weights=part.weights[scored])
+    assert answer.arrays["error"][value] == pytest.approx(expected, rel=1e-4)
+    without = view.samples["MapSettled"].ravel() == 0
+    assert np.isnan(answer.arrays["error"][without]).all()
+
+
+def test_data_points_of_a_table_are_where_samples_look_it_up(exhaust: Path) -> None:
+    session = Session(exhaust)
+    answer = QUESTIONS["coverage"](session, {"name": "MapSettled"})
+    channels = session.require_view().model.recordings[0]
+    recorded = np.column_stack([channels.channel("Speed"), channels.channel("Injection")])
+    axes = session.parameters["MapSettled"].axes
+    recorded = np.clip(recorded, [axis.breakpoints[0] for axis in axes], [axis.breakpoints[-1] for axis in axes])
+    drawn = np.column_stack([answer.arrays["x"], answer.arrays["y"]])
+    assert 500 < len(drawn) <= 2500
+    for point in drawn[::100]:
+        assert np.abs(recorded - point).max(axis=1).min() < 1e-2

@@ -48,3 +48,34 @@ def test_near_returns_where_the_table_is_looked_up():
 def test_a_table_without_lookups_has_none_near():
     samples, coordinates, weights = LookupIndex(parameter("Gain", 2.0), []).near(0, 1)
     assert (samples.size, coordinates.shape, weights.size) == (0, (0, 0), 0)
+
+
+@pytest.mark.parametrize("shape", [(5,), (1,), (4, 3), (1, 3), (3, 2, 4)])
+def test_sums_at_grid_points_are_those_over_all_lookups(shape):
+    axes = [Axis(np.cumsum(np.arange(1.0, count + 1)), name) for count, name in zip(shape, "xyz", strict=False)]
+    table = parameter("Table", np.zeros(shape), axes)
+    values = np.random.default_rng(1).normal(size=SAMPLES)
+    values[::7] = np.nan
+
+    def clipped():
+        for lookup in lookups(table, 5):
+            shares = tuple(np.clip(share, 0.0, 1.0) for share in lookup.shares)
+            yield Lookup(table, lookup.first, lookup.known, lookup.cells, shares)
+
+    weighted, weight = np.zeros(table.size), np.zeros(table.size)
+    for lookup in clipped():
+        own = values[lookup.samples]
+        for at, share in lookup.corners():
+            share = np.where(np.isfinite(own), share, 0.0)
+            weighted += np.bincount(at, share * np.nan_to_num(own), minlength=table.size)
+            weight += np.bincount(at, share, minlength=table.size)
+    sums = LookupIndex(table, clipped()).sums(values)
+    np.testing.assert_allclose(sums[0], weighted, atol=1e-4)
+    np.testing.assert_allclose(sums[1], weight, atol=1e-4)
+
+
+def test_places_are_coordinates_of_lookups():
+    table = parameter("Curve", np.zeros(3), [Axis([0.0, 1.0, 3.0], "x")])
+    lookup = Lookup(table, 0, np.array([True, False, True]), (np.array([0, 0, 1]),), (np.array([0.25, 0.5, 0.5]),))
+    np.testing.assert_allclose(LookupIndex(table, [lookup]).places(10), [[0.25, 2.0]])
+    assert LookupIndex(table, [lookup]).places(1).shape == (1, 1)

@@ -28,6 +28,7 @@ def test_tables_get_round_axes_that_cover_the_data() -> None:
     assert table["x"]["breakpoints"][-1] >= 3978.0
     assert all(point % 100 == 0 for point in table["x"]["breakpoints"])
     assert table["y"]["input"] == "Load"
+    assert table["smoothness"] > 0
 
 
 def test_what_the_project_has_is_not_proposed() -> None:
@@ -63,3 +64,13 @@ def test_breakpoints_are_even_and_cover_the_range(low: float, high: float, count
 
 def test_a_constant_channel_still_gives_an_axis() -> None:
     assert kf.Axis(even_breakpoints(Range(5.0, 5.0), 8)).breakpoints.size == 2
+
+
+def test_among_several_channels_the_user_chooses_the_target() -> None:
+    function = read_function("torque = C(n)")
+    assert function is not None
+    (proposal,) = propose(function, {}, ("C",), CHANNELS)
+    assert proposal.title == "torque follows the channel"
+    assert proposal.choice is not None
+    assert proposal.choice.path == ("criterion", 1, "target", "channel")
+    assert list(proposal.choice.options) == ["Load", "Torque"]

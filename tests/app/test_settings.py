@@ -112,6 +112,17 @@ def test_a_change_on_disk_is_noticed_and_can_be_undone(torque: Path) -> None:
     assert session.state.texts[torque.name] == before
 
 
+def test_edits_that_are_replaced_by_those_on_disk_are_not_offered_again(torque: Path) -> None:
+    session = Session(torque)
+    set_key(session, "parameters", "MapOptTorque", "smoothness", value=50)
+    assert session.recovery.exists
+    torque.write_text(torque.read_text() + "\n# edited\n")
+    session.reload()
+    assert not session.recovery.exists
+    session.undo()
+    assert session.recovery.exists
+
+
 def test_recordings_are_read_once(torque: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(torque)
     calls: list[int] = []

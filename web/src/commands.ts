@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
-import { run } from "./runs";
+import { run, running } from "./runs";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; keys: string[]; run: () => void; enabled?: () => boolean }
@@ -10,8 +10,6 @@ export interface Command { title: string; keys: string[]; run: () => void; enabl
 export const overlay = signal<"" | "palette" | "keys">("");
 
 const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6], ["files", "Files", 7]];
-
-const running = (): boolean => ["running", "stopping"].includes(state.value.job.state);
 
 export const COMMANDS: Command[] = [
   ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),

@@ -5,11 +5,12 @@ import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
 import { run } from "./runs";
-import { connected, failure, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
+import { valueAt } from "./settings";
+import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
 
 export function Header() {
   const { project, unsaved, undo, redo, job, runs } = state.value;
-  const running = job.state === "running" || job.state === "stopping";
+  const running = isRunning(job);
   return (
     <header>
       <div class="brand"><Logo />Kennfeld</div>
@@ -48,7 +49,7 @@ export function Header() {
 }
 
 function jobText(job: typeof state.value.job, runs: number): string {
-  if (job.state === "running" || job.state === "stopping") return `${job.message} · ${job.seconds.toFixed(1)} s`;
+  if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
 }
 
@@ -73,8 +74,15 @@ function Rmse({ use }: { use: "training" | "test" }) {
 
 interface Step { screen: Screen; key: number; title: string; detail: () => string }
 
+function dataDetail(): string {
+  const known = state.value.datasets;
+  const listed = valueAt(["dataset"]);
+  const number = known.length || (Array.isArray(listed) ? listed.length : 0);
+  return `${number} dataset${number === 1 ? "" : "s"}${known.length ? ` · ${count(known.reduce((sum, d) => sum + d.samples, 0))}` : ""}`;
+}
+
 const STEPS: Step[] = [
-  { screen: "data", key: 1, title: "Data", detail: () => `${state.value.datasets.length} datasets · ${count(state.value.datasets.reduce((sum, d) => sum + d.samples, 0))}` },
+  { screen: "data", key: 1, title: "Data", detail: dataDetail },
   { screen: "function", key: 2, title: "Function", detail: () => `${state.value.nodes.length} nodes` },
   { screen: "parameters", key: 3, title: "Parameters", detail: () => { const changed = state.value.parameters.filter((p) => p.changed).length; return `${state.value.parameters.length}${changed ? ` · ${changed} changed` : ""}`; } },
   { screen: "optimization", key: 4, title: "Optimization", detail: () => state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet" },

@@ -1,139 +1,123 @@
-// What the plots show: dataset, stretch, strips, brush and cursor. Every plot of the screen reads these.
+// What the plots look at: dataset, criterion, stretch of time, cursor, and the samples that are brushed or shown alone.
 
-import { computed, effect, signal } from "@preact/signals";
-import { newest } from "./connection";
-import { request, revision, screen, settled } from "./store";
+import { batch, computed, signal } from "@preact/signals";
+import { settled } from "./store";
 
 export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string }
-export interface Line { signal: SignalName; label: string; colour: string }
-export interface Row { title: string; unit: string; weight: number; lines: Line[] }
 export interface Stretch { begin: number; end: number }
+export interface SignalRange { signal: SignalName; least: number; greatest: number }
+
+/** Samples that are selected: a stretch of time, those within ranges of signals, or those that inform a grid point. */
+export type Brush = Stretch | { ranges: SignalRange[] } | { point: { parameter: string; value: number } };
 
 export const datasetNumber = signal(0);
 export const stretch = signal<Stretch | null>(null); // null is the whole dataset
-export const brush = signal<Stretch | null>(null);
+export const brush = signal<Brush | null>(null);
+export const only = signal<Brush | null>(null); // all plots show these samples alone
 export const range = signal<Stretch | null>(null);
-export const cursor = signal<number | null>(null);
-export const extra = signal<SignalName[]>([]); // strips that the user has added
+export const cursor = signal<number | null>(null); // of a click or a key; it stays
+export const hover = signal<number | null>(null); // under the mouse
 export const width = signal(800);
+export const tool = signal<"zoom" | "range" | "brush">("zoom");
+export const part = signal<"point" | "sample" | "range">("point"); // the pane at the lower right
+
+const chosenCriterion = signal(0);
 
 export const dataset = computed(() => settled.value.datasets[Math.min(datasetNumber.value, settled.value.datasets.length - 1)]);
+export const criterionNumber = computed(() => Math.max(0, Math.min(chosenCriterion.value, settled.value.criteria.length - 1)));
+export const criterion = computed(() => settled.value.criteria[criterionNumber.value]);
 
 export const visible = computed<Stretch>(() => {
   const own = dataset.value;
   return stretch.value ?? { begin: own?.begin ?? 0, end: own?.end ?? 1 };
 });
 
-/** The strips: each criterion with its error, the inputs of the function, and what the user has added. */
-export const rows = computed<Row[]>(() => {
-  const own = dataset.value;
-  if (own === undefined) return [];
-  const unitOf = (name: string) => own.channels.find((c) => c.name === name)?.unit ?? settled.value.nodes.find((n) => n.name === name)?.unit ?? "";
-  const criteria = settled.value.criteria.flatMap<Row>((criterion, i) => [
-    {
-      title: criterion.node, unit: criterion.unit, weight: 1.6,
-      lines: [
-        { signal: { kind: "target", name: String(i) }, label: "measured", colour: "measured" },
-        { signal: { kind: "start", name: criterion.node }, label: "start", colour: "before" },
-        { signal: { kind: "node", name: criterion.node }, label: "now", colour: "model" },
-      ],
-    },
-    { title: "Error", unit: criterion.unit, weight: 1, lines: [{ signal: { kind: "error", name: String(i) }, label: "now", colour: "error" }] },
-  ]);
-  const channels = settled.value.inputs.filter((name) => own.channels.some((c) => c.name === name));
-  const others = [...channels.map<SignalName>((name) => ({ kind: "channel", name })), ...extra.value];
-  return [...criteria, ...others.map<Row>((each) => ({
-    title: each.name, unit: unitOf(each.name), weight: 1,
-    lines: [{ signal: each, label: each.kind === "channel" ? "measured" : "now", colour: each.kind === "channel" ? "measured" : "model" }],
-  }))];
-});
+export const unitOfTime = computed(() => (dataset.value?.timed ? "s" : ""));
 
-export interface Drawn { begin: number; raw: boolean; x: Float32Array; lines: Float32Array[] }
-export const drawn = signal<Drawn | null>(null);
-export const overview = signal<Drawn | null>(null);
-
-async function fetchStrip(signals: SignalName[], part: Stretch, pixels: number): Promise<Drawn | null> {
-  const reply = await request("strip", { dataset: datasetNumber.value, signals, begin: part.begin, end: part.end, pixels });
-  if (reply === null) return null;
-  return { begin: reply.head.begin as number, raw: reply.head.raw as boolean, x: reply.arrays.x!, lines: signals.map((_, k) => reply.arrays[String(k)]!) };
+export function chooseCriterion(number: number): void {
+  chosenCriterion.value = number;
 }
 
-const load = newest(async (what: { signals: SignalName[]; part: Stretch; pixels: number }) => {
-  drawn.value = await fetchStrip(what.signals, what.part, what.pixels) ?? drawn.value;
-});
+/** The key of a signal, for lists and comparisons. */
+export const keyOf = (own: SignalName): string => `${own.kind}:${own.name}`;
 
-const loadOverview = newest(async (what: { signals: SignalName[]; part: Stretch; pixels: number }) => {
-  overview.value = await fetchStrip(what.signals, what.part, what.pixels);
-});
+export const isStretch = (own: Brush | null): own is Stretch => own !== null && "begin" in own;
 
-effect(() => {
-  void revision.value;
-  if (screen.value !== "plots" || dataset.value === undefined) return;
-  load({ signals: rows.value.flatMap((row) => row.lines.map((line) => line.signal)), part: visible.value, pixels: Math.max(50, Math.round(width.value)) });
-});
-
-effect(() => {
-  const own = dataset.value;
-  if (screen.value !== "plots" || own === undefined) return;
-  const first = rows.value[0]?.lines[0]?.signal;
-  if (first) loadOverview({ signals: [first], part: { begin: own.begin, end: own.end }, pixels: Math.max(50, Math.round(width.value)) });
-});
-
-export interface Scatter { measured: Float32Array; now: Float32Array; start: Float32Array; edges: Float32Array; after: Float32Array; before: Float32Array }
-export const scatter = signal<Scatter | null>(null);
-export const both = signal(false);
-
-const loadScatter = newest(async (given: Record<string, unknown>) => {
-  const reply = await request("scatter", given);
-  scatter.value = reply === null ? null : (reply.arrays as unknown as Scatter);
-});
-
-effect(() => {
-  void revision.value;
-  if (screen.value === "plots" && dataset.value !== undefined) loadScatter({ dataset: datasetNumber.value, criterion: 0, both: both.value });
-});
-
-export interface Brushed { samples: number; weights: Record<string, Float32Array>; rmse: number; mean: number }
-export const brushed = signal<Brushed | null>(null);
-
-const loadBrushed = newest(async (part: Stretch) => {
-  const given = { dataset: datasetNumber.value, begin: part.begin, end: part.end };
-  const [passed, numbers] = await Promise.all([request("passed", given), request("statistics", { ...given, signals: [{ kind: "error", name: "0" }] })]);
-  if (passed === null || numbers === null) return;
-  const [row] = numbers.head.statistics as { rms: number | null; mean: number | null }[];
-  brushed.value = { samples: passed.head.samples as number, weights: passed.arrays, rmse: row?.rms ?? NaN, mean: row?.mean ?? NaN };
-});
-
-effect(() => {
-  void revision.value;
-  if (brush.value === null) brushed.value = null;
-  else loadBrushed(brush.value);
-});
+/** Show another dataset; ranges of signals stay brushed, stretches of time do not. */
+export function showDataset(number: number): void {
+  batch(() => {
+    datasetNumber.value = number;
+    stretch.value = range.value = cursor.value = hover.value = null;
+    if (isStretch(brush.value)) brush.value = null;
+    if (isStretch(only.value)) only.value = null;
+    earlier.length = 0;
+  });
+}
 
 const earlier: (Stretch | null)[] = [];
+let turned = 0; // when the wheel was turned last
 
 export function zoom(to: Stretch | null): void {
   const own = dataset.value;
   if (own === undefined) return;
   earlier.push(stretch.value);
-  if (to === null) stretch.value = null;
-  else {
-    const begin = Math.max(own.begin, to.begin);
-    const end = Math.min(own.end, to.end);
-    if (end > begin) stretch.value = { begin, end };
-  }
+  stretch.value = to === null ? null : within(own, to);
 }
 
 export function back(): void {
   if (earlier.length) stretch.value = earlier.pop()!;
 }
 
-/** Zoom about a position; a factor below 1 shows less. */
+/** The part of a stretch within the dataset; the whole if there is none. */
+function within(own: Stretch, { begin, end }: Stretch): Stretch | null {
+  const [from, to] = [Math.max(own.begin, begin), Math.min(own.end, end)];
+  return to > from ? { begin: from, end: to } : null;
+}
+
+/** Fit the time axis to what is brushed or measured. */
+export function fit(): void {
+  const own = isStretch(brush.value) ? brush.value : range.value;
+  if (own === null) return;
+  const pause = (own.end - own.begin) * 0.04;
+  zoom({ begin: own.begin - pause, end: own.end + pause });
+}
+
+/** Move the stretch without a step of the history. */
+export function shift(by: number): void {
+  const own = dataset.value;
+  if (own === undefined || stretch.value === null) return;
+  const { begin, end } = stretch.value;
+  const from = Math.max(own.begin, Math.min(own.end - (end - begin), begin + by));
+  stretch.value = { begin: from, end: from + end - begin };
+}
+
+/** Zoom about a position; a factor below 1 shows less. One turn of the wheel is one step of the history. */
 export function zoomAt(position: number, factor: number): void {
+  const own = dataset.value;
+  if (own === undefined) return;
   const { begin, end } = visible.value;
-  const own = dataset.value!;
-  const wide = Math.min(own.end - own.begin, (end - begin) * factor);
+  const now = performance.now();
+  if (now - turned > 600) earlier.push(stretch.value);
+  turned = now;
+  const wide = (end - begin) * factor;
+  if (wide >= own.end - own.begin) {
+    stretch.value = null;
+    return;
+  }
   const share = (position - begin) / (end - begin);
   const from = Math.max(own.begin, Math.min(own.end - wide, position - share * wide));
   stretch.value = { begin: from, end: from + wide };
+}
+
+/** Show the cursor if it is outside of the visible stretch. */
+export function follow(position: number): void {
+  const { begin, end } = visible.value;
+  const margin = (end - begin) * 0.05;
+  if (position < begin) shift(position - begin - margin);
+  else if (position > end) shift(position - end + margin);
+}
+
+/** Light up nothing, measure nothing, and forget the cursor. */
+export function clearMarks(): void {
+  batch(() => { brush.value = range.value = cursor.value = null; });
 }

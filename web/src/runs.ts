@@ -2,7 +2,7 @@
 
 import { effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { request, screen, settled, state } from "./store";
+import { isRunning, request, screen, settled, state } from "./store";
 
 export interface Result {
   run: number; status: string; message: string; quality: string[][]; distances: [number, number | null][]; warnings: string[];
@@ -23,11 +23,11 @@ const load = newest(async (_: string) => {
 
 effect(() => {
   const { revision, project, runs } = settled.value;
-  const job = state.value.job.state;
-  if (screen.value === "optimization" && project !== null && job !== "running" && job !== "stopping") load(`${revision} ${runs.length} ${job}`);
+  const { job } = state.value;
+  if (screen.value === "optimization" && project !== null && !isRunning(job)) load(`${revision} ${runs.length} ${job.state}`);
 });
 
-export const isRunning = (): boolean => ["running", "stopping"].includes(state.value.job.state);
+export const running = (): boolean => isRunning(state.value.job);
 
 /** Start a calibration from the present values. */
 export const run = (): void => void request("run", workers.value === null ? {} : { workers: workers.value });

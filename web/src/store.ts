@@ -142,10 +142,13 @@ export async function request(question: string, given: Record<string, unknown> =
   }
 }
 
+export const isRunning = (job: AppState["job"]): boolean => job.state === "running" || job.state === "stopping";
+
 /** Take over the state that the server pushed. */
 export function takeState(reply: Reply): void {
   const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
   const before = revision.value;
+  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = next.job.state === "validated" ? `Cross-validation: ${next.job.message}` : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";
@@ -160,7 +163,7 @@ export async function loadTable(): Promise<void> {
     return;
   }
   const reply = await request("table", { name: openName.value });
-  if (reply !== null) table.value = reply.head.table as Table;
+  if (reply !== null && JSON.stringify(reply.head.table) !== JSON.stringify(table.value)) table.value = reply.head.table as Table;
 }
 
 export function open(name: string): void {

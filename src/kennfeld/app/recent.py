@@ -54,7 +54,7 @@ def _read(entry: object) -> RecentProject | None:
 
 
 def remember(path: Path) -> None:
-    """Put a project first in the list. A list that cannot be written is no error."""
+    """Put a project first in the list. A list that cannot be written is not an error."""
     path, known = path.resolve(), recent_projects()
     summary = next((each.summary for each in known if each.path == path), {})
     _write([RecentProject(path, time.time(), summary), *(each for each in known if each.path != path)])

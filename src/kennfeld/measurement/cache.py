@@ -23,6 +23,7 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, Location
+from kennfeld.measurement.arrow_numbers import view_of
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
@@ -99,11 +100,10 @@ def from_parquet(content: bytes, name: str) -> Dataset | None:
 
 
 def _numbers(column: Any) -> Float:
-    """Return the numbers as a read-only view; Arrow's own conversion would load pandas."""
-    values = column.buffers()[1]
-    if str(column.type) != "double" or column.null_count or (values is None and len(column)):
+    """Return the numbers as a read-only view."""
+    if str(column.type) != "double" or column.null_count or (column.buffers()[1] is None and len(column)):
         raise ValueError("written by somebody else")
-    return np.frombuffer(values or b"", np.float64, len(column), 8 * column.offset)
+    return view_of(column)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
+from kennfeld.measurement.arrow_numbers import numbers_of
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table
@@ -84,16 +85,9 @@ def _column(chunked: Any, header: Header, index: int) -> Column:
     import pyarrow as pa
 
     dated = pa.types.is_timestamp(chunked.type) or pa.types.is_duration(chunked.type)
-    values = _seconds(chunked) if dated else _float64(chunked)
+    values = _seconds(chunked) if dated else numbers_of(chunked)
     name = header.names[index]
     return Column(name, "s" if dated else header.units[index], name, values, dated=dated)
-
-
-def _float64(chunked: Any) -> Float:
-    import pyarrow as pa
-
-    values = chunked.cast(pa.float64(), safe=False).to_numpy()
-    return np.asarray(values, dtype=np.float64)
 
 
 def _seconds(chunked: Any) -> Float:
@@ -103,4 +97,4 @@ def _seconds(chunked: Any) -> Float:
     ticks = chunked.cast(pa.int64())
     # counted from the first stamp before they become floats: nanoseconds since 1970 need more than 53 bits
     first = next((value for value in ticks[:1].to_pylist() if value is not None), 0)
-    return _float64(pa.compute.subtract(ticks, first)) / scale
+    return numbers_of(pa.compute.subtract(ticks, first)) / scale

@@ -1,8 +1,8 @@
 """Reader of delimited text: CSV and related files, and the MSL logs of TunerStudio and MegaTune.
 
-Large files are read by `bulk_csv` if they hold nothing but numbers, as many in each row. `read_exactly` reads all
-others line by line, since it knows the line of each cell. Whatever a text file leaves ambiguous is reported: its
-encoding, and points that may separate thousands.
+Large files are read by `bulk_csv` if all rows have the same number of cells. `read_exactly` reads all others line by
+line, since it knows the line of each cell. Whatever a text file leaves ambiguous is reported: its encoding, and points
+that may separate thousands.
 
 An MSL log has quoted lines of information, tab-separated lines of names and units, rows, and markers among the rows.
 After a restart of the ECU time may start again, and the lines of names and units may be repeated.
@@ -34,7 +34,7 @@ from kennfeld.measurement.table import (
 )
 from kennfeld.measurement.time_column import find_time, time_in_seconds
 
-BULK = 4_000_000  # bytes; below it the import of Arrow costs more than it saves
+BULK = 4_000_000  # bytes; below it compiling the parser costs more than it saves
 
 _START = 1 << 16  # bytes that settle the encoding and characters that settle the decimal mark in most files
 _MOST = 64_000_000  # characters that are searched for grouped numbers

@@ -10,9 +10,9 @@ from functools import partial
 from itertools import accumulate, count
 
 from kennfeld.graph.adjoints import AdjointProgram
-from kennfeld.native.elementwise import c_function
-from kennfeld.native.engine import shared_function
-from kennfeld.native.ir import ZERO, FunctionWriter, Vector, integer_table
+from kennfeld.machine_code.engine import shared_function
+from kennfeld.machine_code.external import c_pointer
+from kennfeld.machine_code.ir import ZERO, FunctionWriter, Vector, integer_table
 
 PARAMETERS = (
     ("i64", "rows"),
@@ -151,7 +151,7 @@ class PullProgram:
             "weights": self._entries,
             "sources": (self._entries + 1) // 2,
         }
-        room = f.new(f"call ptr {_c('malloc')}(i64 {8 * sum(sizes.values()) + CACHE_LINE})")
+        room = f.new(f"call ptr {c_pointer(f, 'malloc')}(i64 {8 * sum(sizes.values()) + CACHE_LINE})")
         whole = f.new(f"add i64 {f.new(f'ptrtoint ptr {room} to i64')}, {CACHE_LINE - 1}")
         at = f.new(f"inttoptr i64 {f.new(f'and i64 {whole}, {-CACHE_LINE}')} to ptr")
         places = {"room": room}
@@ -171,15 +171,11 @@ class PullProgram:
         tables = {table: f"@{self.name}_{table}" for table in self._tables}
         values: dict[str, str | int] = {**sizes, **tables, **memory, **places}
         arguments = ", ".join(f"{kind} {values[name]}" for kind, name in PARAMETERS)
-        f.do(f"call void {shared_function(_pull, self._lanes)}({arguments})")
+        f.do(f"call void {shared_function(_pull, self._lanes).pointer(f)}({arguments})")
 
     def free(self, f: FunctionWriter, memory: Mapping[str, str]) -> None:
-        f.do(f"call void {_c('free')}(ptr {memory['room']})")
+        f.do(f"call void {c_pointer(f, 'free')}(ptr {memory['room']})")
 
 
 def _numbered(nodes: Iterable[int]) -> dict[int, int]:
     return dict(zip(dict.fromkeys(nodes), count(), strict=False))
-
-
-def _c(name: str) -> str:
-    return f"inttoptr (i64 {c_function(name)} to ptr)"

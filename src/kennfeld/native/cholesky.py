@@ -19,10 +19,10 @@ from functools import cache, cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, aligned_zeros
+from kennfeld.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 from kennfeld.native.addresses import INT64, address, is_strided, strided
-from kennfeld.native.engine import NativeFunction, compile_functions
 from kennfeld.native.envelope import BLOCK, Envelope
-from kennfeld.native.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
 MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))

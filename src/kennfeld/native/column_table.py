@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
+from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.addresses import UINT32, address
-from kennfeld.native.ir import FunctionWriter
 
 SHIFT = 12
 BLOCK = 1 << SHIFT  # samples

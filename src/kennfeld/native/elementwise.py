@@ -1,15 +1,12 @@
 """LLVM IR of the elementwise operations; agrees with `graph.operations` bit for bit if IEEE 754 defines the result.
 
-Elementary functions are those of the C library, called by address: LLVM translates a call of an address four times as
-fast as one of a name, which may be located anywhere.
+Elementary functions are those of the C library.
 """
 
-import ctypes
-import sys
 from collections.abc import Callable
-from functools import cache
 
-from kennfeld.native.ir import HALF, ONE, ZERO, FunctionWriter, literal
+from kennfeld.machine_code.external import c_pointer
+from kennfeld.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
 
 ELEMENTARY = frozenset(
     {
@@ -20,15 +17,6 @@ ELEMENTARY = frozenset(
 
 # Comparisons give an i1; all are false for NaN except `ne`.
 CONDITIONS: dict[str, str] = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
-
-
-@cache
-def c_function(name: str) -> int:
-    """Return the address of a function of the C library."""
-    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
-    address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-    assert address is not None
-    return address
 
 
 def _binary(instruction: str) -> Callable[..., str]:
@@ -42,7 +30,7 @@ def _intrinsic(name: str) -> Callable[..., str]:
 def _elementary(name: str) -> Callable[..., str]:
     def emit(f: FunctionWriter, *arguments: str) -> str:
         operands = ", ".join(f"double {argument}" for argument in arguments)
-        return f.new(f"call double inttoptr (i64 {c_function(name)} to ptr)({operands}) nounwind memory(none)")
+        return f.new(f"call double {c_pointer(f, name)}({operands}) nounwind memory(none)")
 
     return emit
 

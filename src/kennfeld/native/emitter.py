@@ -15,10 +15,10 @@ from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.machine_code.engine import SharedFunction, shared_function
+from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power
-from kennfeld.native.engine import SharedFunction, shared_function
-from kennfeld.native.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.rbf_code import write_evaluation, write_value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
@@ -299,7 +299,7 @@ class StepEmitter:
         for d, a in enumerate(args):
             f.store(self.value(a), x, d)
         values = f.at("%values", self.layout.offsets[ref.name])
-        f.do(f"call void {function}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
+        f.do(f"call void {function.pointer(f)}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
 
     def _table(self, table: TableRef, args: Sequence[int], slope: int | None) -> str:
         f = self.f

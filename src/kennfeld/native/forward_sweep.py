@@ -12,7 +12,7 @@ R = B' Q A + D' W C has one row [n], its *reach*: row c of G grows by that row t
 
 from dataclasses import dataclass
 
-from kennfeld.native.ir import HALF, FunctionWriter, StackVariable
+from kennfeld.machine_code.ir import HALF, FunctionWriter, StackVariable
 from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, SUMS, Rows, TapeEntries, dot, load_row, whole_width
 

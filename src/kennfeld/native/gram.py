@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.ir import EIGHT, FunctionWriter, Vector
 from kennfeld.native.addresses import INT64, address
 from kennfeld.native.cholesky import FACTOR, Factor, column_of, divide, first_of, panel_of, reduce_block
-from kennfeld.native.engine import NativeFunction, compile_functions
 from kennfeld.native.envelope import BLOCK
-from kennfeld.native.ir import EIGHT, FunctionWriter, Vector
 
 
 class Gram:

@@ -11,10 +11,10 @@ from functools import partial
 from math import prod
 
 from kennfeld.graph.derivative import Linearization, Written
+from kennfeld.machine_code.ir import ZERO, literal
 from kennfeld.native.adjoint_loop import PullProgram
 from kennfeld.native.elementwise import guarded_product
 from kennfeld.native.emitter import CodeItem, MemoryLayout, StepEmitter
-from kennfeld.native.ir import ZERO, literal
 from kennfeld.native.sample_loop import Output, is_counted
 from kennfeld.native.table_lookup import Corner, corners
 from kennfeld.native.tape_layout import TapeLayout

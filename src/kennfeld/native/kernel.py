@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
+from kennfeld.machine_code.engine import compile_functions
 from kennfeld.native.emitter import MemoryLayout
-from kennfeld.native.engine import compile_functions
 from kennfeld.native.jacobian_rows import entries_of
 from kennfeld.native.sample_loop import Output, cost_code
 from kennfeld.native.sweeps import sweeps

@@ -6,7 +6,7 @@ processed at once. The functions depend on the number of inputs, not on the mode
 
 from collections.abc import Iterator
 
-from kennfeld.native.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
+from kennfeld.machine_code.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
 from kennfeld.rbf import MAX_DISTANCE
 
 LEAST = -700.0  # exponent below which a basis function is treated as 0

@@ -9,9 +9,9 @@ from kennfeld.criteria import Loss
 from kennfeld.graph import Node
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.traversal import ancestors
+from kennfeld.machine_code.ir import ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, find, load_sample, visit
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
-from kennfeld.native.ir import ONE, ZERO, FunctionWriter, literal
 
 RANGE = (("i64", "first"), ("i64", "last"))
 ROW = ("i64", "row")

@@ -26,9 +26,9 @@ free^2). G accepts repeated columns in any order; `fold` computes H from it.
 
 from functools import cache, cached_property
 
-from kennfeld.native.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.ir import HALF, FunctionWriter
 from kennfeld.native.forward_sweep import forward_functions
-from kennfeld.native.ir import HALF, FunctionWriter
 from kennfeld.native.jacobian_sweeps import rows_functions
 from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, SUMS, TapeEntries, dot, load_row, times

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.native.engine import SharedFunction
-from kennfeld.native.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
+from kennfeld.machine_code.engine import SharedFunction
+from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
 # interpolation, with a relative error below 4e-15.
@@ -71,7 +71,7 @@ def find_cell(f: FunctionWriter, x: str, points: str, count: int, hint: str) -> 
     after = f.new(f"fcmp oge double {x}, {f.load(points, guess)}")
     before = f.new(f"fcmp olt double {x}, {f.load(points, f.add(guess, 1))}")
     with f.unless(after, before):
-        f.do(f"call void {SEARCH}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
+        f.do(f"call void {SEARCH.pointer(f)}(ptr {points}, i64 {count}, double {x}, ptr {hint})")
     cell = f.load(hint, kind="i64")
     left = f.load(points, cell)
     right = f.load(points, f.add(cell, 1))
@@ -116,7 +116,7 @@ def smooth_window(f: FunctionWriter, x: str, points: str, count: int, width: str
     weight, slope = f.slot("double", count + LANES), f.slot("double", count + LANES)
     bounds = f.slot("i64", 2)
     numbers = f"ptr {points}, i64 {count}, double {x}, double {width}, i1 {'true' if linear else 'false'}"
-    f.do(f"call void {SMOOTH}({numbers}, ptr {weight}, ptr {slope}, ptr {bounds})")
+    f.do(f"call void {SMOOTH.pointer(f)}({numbers}, ptr {weight}, ptr {slope}, ptr {bounds})")
     return Window(f.load(bounds, 0, "i64"), f.load(bounds, 1, "i64"), weight, slope)
 
 

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Linearization
+from kennfeld.machine_code.ir import ZERO, FunctionWriter
 from kennfeld.native.adjoint_loop import FILLED, PullProgram
 from kennfeld.native.column_table import find
 from kennfeld.native.emitter import PARAMETERS, CodeItem, MemoryLayout, StepEmitter, emit_items
-from kennfeld.native.ir import ZERO, FunctionWriter
 from kennfeld.native.jacobian_rows import PulledRows, WrittenRows, entries_of, entry_items, output_row, state_row
 from kennfeld.native.sample_loop import (
     RANGE,

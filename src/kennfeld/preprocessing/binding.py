@@ -49,7 +49,16 @@ class BoundDataset:
     @property
     def columns(self) -> dict[str, Float]:
         """All columns that the model reads, over the kept samples; the dataset's own arrays if all are kept."""
-        return {name: self._at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
+        return {name: self.at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
+
+    def part(self, first: int, last: int) -> dict[str, Float]:
+        """Return all columns that the model reads, over the kept samples from `first` to before `last`."""
+        here: slice | Int = slice(first, last) if self.picked is None else self.kept[first:last]
+        return {n: v[here] for n, v in self.inputs.items()} | {n: v[first:last] for n, v in self.clock.items()}
+
+    def start_of(self, sample: int) -> int:
+        """Return the first kept sample of the piece that a kept sample is in."""
+        return int(self.starts[np.searchsorted(self.starts, sample, side="right") - 1])
 
     @property
     def whole(self) -> "BoundDataset":
@@ -65,9 +74,10 @@ class BoundDataset:
 
     def channel(self, name: str) -> Float:
         """Return a channel over the kept samples."""
-        return self._at_kept(self.dataset[name].values)
+        return self.at_kept(self.dataset[name].values)
 
-    def _at_kept(self, values: Float) -> Float:
+    def at_kept(self, values: Float) -> Float:
+        """Return values of all samples of the dataset, at the kept ones."""
         return values if self.picked is None else values[self.picked]
 
     @property

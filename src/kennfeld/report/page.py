@@ -20,8 +20,7 @@ from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, read_result, read_trust
 
-STATIC = Path(__file__).parent / "static"
-SCRIPTS = ("plot.js", "charts.js", "surface.js", "table.js", "page.js")
+STATIC = Path(__file__).parent / "static"  # built from `web/src/report`
 # load nothing, whatever a name in the data contains
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
@@ -53,7 +52,7 @@ def page(report: ReportData) -> str:
                 element("footer", f"Created by kennfeld {__version__} at {time}. This file is self-contained."),
             ),
             element("script", _json(data), type="application/json", id="report-data"),
-            [element("script", Html(_static(name))) for name in SCRIPTS],
+            element("script", Html(_static("report.js"))),
         ),
         lang="en",
     )

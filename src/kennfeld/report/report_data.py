@@ -73,10 +73,8 @@ class ParameterChange:
 
     @property
     def bound(self) -> Int:
-        """-1 at the lower bound, 1 at the upper bound, else 0; locked values count as 0."""
-        p = self.after
-        side = (p.values >= p.upper).astype(np.int64) - (p.values <= p.lower).astype(np.int64)
-        return np.where(p.locked | (p.lower == p.upper), 0, side)
+        """-1 at the lower bound, 1 at the upper bound, else 0; see `Parameter.at_bound`."""
+        return np.where(self.after.at_bound, np.where(self.after.values >= self.after.upper, 1, -1), 0)
 
     @property
     def uncovered(self) -> Bool:

@@ -57,3 +57,18 @@ export function plain(value: number, digits = 5): string {
   const text = significant(value, digits);
   return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
 }
+
+/** Write a title with its unit in brackets, if it has one. */
+export const withUnit = (title: string, unit: string): string => (unit && unit !== "-" && unit !== "1" ? `${title} [${unit}]` : title);
+
+/** Return a function that writes the numbers of a table with the same decimals. */
+export function tableFormat(values: Iterable<number>, options: { signed?: boolean; decimals?: number } = {}): (value: number) => string {
+  const rounded = Array.from(values, (value) => Number(value.toPrecision(4)));
+  const largest = Math.max(0, ...rounded.filter(Number.isFinite).map(Math.abs));
+  const decimals = options.decimals ?? tableDecimals(rounded);
+  const extreme = largest >= 1e7 || (largest > 0 && largest < 1e-5);
+  return (value) => {
+    const text = extreme ? significant(value, 3) : fixed(value, decimals);
+    return options.signed && value > 0 && Number(text) !== 0 ? `+${text}` : text;
+  };
+}

@@ -1,11 +1,12 @@
 // The table of a parameter: cells coloured by value, a rectangle selected by mouse or keys, edited as in a spreadsheet.
 
 import { useSignal } from "@preact/signals";
+import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { css, diverging, height } from "../drawing/colours";
 import { extent } from "../drawing/canvas";
-import { fixed, parseNumber, significant, tableDecimals } from "../drawing/numbers";
-import { selection, setValues, type Selection, type Table } from "../store";
+import { cellColours } from "../drawing/colours";
+import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
+import { selection, setValues, theme, type Selection, type Table } from "../store";
 import { describeCells, editCells, type Edit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
@@ -32,16 +33,6 @@ function shownValues(own: Table, mode: Mode): number[] {
   });
 }
 
-function colours(mode: Mode, values: number[]): string[] {
-  if (mode === "value") {
-    const [low, high] = extent(values);
-    return values.map((value) => css(height(high > low ? (value - low) / (high - low) : 0.5)));
-  }
-  const [low, high] = extent(values);
-  const reach = Math.max(Math.abs(low), Math.abs(high)) || 1;
-  return values.map((value) => css(diverging(value / reach)));
-}
-
 /** Length of the bar that shows a standard deviation, 0 to 1, logarithmic from 0.1 % of the span of the values to all. */
 function bars(own: Table): (number | null)[] {
   if (own.deviation === null) return own.values.map(() => null);
@@ -52,14 +43,12 @@ function bars(own: Table): (number | null)[] {
 
 export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
   const [nx, ny] = size(own);
-  const values = shownValues(own, shown.mode);
-  const decimals = shown.mode === "percent" ? 1 : tableDecimals(values.map((v) => Number(v.toPrecision(4))));
-  const backgrounds = colours(shown.mode, values);
-  const deviations = shown.deviation ? bars(own) : null;
   const chosen = selection.value;
   const locked = new Set(own.locked);
   const typed = useSignal<string | null>(null);
   const body = useRef<HTMLTableElement>(null);
+  const kept = useRef<Kept[]>([]);
+  const looks = cellLooks(own, shown, chosen, locked, typed.value);
   const xText = labels(own.axes[0]?.points ?? [0]);
   const yText = labels(own.axes[1]?.points ?? [0]);
 
@@ -71,6 +60,7 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
     const cell = (event.target as HTMLElement).closest<HTMLElement>("td[data-cell]");
     if (cell === null) return;
     const [i, j] = cell.dataset.cell!.split(",").map(Number) as [number, number];
+    cell.title = cellTitle(own, cellAt(own, i, j)); // written when it is looked at: there are many cells
     if (event.buttons !== 1) return;
     if (event.type === "mousedown" && !event.shiftKey) {
       selection.value = { x: [i, i], y: [j, j], active: [i, j] };
@@ -123,17 +113,7 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
         {yText.map((text, j) => (
           <tr>
             <th class={j === chosen.active[1] ? "at" : ""}>{own.axes.length > 1 ? text : own.unit || "value"}</th>
-            {xText.map((_, i) => {
-              const at = cellAt(own, i, j);
-              const active = i === chosen.active[0] && j === chosen.active[1];
-              return (
-                <td data-cell={`${i},${j}`} class={cellClass(own, shown, chosen, locked, i, j, at)} title={cellTitle(own, at)}
-                  style={{ "--c": backgrounds[at], "--s": String(deviations?.[at] ?? 0) }}>
-                  {active && typed.value !== null ? typed.value : shown.mode === "value" ? fixed(values[at]!, decimals) : signedFixed(values[at]!, decimals)}
-                  {own.values[at] !== own.reference[at] && <i />}
-                </td>
-              );
-            })}
+            {xText.map((_, i) => keptCell(kept.current, cellAt(own, i, j), `${i},${j}`, looks(i, j)))}
           </tr>
         ))}
       </tbody>
@@ -141,7 +121,38 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
   );
 }
 
-const signedFixed = (value: number, decimals: number): string => (value > 0 && Number(value.toFixed(decimals)) ? "+" : "") + fixed(value, decimals);
+interface Look { text: string; kind: string; colour: string; bar: string }
+interface Kept { look: Look; node: JSX.Element }
+
+/** Return a function that says how a cell looks: what is the same for all cells is computed once. */
+function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, typed: string | null): (i: number, j: number) => Look {
+  const values = shownValues(own, shown.mode);
+  const format = tableFormat(values, { signed: shown.mode !== "value", decimals: shown.mode === "percent" ? 1 : undefined });
+  void theme.value;
+  const colours = cellColours(values, shown.mode === "value" ? "height" : "difference");
+  const deviations = shown.deviation ? bars(own) : null;
+  return (i, j) => {
+    const at = cellAt(own, i, j);
+    const active = i === chosen.active[0] && j === chosen.active[1];
+    return {
+      text: active && typed !== null ? typed : format(values[at]!),
+      kind: cellClass(own, shown, chosen, locked, i, j, at),
+      colour: colours[at] ?? "transparent",
+      bar: deviations === null ? "0" : (deviations[at] ?? 0).toFixed(2),
+    };
+  };
+}
+
+/** Return the cell of the last time if it looks the same: then Preact has nothing to compare. */
+function keptCell(kept: Kept[], at: number, name: string, look: Look): JSX.Element {
+  const known = kept[at];
+  if (known !== undefined && known.node.props["data-cell"] === name && sameLook(known.look, look)) return known.node;
+  const node = <td data-cell={name} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.text}</td>;
+  kept[at] = { look, node };
+  return node;
+}
+
+const sameLook = (a: Look, b: Look): boolean => a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar;
 
 function labels(points: number[]): string[] {
   const decimals = tableDecimals(points.map((p) => Number(p.toPrecision(5))));

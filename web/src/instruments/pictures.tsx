@@ -3,7 +3,9 @@
 import { extent, type Pen } from "../drawing/canvas";
 import { MISSING, significant, signed } from "../drawing/numbers";
 import type { Axis } from "../store";
-import { Picture, drawCurves, drawGrid } from "./picture";
+import { drawGrid } from "../drawing/grid";
+import { drawCurves } from "../drawing/slices";
+import { Picture } from "./picture";
 
 interface PicturesProps {
   axes: Axis[];

@@ -1,9 +1,9 @@
-// A curve, or a slice of a map through the active point: now, the reference, standard deviation; points can be dragged.
+// A curve, or a slice of a map through the active point; its points can be dragged.
 
 import { useEffect, useRef } from "preact/hooks";
-import { area, canvasIn, extent, line, widened, type Area, type Pen } from "../drawing/canvas";
-import { isDark, token } from "../drawing/colours";
-import { plain } from "../drawing/numbers";
+import { canvasIn, type Area, type Range } from "../drawing/canvas";
+import { plain, withUnit } from "../drawing/numbers";
+import { drawSlice, type SliceData } from "../drawing/slices";
 import { endDrag, selection, setValues, theme, type Table } from "../store";
 import { cellAt } from "./map-table";
 import { describeCells } from "./table-edits";
@@ -14,6 +14,18 @@ function along(own: Table, axis: 0 | 1): number[] {
   return (own.axes[axis]?.points ?? []).map((_, k) => (axis === 0 ? cellAt(own, k, j) : cellAt(own, i, k)));
 }
 
+function sliceOf(own: Table, axis: 0 | 1): SliceData {
+  const cells = along(own, axis);
+  const { input, unit, points } = own.axes[axis]!;
+  const other = own.axes[1 - axis];
+  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 5)} ${other.unit || other.input}` : "";
+  const pick = <T,>(values: readonly T[]) => cells.map((cell) => values[cell]!);
+  return {
+    points, now: pick(own.values), before: pick(own.reference), deviation: own.deviation && pick(own.deviation),
+    empty: own.samples && pick(own.samples).map((count) => count === 0), active: selection.value.active[axis]!, title: withUnit(input, unit) + through,
+  };
+}
+
 export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
   const host = useRef<HTMLDivElement>(null);
   const latest = useRef(own);
@@ -22,47 +34,26 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
 
   useEffect(() => {
     let plot: Area | null = null;
-    let frozen: readonly [number, number] | null = null;
+    let frozen: Range | null = null;
     let drag = "";
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, width, height) => {
-      plot = draw(pen, width, height, latest.current, axis, frozen);
+      plot = drawSlice(pen, width, height, sliceOf(latest.current, axis), frozen);
     });
     redraw.current = again;
-    const nearest = (event: PointerEvent): number | null => {
-      if (plot === null) return null;
-      const box = canvas.getBoundingClientRect();
-      const [x, y] = [event.clientX - box.left, event.clientY - box.top];
-      const table = latest.current;
-      let [best, index]: [number, number | null] = [16, null];
-      along(table, axis).forEach((cell, k) => {
-        const distance = Math.hypot(plot!.x(table.axes[axis]!.points[k]!) - x, plot!.y(table.values[cell]!) - y);
-        if (distance < best) [best, index] = [distance, k];
-      });
-      return index;
-    };
     canvas.onpointerdown = (event) => {
-      const index = nearest(event);
+      const index = nearest(plot, latest.current, axis, event);
       if (index === null || plot === null) return;
       canvas.setPointerCapture(event.pointerId);
       const active: [number, number] = axis === 0 ? [index, selection.value.active[1]] : [selection.value.active[0], index];
       selection.value = { x: [active[0], active[0]], y: [active[1], active[1]], active };
       drag = `${latest.current.name} ${event.timeStamp}`;
-      frozen = [invert(plot, plot.box.bottom), invert(plot, plot.box.top)];
+      frozen = [plot.yAt(plot.box.bottom), plot.yAt(plot.box.top)];
     };
     canvas.onpointermove = (event) => {
-      const table = latest.current;
-      if (!drag || plot === null) {
-        canvas.style.cursor = nearest(event) === null ? "default" : "ns-resize";
-        return;
-      }
-      const [i, j] = selection.value.active;
-      const cell = cellAt(table, i, j);
-      if (table.locked.includes(cell)) return;
-      const value = Number(invert(plot, event.clientY - canvas.getBoundingClientRect().top).toPrecision(5));
-      const bounded = Math.max(table.lower[cell] ?? -Infinity, Math.min(table.upper[cell] ?? Infinity, value));
-      setValues([cell], [bounded], `Dragged ${describeCells(table, selection.value)}`, drag);
+      if (drag && plot !== null) dragTo(latest.current, plot.yAt(event.offsetY), drag);
+      else canvas.style.cursor = nearest(plot, latest.current, axis, event) === null ? "default" : "ns-resize";
     };
-    canvas.onpointerup = () => {
+    canvas.onpointerup = canvas.onpointercancel = () => {
       drag = "";
       frozen = null;
       endDrag();
@@ -75,55 +66,21 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
   return <div class="canvas" ref={host} aria-label={`Slice of ${own.name} over ${own.axes[axis]?.input}`} />;
 }
 
-const invert = (plot: Area, pixel: number): number => {
-  const [a, b] = [plot.y(0), plot.y(1)];
-  return (pixel - a) / (b - a);
-};
-
-function draw(pen: Pen, width: number, height: number, own: Table, axis: 0 | 1, frozen: readonly [number, number] | null): Area {
-  const cells = along(own, axis);
-  const points = own.axes[axis]!.points;
-  const now = cells.map((cell) => own.values[cell]!);
-  const before = cells.map((cell) => own.reference[cell]!);
-  const box = { left: 44, right: width - 14, top: 10, bottom: height - 36 };
-  const range = frozen ?? widened(extent(now, before), 0.08);
-  const other = own.axes[1 - axis];
-  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 5)} ${other.unit || other.input}` : "";
-  const { input, unit } = own.axes[axis]!;
-  const plot = area(pen, box, widened(extent(points), 0), range, { title: `${unit && unit !== "-" ? `${input} [${unit}]` : input}${through}` });
-  const xs = points.map(plot.x);
-  plot.clip(() => {
-    band(pen, plot, own, cells, xs);
-    line(pen, xs, before.map(plot.y), token("before"), 1.25);
-    line(pen, xs, now.map(plot.y), token("model"), 1.5);
+/** The number of the point under the pointer. */
+function nearest(plot: Area | null, own: Table, axis: 0 | 1, event: PointerEvent): number | null {
+  if (plot === null) return null;
+  let [best, index]: [number, number | null] = [16, null];
+  along(own, axis).forEach((cell, k) => {
+    const distance = Math.hypot(plot.x(own.axes[axis]!.points[k]!) - event.offsetX, plot.y(own.values[cell]!) - event.offsetY);
+    if (distance < best) [best, index] = [distance, k];
   });
-  pen.fillStyle = token("model");
-  now.forEach((value, k) => {
-    pen.beginPath();
-    pen.arc(xs[k]!, plot.y(value), 2.6, 0, 7);
-    pen.fill();
-  });
-  const active = selection.value.active[axis]!;
-  pen.beginPath();
-  pen.arc(xs[active]!, plot.y(now[active]!), 6, 0, 7);
-  pen.fillStyle = token("drag");
-  pen.fill();
-  pen.strokeStyle = token("paper");
-  pen.lineWidth = 2;
-  pen.stroke();
-  return plot;
+  return index;
 }
 
-/** Twice the standard deviation on both sides. */
-function band(pen: Pen, plot: Area, own: Table, cells: number[], xs: number[]): void {
-  if (own.deviation === null) return;
-  const wide = cells.map((cell) => 2 * (own.deviation![cell] ?? 0));
-  const y = (side: number) => cells.map((cell, k) => plot.y(own.values[cell]! + side * wide[k]!));
-  pen.beginPath();
-  const [upper, lower] = [y(1), y(-1)];
-  xs.forEach((x, k) => pen[k ? "lineTo" : "moveTo"](x, upper[k]!));
-  for (let k = xs.length - 1; k >= 0; k--) pen.lineTo(xs[k]!, lower[k]!);
-  pen.closePath();
-  pen.fillStyle = isDark() ? "rgba(116,167,242,.18)" : "rgba(31,95,191,.12)";
-  pen.fill();
+function dragTo(own: Table, target: number, drag: string): void {
+  const cell = cellAt(own, ...selection.value.active);
+  if (own.locked.includes(cell)) return;
+  const value = Number(target.toPrecision(5));
+  const bounded = Math.max(own.lower[cell] ?? -Infinity, Math.min(own.upper[cell] ?? Infinity, value));
+  setValues([cell], [bounded], `Dragged ${describeCells(own, selection.value)}`, drag);
 }

@@ -1,18 +1,27 @@
-// Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the cursor.
+// Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the marks.
 
+import { signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { area, canvasIn, decimals, extent, line, ticks, widened, type Area } from "../drawing/canvas";
+import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
-import { MISSING, fixed, significant } from "../drawing/numbers";
-import { back, brush, cursor, dataset, drawn, overview, range, rows, visible, width, zoom, zoomAt, type Drawn, type Line, type Stretch } from "../plots";
+import { ring, rules } from "../drawing/marks";
+import { fixed } from "../drawing/numbers";
+import { drawStrips, lastUpTo } from "../drawing/strips";
+import { back, brush, cursor, dataset, hover, isStretch, keyOf, range, shift, tool, visible, width, zoom, zoomAt, type Stretch } from "../plots";
+import { drawn, sample, type Drawn } from "../plot-data";
+import { active, rows, type Row } from "../strip-rows";
 import { theme } from "../store";
-import { tool } from "../screens/plots";
+import { Picture } from "./picture";
 
-const LEFT = 44;
-const RIGHT = 12;
-const AXIS = 30; // pixels below the last strip
+export const LEFT = 44;
+export const RIGHT = 12;
+const LOWEST = 52; // pixels of a strip of mean height; more strips scroll
 
-export function Strips() {
+const pending = signal<Stretch | null>(null); // being dragged to zoom
+
+/** The strips; `legends` are drawn beside them, in the same heights. */
+export function Strips({ legends }: { legends: ComponentChildren }) {
   const host = useRef<HTMLDivElement>(null);
   const lines = useRef<() => void>(() => {});
   const marks = useRef<() => void>(() => {});
@@ -22,10 +31,10 @@ export function Strips() {
     const element = host.current!;
     const below = canvasIn(element, (pen, wide, high) => {
       width.value = wide - LEFT - RIGHT;
-      areas.current = drawStrips(pen, wide, high);
+      areas.current = draw(pen, wide, high);
       marks.current();
     });
-    const above = canvasIn(element, (pen, _, high) => drawMarks(pen, areas.current, high));
+    const above = canvasIn(element, (pen) => drawMarks(pen, areas.current));
     above.canvas.style.pointerEvents = "none";
     above.canvas.style.zIndex = "1";
     lines.current = below.redraw;
@@ -35,202 +44,213 @@ export function Strips() {
   }, []);
 
   useEffect(() => lines.current(), [drawn.value, rows.value, theme.value]);
-  useEffect(() => marks.current(), [cursor.value, brush.value, range.value]);
+  useEffect(() => marks.current(), [cursor.value, hover.value, brush.value, range.value, pending.value, sample.value, active.value]);
+  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
   return (
-    <div class="strips">
-      <div class="legends">
-        {rows.value.map((row) => (
-          <div class="leg" style={{ flex: row.weight }}>
-            <div class="nm"><b class="cut">{row.title}</b><span class="q">{row.unit}</span></div>
-            {row.lines.map((each) => <Value own={each} />)}
-          </div>
-        ))}
-        <div style={{ height: `${AXIS}px` }} />
+    <>
+      <div class="strips">
+        <div class="stack" style={{ minHeight: `${Math.round(total * LOWEST)}px` }}>
+          {legends}
+          <div class="canvas" ref={host} aria-label={`Strips of ${dataset.value?.name ?? ""}`} />
+        </div>
       </div>
-      <div class="canvas" ref={host} aria-label={`Strips of ${dataset.value?.name ?? ""}`} />
-    </div>
-  );
-}
-
-function Value({ own }: { own: Line }) {
-  const all = rows.value.flatMap((row) => row.lines);
-  return (
-    <div class="v"><i style={{ background: `var(--${own.colour})` }} /><span>{own.label}</span><b>{valueAt(drawn.value, all.indexOf(own), cursor.value)}</b></div>
+      <div class="axis"><span /><Picture label="Time axis" draw={drawAxis} of={[visible.value, cursor.value, hover.value, dataset.value]} /></div>
+    </>
   );
 }
 
 /** The drawn value at a position: of the sample before it, or the middle of the pixel. */
-function valueAt(data: Drawn | null, number: number, at: number | null): string {
-  const values = data?.lines[number];
-  if (data === null || values === undefined || at === null) return MISSING;
-  let [low, high] = [0, data.x.length - 1];
-  const wanted = at - data.begin;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (data.x[middle]! <= wanted) low = middle;
-    else high = middle - 1;
-  }
-  const value = data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
-  return significant(value);
+export function valueAt(data: Drawn | null, key: string, at: number): number {
+  const values = data?.lines.get(key);
+  if (data === null || values === undefined) return NaN;
+  const low = lastUpTo(data.x, at - data.begin);
+  return data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
 }
 
-function drawStrips(pen: CanvasRenderingContext2D, wide: number, high: number): Area[] {
+/** Which strip is at a share of the height. */
+export function rowAt(share: number): number {
+  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
+  let below = 0;
+  for (const [r, row] of rows.value.entries()) {
+    below += row.weight / total;
+    if (share < below) return r;
+  }
+  return rows.value.length - 1;
+}
+
+const timeTicks = (wide: number): number[] => ticks(visible.value.begin, visible.value.end, Math.max(2, (wide - LEFT - RIGHT) / 90));
+
+function draw(pen: Pen, wide: number, high: number): Area[] {
   const data = drawn.value;
   const { begin, end } = visible.value;
-  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
-  const xTicks = ticks(begin, end, Math.max(2, (wide - LEFT - RIGHT) / 90));
-  let top = 0;
-  let number = 0;
-  return rows.value.map((row, r) => {
-    const tall = ((high - AXIS) * row.weight) / total;
-    const box = { left: LEFT, right: wide - RIGHT, top: top + 5, bottom: top + tall - 5 };
-    top += tall;
-    const last = r === rows.value.length - 1;
-    const own = row.lines.map(() => data?.lines[number++]).filter((values) => values !== undefined);
-    const plot = area(pen, box, [begin, end], widened(extent(...own), 0.06), { xTicks, unlabelled: !last, title: last ? (dataset.value?.timed ? "time [s]" : "point") : "" });
-    plot.clip(() => {
-      if (data === null) return;
-      const xs = Float64Array.from(data.x, (x) => plot.x(x + data.begin));
-      own.forEach((values, k) => line(pen, xs, Float64Array.from(values, plot.y), token(row.lines[k]!.colour), row.lines[k]!.colour === "measured" ? 1.25 : 1.1));
-      pen.strokeStyle = token("edge");
-      for (const piece of dataset.value?.pieces ?? []) {
-        pen.beginPath();
-        pen.moveTo(plot.x(piece), box.top);
-        pen.lineTo(plot.x(piece), box.bottom);
-        pen.stroke();
-      }
-    });
-    return plot;
+  const scale = (wide - LEFT - RIGHT) / (end - begin);
+  const xs = data === null ? new Float64Array() : pixelsOf(data.x, LEFT + (data.begin - begin) * scale, scale);
+  const strips = rows.value.map((row) => {
+    const own = row.lines.map((each) => data?.lines.get(keyOf(each.signal)));
+    const range = widened(extent(...own.filter((values) => values !== undefined)), 0.06);
+    return { weight: row.weight, range, draw: (plot: Area) => drawRow(pen, plot, row, own, data, xs) };
   });
+  return drawStrips(pen, wide, high, [begin, end], strips, { left: LEFT, right: RIGHT, axis: 0, gap: 5, title: "" });
 }
 
-function drawMarks(pen: CanvasRenderingContext2D, plots: Area[], high: number): void {
+/** Map values to pixels; a loop, because it runs over every drawn point. */
+function pixelsOf(values: Float32Array, first: number, scale: number): Float64Array {
+  const pixels = new Float64Array(values.length);
+  for (let k = 0; k < values.length; k++) pixels[k] = first + values[k]! * scale;
+  return pixels;
+}
+
+function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)[], data: Drawn | null, xs: Float64Array): void {
+  if (data === null) return;
+  if (data.lit.length) drawLit(pen, plot, data, xs);
+  const origin = plot.y(0);
+  const scale = plot.y(1) - origin;
+  const apart = data.raw && xs.length > 1 && xs[1]! - xs[0]! > 5; // so that single samples can be told apart
+  const order = row.lines.map((_, k) => k).sort((a, b) => Number(row.lines[b]!.colour === "before") - Number(row.lines[a]!.colour === "before"));
+  order.forEach((k) => { // the start lies behind
+    const values = own[k];
+    if (values === undefined) return;
+    const colour = token(row.lines[k]!.colour);
+    const ys = pixelsOf(values, origin, scale);
+    line(pen, xs, ys, colour, row.lines[k]!.colour !== "measured" ? 1.1 : row.lines.length > 1 ? 2 : 1.25);
+    if (!apart) return;
+    pen.fillStyle = colour;
+    for (let i = 0; i < xs.length; i++) pen.fillRect(xs[i]! - 1.5, ys[i]! - 1.5, 3, 3);
+  });
+  rules(pen, plot, "x", dataset.value?.pieces ?? [], token("edge"));
+}
+
+/** Shade the samples that are brushed elsewhere. */
+function drawLit(pen: Pen, plot: Area, data: Drawn, xs: Float64Array): void {
+  pen.fillStyle = token("lit-soft");
+  const half = data.raw && xs.length > 1 ? Math.max(0.75, (xs[1]! - xs[0]!) / 2) : 0.75;
+  for (let k = 0; k < xs.length; k++) {
+    if (!(data.lit[k]! > 0)) continue;
+    const first = k;
+    while (k + 1 < xs.length && data.lit[k + 1]! > 0) k++;
+    pen.fillRect(xs[first]! - half, plot.box.top, xs[k]! - xs[first]! + 2 * half, plot.box.bottom - plot.box.top);
+  }
+}
+
+function drawMarks(pen: Pen, plots: Area[]): void {
   const first = plots[0];
   if (first === undefined) return;
-  for (const [part, colour] of [[brush.value, "lit"], [range.value, "accent"]] as const) {
-    if (part === null) continue;
-    const [a, b] = [Math.max(LEFT, first.x(part.begin)), Math.min(first.box.right, first.x(part.end))];
+  const own = isStretch(brush.value) ? brush.value : null;
+  for (const [stretch, colour] of [[own, "lit"], [range.value, "accent"], [pending.value, "accent"]] as const) {
+    if (stretch === null) continue;
+    const [a, b] = [Math.max(LEFT, first.x(stretch.begin)), Math.min(first.box.right, first.x(stretch.end))];
     if (b < a) continue;
-    for (const plot of plots) {
+    for (const { box } of plots) {
       pen.globalAlpha = 0.16;
       pen.fillStyle = token(colour);
-      pen.fillRect(a, plot.box.top, b - a, plot.box.bottom - plot.box.top);
+      pen.fillRect(a, box.top, b - a, box.bottom - box.top);
       pen.globalAlpha = 1;
       pen.strokeStyle = token(colour);
       pen.lineWidth = 1;
-      pen.strokeRect(Math.round(a) + 0.5, plot.box.top, Math.round(b - a), plot.box.bottom - plot.box.top);
+      pen.strokeRect(Math.round(a) + 0.5, box.top, Math.round(b - a), box.bottom - box.top);
     }
   }
-  const at = cursor.value;
-  if (at === null) return;
-  const x = Math.round(first.x(at)) + 0.5;
-  if (x < LEFT || x > first.box.right) return;
-  pen.setLineDash([3, 3]);
-  pen.strokeStyle = token("axis");
+  if (hover.value !== null) vertical(pen, plots, hover.value, "edge", []);
+  if (cursor.value !== null) vertical(pen, plots, cursor.value, "ink", [3, 3]);
+  if (cursor.value !== null && sample.value?.position === cursor.value) drawSample(pen, plots, sample.value.values);
+}
+
+function vertical(pen: Pen, plots: Area[], position: number, colour: string, dashes: number[]): void {
+  const x = Math.round(plots[0]!.x(position)) + 0.5;
+  if (x < LEFT || x > plots[0]!.box.right) return;
+  pen.setLineDash(dashes);
+  pen.strokeStyle = token(colour);
+  pen.lineWidth = 1;
   pen.beginPath();
-  pen.moveTo(x, first.box.top);
+  pen.moveTo(x, plots[0]!.box.top);
   pen.lineTo(x, plots[plots.length - 1]!.box.bottom);
   pen.stroke();
   pen.setLineDash([]);
+}
+
+/** A dot on each line at the cursor. */
+function drawSample(pen: Pen, plots: Area[], values: Map<string, number>): void {
+  rows.value.forEach((row, r) => {
+    const plot = plots[r];
+    plot?.clip(() => row.lines.forEach((each) => {
+      const value = values.get(keyOf(each.signal)) ?? NaN;
+      if (!Number.isFinite(value)) return;
+      ring(pen, [plot.x(cursor.value!), plot.y(value)], 3.4, token(each.colour), token("paper"), 1);
+    }));
+  });
+}
+
+function drawAxis(pen: Pen, wide: number): void {
   const { begin, end } = visible.value;
+  const x = (value: number) => LEFT + ((value - begin) / (end - begin)) * (wide - LEFT - RIGHT);
+  const marks = timeTicks(wide);
+  pen.fillStyle = token("quiet");
+  pen.textBaseline = "top";
+  pen.textAlign = "center";
+  for (const value of marks) pen.fillText(fixed(value, decimals(marks)), Math.min(x(value), wide - 16), 2);
+  pen.textAlign = "right";
+  pen.fillText(dataset.value?.timed ? "time [s]" : "point", wide - RIGHT, 15);
+  const at = hover.value ?? cursor.value;
+  if (at === null || at < begin || at > end) return;
   const text = fixed(at, decimals(ticks(begin, end, 400)));
   const half = pen.measureText(text).width / 2 + 6;
+  const middle = Math.max(half, Math.min(wide - half, Math.round(x(at))));
   pen.fillStyle = token("ink");
-  pen.fillRect(x - half, high - AXIS + 2, 2 * half, 16);
+  pen.fillRect(middle - half, 0, 2 * half, 16);
   pen.fillStyle = token("paper");
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  pen.fillText(text, x, high - AXIS + 10);
+  pen.fillText(text, middle, 8.5);
 }
 
 function listen(canvas: HTMLCanvasElement): () => void {
   let from: number | null = null;
+  let mode: "zoom" | "range" | "brush" | "pan" = "zoom";
   const position = (event: MouseEvent) => {
     const box = canvas.getBoundingClientRect();
     const { begin, end } = visible.value;
     const share = (event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
     return begin + Math.max(0, Math.min(1, share)) * (end - begin);
   };
-  const between = (a: number, b: number): Stretch => ({ begin: Math.min(a, b), end: Math.max(a, b) });
-  const target = () => (tool.value === "brush" ? brush : range);
+  const between = (a: number, b: number): Stretch => ({ begin: tidy(Math.min(a, b)), end: tidy(Math.max(a, b)) });
+  const target = () => ({ zoom: pending, range, brush, pan: null })[mode];
+  const small = (a: number, b: number) => Math.abs(a - b) < (visible.value.end - visible.value.begin) / 250;
   canvas.onpointerdown = (event) => {
     canvas.setPointerCapture(event.pointerId);
     from = position(event);
+    mode = event.shiftKey ? "brush" : event.ctrlKey || event.button === 1 ? "pan" : tool.value;
+    const box = canvas.getBoundingClientRect();
+    active.value = rowAt((event.clientY - box.top) / box.height);
   };
   canvas.onpointermove = (event) => {
-    cursor.value = position(event);
-    if (from !== null) target().value = between(from, cursor.value);
+    hover.value = position(event);
+    if (from === null) return;
+    if (mode === "pan") shift(from - hover.value);
+    else if (!small(from, hover.value)) target()!.value = between(from, hover.value);
   };
   canvas.onpointerup = (event) => {
-    const to = position(event);
-    const part = from === null ? null : between(from, to);
-    from = null;
-    const { begin, end } = visible.value;
-    const small = part === null || part.end - part.begin < (end - begin) / 200;
-    if (tool.value === "zoom") {
-      range.value = null;
-      if (!small) zoom(part);
-    } else if (small) target().value = null;
+    if (from === null) return;
+    const [begin, to] = [from, position(event)];
+    from = pending.value = null;
+    if (mode === "pan") return;
+    if (small(begin, to)) cursor.value = to;
+    else if (mode === "zoom") zoom(between(begin, to));
   };
-  canvas.onpointerleave = () => { if (from === null) cursor.value = null; };
+  canvas.onpointerleave = () => { if (from === null) hover.value = null; };
   const wheel = (event: WheelEvent) => {
+    if (event.altKey) return;
     event.preventDefault();
-    zoomAt(position(event), Math.exp(event.deltaY * 0.0015));
+    if (event.deltaX) shift((event.deltaX / width.value) * (visible.value.end - visible.value.begin));
+    if (event.deltaY) zoomAt(position(event), Math.exp(event.deltaY * 0.0015));
   };
   canvas.addEventListener("wheel", wheel, { passive: false });
   canvas.ondblclick = back;
   return () => canvas.removeEventListener("wheel", wheel);
 }
 
-/** The whole dataset, small, with the stretch that the strips show. */
-export function Overview() {
-  const host = useRef<HTMLDivElement>(null);
-  const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
-    const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => {
-      const data = overview.value;
-      const own = dataset.value;
-      if (data === null || own === undefined) return;
-      const x = (value: number) => LEFT + ((value - own.begin) / (own.end - own.begin)) * (wide - LEFT - RIGHT);
-      const [low, most] = widened(extent(data.lines[0]!), 0.08);
-      line(pen, Float64Array.from(data.x, (value) => x(value + data.begin)), Float64Array.from(data.lines[0]!, (value) => high - 4 - ((value - low) / (most - low)) * (high - 8)), token("before"), 1);
-      const { begin, end } = visible.value;
-      pen.fillStyle = token("accent");
-      pen.globalAlpha = 0.14;
-      pen.fillRect(x(begin), 1, x(end) - x(begin), high - 2);
-      pen.globalAlpha = 1;
-      pen.strokeStyle = token("accent");
-      pen.strokeRect(x(begin) + 0.5, 1.5, x(end) - x(begin) - 1, high - 3);
-    });
-    redraw.current = again;
-    let grip: number | null = null;
-    const position = (event: PointerEvent) => {
-      const own = dataset.value!;
-      const box = canvas.getBoundingClientRect();
-      return own.begin + ((event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (own.end - own.begin);
-    };
-    const move = (event: PointerEvent) => {
-      const own = dataset.value!;
-      const wide = visible.value.end - visible.value.begin;
-      const begin = Math.max(own.begin, Math.min(own.end - wide, position(event) - grip!));
-      zoomTo({ begin, end: begin + wide });
-    };
-    canvas.onpointerdown = (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      const { begin, end } = visible.value;
-      const at = position(event);
-      grip = at >= begin && at <= end ? at - begin : (end - begin) / 2;
-      move(event);
-    };
-    canvas.onpointermove = (event) => { if (grip !== null) move(event); };
-    canvas.onpointerup = () => { grip = null; };
-    return close;
-  }, []);
-  useEffect(() => redraw.current(), [overview.value, visible.value, theme.value]);
-  return <div class="canvas" ref={host} aria-label="Overview of the whole dataset" />;
+/** Round a position to what a pixel can tell, so that conditions stay readable. */
+function tidy(position: number): number {
+  const step = (visible.value.end - visible.value.begin) / Math.max(1, width.value);
+  const places = Math.max(0, Math.min(12, Math.ceil(-Math.log10(step))));
+  return Number(position.toFixed(places));
 }
-
-const zoomTo = (part: Stretch): void => {
-  const own = dataset.value!;
-  if (part.end - part.begin < own.end - own.begin) zoom(part);
-};

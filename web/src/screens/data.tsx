@@ -150,6 +150,7 @@ function Mapping() {
           })}
         </tbody>
       </table>
+      {inputs.value.length === 0 && <p class="pad q">The inputs of the function are listed here once its text is written. <button class="btn small" onClick={() => { screen.value = "function"; }}>Function</button></p>}
       <Proposals />
       {remarks.length > 0 && <div class="cks">{remarks.map((f) => <div class={`ck ${f.severity === "error" ? "w" : "w"}`}><Icon name="warning" /><span class="grow">{f.text}</span></div>)}</div>}
     </section>

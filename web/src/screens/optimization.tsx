@@ -8,9 +8,11 @@ import { MISSING, count, significant } from "../drawing/numbers";
 import { ChoiceField, NumberField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { Picture, drawCurves, drawGrid } from "../instruments/picture";
+import { drawGrid } from "../drawing/grid";
+import { drawCurves } from "../drawing/slices";
+import { Picture } from "../instruments/picture";
 import { run } from "../runs";
-import { open, request, screen, settled, state } from "../store";
+import { isRunning, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead, view, type StepRow } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 
@@ -35,7 +37,7 @@ effect(() => {
 
 export function Optimization() {
   const { job } = state.value;
-  const running = job.state === "running" || job.state === "stopping";
+  const running = isRunning(job);
   return (
     <>
       <main class="optimization">

@@ -6,6 +6,7 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions import (
     additions,
     calibrations,
+    error_split,
     evidence,
     exports,
     history,
@@ -14,6 +15,7 @@ from kennfeld.app.questions import (
     recordings,
     runs,
     settings,
+    signals,
     trust,
 )
 from kennfeld.app.session.session import Session
@@ -24,10 +26,16 @@ QUESTIONS: dict[str, Question] = {
     "table": parameters.table,
     "strip": plots.strip_chart,
     "statistics": plots.stretch_statistics,
+    "cursor": plots.cursor,
     "scatter": plots.scatter,
+    "points": plots.points,
+    "signals": signals.signals,
     "informing": evidence.informing,
     "passed": evidence.passed,
-    "sample": evidence.sample,
+    "conditions": evidence.conditions,
+    "coverage": evidence.coverage,
+    "split": error_split.split,
+    "worst": error_split.worst,
     "progress": runs.progress,
     "outcome": runs.outcome,
     "compare": runs.compare,

@@ -1,6 +1,7 @@
 """Export of the present values: calibration files, the report, all files of a run, and a script that repeats it."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
+from kennfeld.project import Project
 from kennfeld.project.results import RESULT
 
 SCRIPT = '''\
@@ -94,17 +96,19 @@ def export(session: Session, given: Given) -> Answer:
         written.append(path)
     if given.get("simulation"):
         written.append(_write_simulation(session, str(given["simulation"])))
-    if given.get("whole"):
+    whole, report = given.get("whole"), given.get("report")
+    result = _result(session) if whole or (report and session.runs) else None
+    if whole and result is not None:
         from kennfeld.project.results import write, write_text
 
-        written += write(_result(session), project, folder)
+        written += write(result, project, folder)
         if session.validation is not None:
             text = json.dumps(session.validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
             written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
-    if given.get("report"):
-        written.append(_write_report(session, folder))
+    if report:
+        written.append(_write_report(project, result, session.findings, folder))
     if given.get("stored"):
-        written.append(_write_stored_report(session, folder))
+        written.append(_write_stored_report(project, folder))
     if given.get("script"):
         ending = next(iter(given.get("formats", ())), ".json")
         path = session.path.with_name("calibrate.py")
@@ -134,21 +138,18 @@ def _result(session: Session) -> Result:
     return replace(last, parameters=now, start=start, quality=Scorer(view.model.problem).quality(start, now))
 
 
-def _write_stored_report(session: Session, folder: Path) -> Path:
+def _write_stored_report(project: Project, folder: Path) -> Path:
     """Write the report on an earlier run, as `kennfeld report` does."""
     from kennfeld.report import from_folder
 
-    assert session.project is not None
     path = folder / "report.html"
-    write_whole(path, from_folder(session.project, folder))
+    write_whole(path, from_folder(project, folder))
     return path
 
 
-def _write_report(session: Session, folder: Path) -> Path:
+def _write_report(project: Project, result: Result | None, findings: Sequence[Finding], folder: Path) -> Path:
     from kennfeld.report import document
 
-    assert session.project is not None
-    result = _result(session) if session.runs else None
     path = folder / "report.html"
-    write_whole(path, document(session.project, result, session.findings))
+    write_whole(path, document(project, result, findings))
     return path

@@ -9,6 +9,7 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session, View
 from kennfeld.errors import Finding, Location
+from kennfeld.graph import Graph
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
@@ -35,8 +36,20 @@ def overview(session: Session) -> dict[str, Any]:
         "seconds": session.seconds,
         "changedOnDisk": session.changed_on_disk,
         "recoverable": session.recoverable,
-        **({} if view is None else _of_view(session, view)),
+        **(_of_function(session) if view is None else _of_view(session, view)),
     }
+
+
+def _of_function(session: Session) -> dict[str, Any]:
+    """Return what is known of a project that cannot be evaluated yet."""
+    if session.function is None:
+        return {}
+    graph = session.function.graph
+    return {"nodes": _nodes(graph), "inputs": list(graph.inputs)}
+
+
+def _nodes(graph: Graph) -> list[dict[str, str]]:
+    return [{"name": name, "unit": graph.units.get(name, "")} for name in graph.names]
 
 
 def _of_view(session: Session, view: View) -> dict[str, Any]:
@@ -47,7 +60,7 @@ def _of_view(session: Session, view: View) -> dict[str, Any]:
         "parameters": [_parameter(session, view, name) for name in graph.parameters],
         "freeValues": problem.free_size,
         "datasets": [_dataset(recording) for recording in view.model.recordings],
-        "nodes": [{"name": name, "unit": graph.units.get(name, "")} for name in graph.names],
+        "nodes": _nodes(graph),
         "criteria": [
             {"node": c.node, "target": str(c.target), "unit": view.model.unit(i)}
             for i, c in enumerate(problem.criteria)
@@ -116,7 +129,7 @@ def _scores(session: Session, view: View) -> list[dict[str, Any]]:
             "samples": score.samples,
             "rmse": finite(score.rmse),
             "before": finite(view.start.scores[i].rmse),
-            "last": None if last is None else finite(last.scores[i].rmse),
+            "last": finite(last[i].rmse) if last else None,
             "mean": finite(score.mean),
             "largest": finite(score.largest),
         }
@@ -126,7 +139,6 @@ def _scores(session: Session, view: View) -> list[dict[str, Any]]:
 
 def _parameter(session: Session, view: View, name: str) -> dict[str, Any]:
     table, initial = view.now.parameters[name], session.reference(name)
-    at_bound = (table.values <= table.lower) | (table.values >= table.upper)
     samples = view.samples.get(name)
     return {
         "name": name,
@@ -136,7 +148,7 @@ def _parameter(session: Session, view: View, name: str) -> dict[str, Any]:
         "shape": list(table.values.shape),
         "free": name in view.model.problem.free_names,
         "changed": int(np.count_nonzero(table.values != initial.values)),
-        "atBound": int(np.count_nonzero(at_bound & ~table.locked)),
+        "atBound": int(np.count_nonzero(table.at_bound)),
         "withoutData": 0 if samples is None else int(np.count_nonzero(samples == 0)),
         "thumbnail": thumbnail(table.values),
     }

@@ -1,10 +1,14 @@
 """The editor of one parameter."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from kennfeld.app.answer import Answer, Given, finite_list
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
+from kennfeld.parameters import Parameter
 from kennfeld.project.model import coordinates_of
 
 
@@ -13,7 +17,7 @@ def table(session: Session, given: Given) -> Answer:
     view, name = session.require_view(), given["name"]
     own, reference = view.now.parameters[name], session.reference(name)
     samples, deviation = view.samples.get(name), session.deviation(name)
-    inputs = [*coordinates_of(view.model.problem.model.graph, name), *([""] * 4)]
+    inputs = coordinates_of(view.model.problem.model.graph, name)
     return Answer(
         {
             "table": {
@@ -21,10 +25,7 @@ def table(session: Session, given: Given) -> Answer:
                 "kind": own.kind,
                 "unit": own.unit,
                 "description": own.description,
-                "axes": [
-                    {"input": a.input or inputs[i], "unit": a.unit, "points": a.breakpoints.tolist()}
-                    for i, a in enumerate(own.index_axes)
-                ],
+                "axes": describe_axes(own, inputs),
                 "values": own.values.ravel().tolist(),
                 "reference": reference.values.ravel().tolist(),
                 "locked": np.flatnonzero(own.locked.ravel()).tolist(),
@@ -35,6 +36,15 @@ def table(session: Session, given: Given) -> Answer:
             }
         }
     )
+
+
+def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Return input, unit and breakpoints of each axis; `inputs` are those of axes that do not name theirs."""
+    names = (*inputs, *[""] * len(table.index_axes))
+    return [
+        {"input": axis.input or name, "unit": axis.unit, "points": axis.breakpoints.tolist()}
+        for axis, name in zip(table.index_axes, names, strict=False)
+    ]
 
 
 def set_values(session: Session, given: Given) -> Answer:

@@ -58,14 +58,32 @@ def channel_ranges(session: Session) -> dict[str, Range]:
     return ranges
 
 
+def recorded_channels(session: Session, number: int) -> dict[str, str]:
+    """Return all channels of the files of a dataset, counted from 0, with their units."""
+    entries = _entries(session)
+    paths = _paths(session.path.parent, entries[number]) if number < len(entries) else []
+    files = [_file(session.path.parent, path) for path in paths]
+    return {channel["name"]: channel["unit"] for file in files for channel in file["channels"]}
+
+
 def proposals(session: Session, given: Given) -> Answer:
     """Return what the function needs and the project lacks, with the keys that provide it."""
     function = session.function
     if function is None:
         return Answer({"proposals": []})
     known = session.initial_names
-    found = propose(function, session.settings, known, channel_ranges(session))
-    return Answer({"proposals": [{"title": each.title, "changes": each.changes} for each in found]})
+    return Answer(
+        {
+            "proposals": [
+                {
+                    "title": each.title,
+                    "changes": each.changes,
+                    "choice": None if each.choice is None else vars(each.choice),
+                }
+                for each in propose(function, session.settings, known, channel_ranges(session))
+            ]
+        }
+    )
 
 
 def _file(folder: Path, path: str) -> dict[str, Any]:

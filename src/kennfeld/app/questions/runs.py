@@ -7,7 +7,9 @@ import numpy as np
 
 from kennfeld.analysis.cross_validation import CrossValidation, Kind
 from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.session import Session, View
 from kennfeld.app.session.state import SetTables
@@ -15,6 +17,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
 MAX_CHANGES = 400  # grid points of a table that are listed
 
@@ -105,7 +108,7 @@ def _outcome(session: Session, last: Result) -> dict[str, Any]:
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
-    problem = apply_shifts(session.runs[-1].problem, last.shifts)
+    problem = apply_shifts(session.runs[-1].problem or session.require_view().model.problem, last.shifts)
     return {
         "run": session.runs[-1].number,
         "status": last.status,
@@ -168,9 +171,9 @@ def _picture(view: View, name: str, values: Float) -> dict[str, Any]:
 def compare(session: Session, given: Given) -> Answer:
     """Return the differences of two sets of values, `first` and `second`: "start", "now" or the number of a run."""
     view = session.require_view()
-    first, second = (_values(session, given[key]) for key in ("first", "second"))
-    rows = [_change(view, first, second, name) for name in view.model.problem.model.graph.parameters]
-    scores = [view.model.evaluate(each).scores for each in (first, second)]
+    first, second = (_evaluate(session, given[key]) for key in ("first", "second"))
+    names = view.model.problem.model.graph.parameters
+    rows = [_change(first.parameters[name], second.parameters[name]) for name in names]
     return Answer(
         {
             "changes": sorted(rows, key=lambda row: -row["relative"]),
@@ -183,48 +186,50 @@ def compare(session: Session, given: Given) -> Answer:
                     "second": finite(b.rmse),
                     "largest": finite(b.largest),
                 }
-                for a, b in zip(*scores, strict=True)
+                for a, b in zip(first.scores, second.scores, strict=True)
                 if b.samples
             ],
         }
     )
 
 
-def _values(session: Session, which: object) -> ParameterSet:
+def _evaluate(session: Session, which: object) -> Evaluation:
+    """Return the model with the values of the start, of now, or of a run."""
     view = session.require_view()
     if which == "start":
-        return view.start.parameters
-    if which == "now":
-        return view.now.parameters
-    wanted = session.runs[int(str(which)) - 1].result.parameters
+        return view.start
+    return view.now if which == "now" else view.model.evaluate(_values_of_run(session, which))
+
+
+def _values_of_run(session: Session, number: object) -> ParameterSet:
+    view = session.require_view()
+    wanted = session.runs[int(str(number)) - 1].result.parameters
     initial = view.start.parameters
     free = (name for name in view.model.problem.free_names if name in wanted)
     names = [name for name in free if wanted[name].values.shape == initial[name].values.shape]
     return initial.with_parameters(*(initial[name].with_values(wanted[name].values) for name in names))
 
 
-def _change(view: View, first: ParameterSet, second: ParameterSet, name: str) -> dict[str, Any]:
-    a, b = first[name], second[name]
+def _change(a: Parameter, b: Parameter) -> dict[str, Any]:
     difference = b.values - a.values
     size = np.abs(difference)
     scale = max(float(np.abs(a.values).max(initial=0.0)), float(np.abs(b.values).max(initial=0.0))) or 1.0
     order = np.argsort(-size, axis=None)[:MAX_CHANGES]
     order = order[size.ravel()[order] > 0]
-    at_bound = ((b.values <= b.lower) | (b.values >= b.upper)) & ~b.locked
     return {
-        "name": name,
+        "name": b.name,
         "kind": b.kind,
         "unit": b.unit,
         "description": b.description,
         "largest": float(size.max(initial=0.0)),
         "mean": float(size.mean()),
         "relative": float(size.max(initial=0.0)) / scale,
-        "atBound": int(np.count_nonzero(at_bound)),
-        "axes": [{"input": x.input, "unit": x.unit, "points": x.breakpoints.tolist()} for x in b.index_axes],
+        "atBound": int(np.count_nonzero(b.at_bound)),
+        "axes": describe_axes(b),
         "first": a.values.ravel().tolist(),
         "second": b.values.ravel().tolist(),
         "biggest": order.tolist(),
-        "bound": np.flatnonzero(at_bound.ravel()).tolist(),
+        "bound": np.flatnonzero(b.at_bound).tolist(),
     }
 
 
@@ -247,7 +252,7 @@ def choice(session: Session, given: Given) -> Answer:
 
 def _chosen(session: Session, given: Given) -> dict[str, Float | None]:
     """Return the tables with the chosen values; None for tables that keep their start."""
-    wanted, start = _values(session, given["run"]), session.require_view().start.parameters
+    wanted, start = _values_of_run(session, given["run"]), session.require_view().start.parameters
     cells: Mapping[str, Sequence[int] | None] = given["cells"]
     tables: dict[str, Float | None] = {}
     for name in session.require_view().model.problem.free_names:

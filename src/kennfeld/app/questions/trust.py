@@ -47,8 +47,8 @@ def trust(session: Session, given: Given) -> Answer:
 
 
 def _applicable(session: Session, run: Run, remedies: tuple[Remedy, ...]) -> list[KeyChanges]:
-    settings = session.settings
-    changes = (key_changes(each, run.problem, settings, run.result.smoothness) for each in remedies)
+    problem, settings = run.problem or session.require_view().model.problem, session.settings
+    changes = (key_changes(each, problem, settings, run.result.smoothness) for each in remedies)
     return [each for each in changes if each is not None]
 
 

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 
 MAX_POINTS = 6000
+MAX_LIT = 1500  # selected samples that are drawn in addition
 BINS = 60
 
 
@@ -24,6 +25,23 @@ def thin(count: int, values: Float, most: int = MAX_POINTS) -> Int:
     size = np.where(np.isfinite(values), np.abs(values), -1.0)
     outliers = np.argpartition(size, -most // 10)[-most // 10 :]
     return np.union1d(spread, outliers)
+
+
+def drawn_samples(errors: Float, shown: Bool | None = None, lit: Bool | None = None, most: int = MAX_POINTS) -> Int:
+    """Return samples to draw, as `thin` does, and enough of those that are lit to see where they are.
+
+    Args:
+        errors: Float[samples]; the largest are drawn.
+        shown: the samples that may be drawn, Bool[samples]; None for all.
+        lit: Bool[samples].
+        most: number of samples to keep, besides lit ones.
+    """
+    allowed = np.arange(errors.size) if shown is None else np.flatnonzero(shown)
+    drawn = allowed[thin(allowed.size, errors[allowed], most)]
+    if lit is None:
+        return drawn
+    more = allowed[lit[allowed]]
+    return np.union1d(drawn, more[thin(more.size, errors[more], MAX_LIT)])
 
 
 def common_bins(parts: Sequence[Float], bins: int = BINS) -> Float:

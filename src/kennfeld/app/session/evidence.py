@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +11,11 @@ from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.lookup_coverage import Lookups
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
+ACTING = 1e-3  # of the largest slope of a table
+FAR = 1e6  # times the values of a table: a change that only rounding errors ask for
+Obstacle = Literal["", "does not act", "locked", "bounds"]
 MAX_INDEXES = 16  # of a table in a dataset; one of a map takes 12 bytes a sample
 
 
@@ -78,15 +83,46 @@ class Evidence:
                     totals[lookup.table.name] += np.bincount(at[share > 0], minlength=totals[lookup.table.name].size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
+    def mean_errors(self, parameter: str, errors: Sequence[Float]) -> Float:
+        """Return the mean error of the training samples that inform each value of a table, weighted by their lookups.
+
+        Args:
+            parameter: name of the table.
+            errors: by dataset, Float[samples]; NaN is not scored.
+
+        Returns:
+            In the shape of the values, in the unit of the errors; NaN without a scored sample.
+        """
+        size = self._parameters[parameter].size
+        weighted, weight = np.zeros(size), np.zeros(size)
+        for recording in self._model.recordings:
+            if recording.use == "training":
+                index = self._index(recording, parameter)
+                own = errors[recording.number]
+                sums = index.sums(own if recording.bound.hold is None else np.repeat(own, recording.bound.hold.samples))
+                weighted, weight = weighted + sums[0], weight + sums[1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(weight > 1e-9, weighted / weight, np.nan)
+        return mean.reshape(self._parameters[parameter].values.shape)
+
+    def places(self, parameter: str, most: int) -> Float:
+        """Return where training samples look up a table, Float[axes, lookups], at most so many, evenly spread."""
+        training = [recording for recording in self._model.recordings if recording.use == "training"]
+        parts = [self._index(recording, parameter).places(most // max(len(training), 1)) for recording in training]
+        return np.concatenate(parts, axis=1) if parts else np.zeros((len(self._parameters[parameter].index_axes), 0))
+
     def informing(self, parameter: str, value: int) -> list[Informing]:
         """Return by dataset the samples that look up a value of a table, given by its number in C order."""
         informing = []
         for recording in self._model.recordings:
-            index = self._index(recording, parameter)
-            weight = self._shown(recording, index.weights(value, recording.bound.count))
+            weight = self.informed(recording, parameter, value)
             samples = np.flatnonzero(weight > 0)
             informing.append(Informing(recording.number, samples, weight[samples]))
         return informing
+
+    def informed(self, recording: LiveDataset, parameter: str, value: int) -> Float:
+        """Return the weight that a value of a table has in each sample of a dataset, Float[samples]."""
+        return self._shown(recording, self._index(recording, parameter).weights(value, recording.bound.count))
 
     def surroundings(self, recording: LiveDataset, parameter: str, value: int, reach: int = 2) -> "Surroundings":
         """Return where samples of a dataset look up a table near one of its values.
@@ -140,34 +176,48 @@ class Correction:
 
     Attributes:
         parameter: name of the table.
-        change: what to add to the values around the sample, in the unit of the table; NaN if none would do.
-        reachable: False if the values would leave their bounds, or if the table does not act at this sample.
+        slope: change of the model if all values that act at the sample are raised by 1.
+        change: what to add to these values, in the unit of the table; NaN if the table does not act.
+        allowed: the largest part of the change that their bounds allow; 0 if one of them is locked.
+        obstacle: why the change is out of reach: "does not act", "locked" or "bounds"; empty if nothing is in its way.
     """
 
     parameter: str
+    slope: float
     change: float
-    reachable: bool
+    allowed: float
+    obstacle: Obstacle = ""
+
+    @property
+    def reachable(self) -> bool:
+        """True if nothing is in the way of the change."""
+        return not self.obstacle
 
 
 def corrections(error: float, slopes: Mapping[str, Float], parameters: ParameterSet) -> Sequence[Correction]:
     """Return for each table the change that would take away an error, to first order.
 
-    All values that act at the sample are raised by the same amount.
+    All values that act at the sample are raised by the same amount. Values with less than a thousandth of the largest
+    slope, such as those that a lag passed long ago, stay.
 
     Args:
         error: model minus measurement.
         slopes: derivative of the model by each value of a table, in the shape of its values.
         parameters: the values, with their bounds.
     """
-    found = []
-    for name, slope in slopes.items():
-        total = float(slope.sum())
-        if not total:
-            found.append(Correction(name, float("nan"), reachable=False))
-            continue
-        table, change = parameters[name], -error / total
-        moved = table.values[slope != 0] + change
-        inside = (moved >= table.lower[slope != 0]) & (moved <= table.upper[slope != 0])
-        free = not table.locked[slope != 0].any()
-        found.append(Correction(name, change, reachable=bool(inside.all()) and free))
-    return found
+    return [_correction(error, slope, parameters[name]) for name, slope in slopes.items()]
+
+
+def _correction(error: float, slope: Float, table: Parameter) -> Correction:
+    acting = np.abs(slope) > ACTING * np.abs(slope).max(initial=0.0)
+    total = float(slope[acting].sum())
+    if not total or abs(error) >= FAR * abs(total) * max(float(np.abs(table.values).max()), 1.0):
+        return Correction(table.name, 0.0, float("nan"), 0.0, "does not act")
+    change = -error / total
+    if table.locked[acting].any():
+        return Correction(table.name, total, change, 0.0, "locked")
+    ends = table.upper if change > 0 else table.lower
+    room = float(np.abs(ends - table.values)[acting].min())
+    if room < abs(change):
+        return Correction(table.name, total, change, float(np.copysign(room, change)), "bounds")
+    return Correction(table.name, total, change, change)

@@ -1,6 +1,6 @@
 """A problem compiled once and evaluated for any values of its parameters, as fast as they are dragged."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.optimize.lookup_coverage import Lookups, unmoved_tables
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.sample_slopes import SampleSlopes
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
@@ -82,10 +83,33 @@ class LiveDataset:
         """Return a channel of the dataset over the samples."""
         return self._shown.channel(name)
 
+    def at_samples(self, values: Float) -> Float:
+        """Return values of all samples of the dataset, at those that are drawn."""
+        return self._shown.at_kept(values)
+
+    def last_simulated(self, sample: int) -> int:
+        """Return the last simulated sample that a drawn sample stands for."""
+        hold = self.bound.hold
+        return sample if hold is None else (sample + 1) * hold.samples - 1
+
+    def at_sample(self, sample: int, simulate: Callable[[BoundDataset, int], Float]) -> Float:
+        """Return what `simulate` returns for a simulated sample; for a held point the mean over its window."""
+        last, hold = self.last_simulated(sample), self.bound.hold
+        window = 1 if hold is None else hold.window
+        mean: Float = np.mean([simulate(self.bound, at) for at in range(last + 1 - window, last + 1)], axis=0)
+        return mean
+
     def as_shown(self, values: Float) -> Float:
         """Return values of the simulated samples as they are drawn: one per point if points are held."""
         hold = self.bound.hold
         return values if hold is None else hold.mean(np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
+
+
+def _axes(parameters: ParameterSet) -> tuple[object, ...]:
+    """Return all breakpoints, which compiled code holds as constants."""
+    return tuple(
+        (table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes)) for table in parameters.parameters
+    )
 
 
 def _positions(bound: BoundDataset) -> tuple[Float, Float]:
@@ -110,10 +134,13 @@ class Evaluation:
     Attributes:
         parameters: the values.
         errors: model minus target by dataset, Float[criteria, samples]; NaN at samples that are not scored.
+        outputs: the nodes that the criteria score, by dataset, Float[criteria, samples].
+        uses: training or test, by dataset.
     """
 
     parameters: ParameterSet
     errors: tuple[Float, ...]
+    outputs: tuple[Float, ...]
     uses: tuple[str, ...]
 
     @cached_property
@@ -132,14 +159,20 @@ class Evaluation:
 
 def score(criterion: int, use: str, errors: Sequence[Float]) -> LiveScore:
     """Return the score of errors; NaN is not scored."""
-    known = [part[np.isfinite(part)] for part in errors]
+    known = [finite_values(part) for part in errors]
     count = sum(part.size for part in known)
     if not count:
         return LiveScore(criterion, use, 0, np.nan, np.nan, np.nan)
-    squares = sum(float(part @ part) for part in known)
+    squares = sum(float(np.einsum("i,i", part, part)) for part in known)  # without the threads of BLAS
     total = sum(float(part.sum()) for part in known)
     largest = max(float(np.abs(part).max(initial=0.0)) for part in known)
     return LiveScore(criterion, use, count, float(np.sqrt(squares / count)), total / count, largest)
+
+
+def finite_values(values: Float) -> Float:
+    """Return the finite values; without a copy if all are."""
+    known = np.isfinite(values)
+    return values if known.all() else values[known]
 
 
 class LiveModel:
@@ -155,23 +188,40 @@ class LiveModel:
         self.problem = problem
         self.recordings = [LiveDataset(problem, number) for number in range(len(problem.datasets))]
         self._differences = [difference(number) for number in range(len(problem.criteria))]
+        self._outputs = [criterion.node for criterion in problem.criteria]
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
+        self._slopes: dict[tuple[object, ...], SampleSlopes] = {}  # of the last breakpoints
         self.unmoved = unmoved_tables(problem.graph)
         self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
     def evaluate(self, parameters: ParameterSet) -> Evaluation:
         """Simulate all datasets; compiled code is used again unless breakpoints have changed."""
-        simulator = self._simulator(tuple(self._differences), parameters)
-        errors = [
-            recording.as_shown(simulator.values(recording.bound, parameters) - recording.targets)
-            for recording in self.recordings
-        ]
-        return Evaluation(parameters, tuple(errors), tuple(recording.use for recording in self.recordings))
+        simulator, criteria = self._simulator((*self._differences, *self._outputs), parameters), len(self._differences)
+        errors, outputs = [], []
+        for recording in self.recordings:
+            values = simulator.values(recording.bound, parameters)
+            values[:criteria] -= recording.targets
+            values = recording.as_shown(values)
+            errors.append(values[:criteria])
+            outputs.append(values[criteria:])
+        return Evaluation(parameters, tuple(errors), tuple(outputs), tuple(each.use for each in self.recordings))
 
     def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:
         """Return named nodes of the function over the samples of a dataset, Float[names, samples]."""
         simulator = self._simulator(tuple(names), parameters)
         return recording.as_shown(simulator.values(recording.bound, parameters))
+
+    def nodes_at(self, recording: LiveDataset, names: Sequence[str], sample: int, parameters: ParameterSet) -> Float:
+        """Return named nodes of the function at one sample of a dataset, Float[names]."""
+        simulator = self._simulator(tuple(names), parameters)
+        return recording.at_sample(sample, lambda bound, at: simulator.at(bound, at, parameters))
+
+    def slopes_at(self, recording: LiveDataset, sample: int, parameters: ParameterSet) -> Mapping[str, Float]:
+        """Return by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
+        key = _axes(parameters)
+        if key not in self._slopes:
+            self._slopes = {key: SampleSlopes(self.problem, parameters)}
+        return self._slopes[key].at(recording.bound, recording.last_simulated(sample), parameters)
 
     def unit(self, criterion: int) -> str:
         """Return the unit of the errors of a criterion."""
@@ -185,11 +235,7 @@ class LiveModel:
         return Lookups(self.problem, parameters)
 
     def _simulator(self, names: tuple[str, ...], parameters: ParameterSet) -> NodeSimulator:
-        axes = tuple(
-            (table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes))
-            for table in parameters.parameters
-        )
-        key = (names, axes)
+        key = (names, _axes(parameters))
         if key not in self._compiled:
             if len(self._compiled) >= 24:
                 self._compiled.pop(next(iter(self._compiled)))

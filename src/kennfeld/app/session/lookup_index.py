@@ -1,7 +1,8 @@
 """The lookups of one table in one dataset, sorted by cell, so that those near a grid point are found at once."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import reduce
+from itertools import product
 
 import numpy as np
 
@@ -59,6 +60,45 @@ class LookupIndex:
             places.append(_coordinate(axis.breakpoints, here, part))
             weights.append(np.where(here == at, 1.0 - part, np.where(here == at - 1, part, 0.0)))
         return self._samples[where].astype(np.int64), np.array(places), reduce(np.multiply, weights)
+
+    def places(self, most: int) -> Float:
+        """Return the coordinates of at most so many lookups, evenly spread over the cells, Float[axes, lookups]."""
+        count = self._samples.size
+        chosen = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
+        flat = np.searchsorted(self._ends, chosen, side="right") - 1
+        cells = np.unravel_index(flat, cell_shape(self._table))
+        axes = zip(self._table.index_axes, cells, self._shares, strict=True)
+        return np.array([_coordinate(axis.breakpoints, cell, share[chosen]) for axis, cell, share in axes])
+
+    def sums(self, values: Float) -> tuple[Float, Float]:
+        """Return for each grid point the values summed with its weight in each lookup, and the sum of these weights.
+
+        Args:
+            values: by sample, Float[samples]; NaN does not count.
+
+        Returns:
+            Float[grid points] each, in C order.
+        """
+        own = values[self._samples]
+        known = np.isfinite(own)
+        weighted, weight = (np.zeros(self._table.size) for _ in range(2))
+        for points, sums in self._corner_sums(np.where(known, own, 0.0)):
+            weighted[points] += sums
+        for points, sums in self._corner_sums(known.astype(np.float64)):
+            weight[points] += sums
+        return weighted, weight
+
+    def _corner_sums(self, values: Float) -> Iterator[tuple[Int, Float]]:
+        """Yield for each corner of the cells its grid points, and the values summed with their weights by cell."""
+        grid = np.arange(self._table.size).reshape(self._table.values.shape)
+        for corner in product((0, 1), repeat=len(self._shares)):
+            points = grid[tuple(slice(c, c + n) for c, n in zip(corner, cell_shape(self._table), strict=True))].ravel()
+            if not points.size:  # an axis of one breakpoint has no upper corner
+                continue
+            part = values
+            for side, share in zip(corner, np.clip(self._shares, 0.0, 1.0), strict=True):
+                part = part * (share if side else 1.0 - share)
+            yield points, np.diff(np.append(0.0, np.cumsum(part))[self._ends])
 
     def weights(self, value: int, samples: int) -> Float:
         """Return the weight of a grid point in each of so many samples; with several lookups the largest."""

@@ -9,9 +9,10 @@ from kennfeld.errors import InputError
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.project.model import coordinates_of
+from kennfeld.project.value_forms import DIRECTIONS
 
+SMOOTHNESS = 0.1  # so that values beside the data follow their neighbours
 POINTS = {1: 10, 2: 10, 3: 6, 4: 4}  # along each axis, by number of axes
-DIRECTIONS = ("x", "y", "z", "w")
 
 
 @dataclass(frozen=True)
@@ -23,16 +24,26 @@ class Range:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """A key, by path, whose value the user chooses among options."""
+
+    path: tuple[str | int, ...]
+    options: Sequence[str]
+
+
+@dataclass(frozen=True)
 class Proposal:
     """Something that the project lacks.
 
     Attributes:
         title: what it is: `map MapX over Speed, Load`.
         changes: the keys that provide it, by path.
+        choice: a key that only the user knows.
     """
 
     title: str
     changes: Sequence[tuple[tuple[str | int, ...], Any]]
+    choice: Choice | None = None
 
 
 def read_function(text: str) -> Model | None:
@@ -86,7 +97,7 @@ def _table(
         else:
             axis["breakpoints"] = even_breakpoints(reach, POINTS[count])
         table[direction] = axis
-    table["initial"] = 1.0
+    table |= {"initial": 1.0, "smoothness": SMOOTHNESS}
     over = f" over {', '.join(inputs)}" if inputs else ""
     return Proposal(f"{kind} {name}{over}", [(("parameters", name), table)])
 
@@ -109,13 +120,14 @@ def even_breakpoints(reach: Range, count: int) -> list[float]:
 
 
 def _criterion(function: Model, mapped: Mapping[str, str], channels: Mapping[str, Range]) -> Iterator[Proposal]:
-    """Yield the criterion that follows from names: a node named like a channel, or the only channel that is left."""
+    """Yield the criterion: the node that is named like a channel, or the last output with a channel to choose."""
     outputs = function.graph.outputs or tuple(function.graph.names)[-1:]
     used = {mapped.get(name, name) for name in function.graph.inputs}
-    left = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
-    for node in outputs:
-        target = node if node in channels else left[0] if len(left) == 1 else None
-        if target is not None:
-            entry = {"node": node, "target": {"channel": target}}
-            yield Proposal(f"{node} follows {target}", [(("criterion", 1), entry)])
-            return
+    unused = [name for name in channels if name not in used and name.lower() not in ("time", "t")]
+    if not outputs or not unused:
+        return
+    node = next((name for name in outputs if name in unused), outputs[-1])
+    target = node if node in unused else unused[0] if len(unused) == 1 else ""
+    entry = {"node": node, "target": {"channel": target}}
+    choice = None if target else Choice(("criterion", 1, "target", "channel"), unused)
+    yield Proposal(f"{node} follows {target or 'the channel'}", [(("criterion", 1), entry)], choice)

@@ -1,12 +1,20 @@
 """Recordings that are read again only if their files or settings have changed."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+from kennfeld.app.session.memory import return_unused
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import ArgumentError, InputError, KennfeldError
+from kennfeld.formatting import join_names
 from kennfeld.preprocessing.calculated import Calculated
-from kennfeld.preprocessing.pipeline import LoadedData, load_datasets
+from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings
-from kennfeld.preprocessing.recordings import ChannelRequest, find_recordings
+from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, find_recordings
+from kennfeld.preprocessing.units import Units
 
 
 class RecordedData:
@@ -15,6 +23,10 @@ class RecordedData:
     def __init__(self) -> None:
         self._key: tuple[object, ...] = ()
         self._loaded = LoadedData()
+        self._recipe: tuple[DataSettings, ChannelRequest, Calculated] | None = None
+        self._further: dict[int, dict[str, Channel | KennfeldError | None]] = defaultdict(
+            dict
+        )  # by dataset, what only plots need
 
     def __call__(self, settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
         """Return the datasets of a project, see `load_datasets`."""
@@ -22,8 +34,54 @@ class RecordedData:
         key = (repr(texts), *_files(settings))
         if key != self._key:
             self._loaded = load_datasets(settings, request, calculated)
-            self._key = key
+            self._key, self._recipe = key, (settings, request, calculated)
+            self._further.clear()
+            return_unused()
         return self._loaded
+
+    def further_channels(self, number: int, dataset: Dataset, names: Collection[str]) -> Mapping[str, Channel]:
+        """Return channels of the recordings that the project does not use, prepared as the others are.
+
+        Args:
+            number: of the dataset, counted from 0.
+            dataset: as it was loaded.
+            names: of the channels; those that the recordings lack are not returned.
+
+        Raises:
+            KennfeldError: one of them cannot be read, or has other samples than the dataset.
+        """
+        kept = self._further[number]
+        unknown = [name for name in dict.fromkeys(names) if name not in kept]
+        try:
+            if unknown:
+                read = self._read_further(number, dataset, unknown)
+                kept |= {name: read.get(name) for name in unknown}
+                return_unused()
+        except KennfeldError as error:
+            if len(unknown) == 1:
+                kept[unknown[0]] = error
+            for name in unknown if len(unknown) > 1 else ():  # one of them must not keep the others from being read
+                with suppress(KennfeldError):
+                    self.further_channels(number, dataset, [name])
+        for name in names:
+            if isinstance(reason := kept[name], KennfeldError):
+                raise reason
+        return {name: channel for name in names if isinstance(channel := kept[name], Channel)}
+
+    def _read_further(self, number: int, dataset: Dataset, names: list[str]) -> dict[str, Channel]:
+        assert self._recipe is not None
+        settings, request, calculated = self._recipe
+        entry = settings.datasets[number]
+        wider = replace(request, optional={**request.optional, **dict.fromkeys(names, "a plot")})
+        channels = DatasetChannels.of(entry, wider, calculated)
+        reader = RecordingReader(settings, entry, channels, [*channels.findings])
+        read = prepare_dataset(reader, Units(settings.units, wider.units), wider)
+        if read is None or reader.failed:
+            raise InputError(reader.findings)
+        if read.samples != dataset.samples:
+            message = f"{join_names(names)} have other samples than the channels of {dataset.name}"
+            raise ArgumentError(f"{message}: set raster in the settings of the dataset to resample all of them")
+        return {name: read[name] for name in names if name in read}
 
 
 def _files(settings: DataSettings) -> Iterator[tuple[str, int, int]]:

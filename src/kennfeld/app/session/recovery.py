@@ -19,7 +19,7 @@ class Recovery:
         self.path = project.parent / FOLDER / f"{project.stem}.unsaved.json"
 
     def write(self, saved: SessionState, state: SessionState) -> None:
-        """Keep what differs from the saved state. A folder that cannot be written is no error."""
+        """Keep what differs from the saved state. A folder that cannot be written is not an error."""
         if state == saved:
             self.remove()
             return

@@ -1,20 +1,12 @@
 """A calibration in a process of its own, so that the page stays responsive and a stop is immediate.
 
-The worker is a fresh interpreter that exchanges pickles through pipes, like those of a multistart. It reports every
-accepted step, and the values of the best one a few times per second.
+The worker reports accepted steps, and the values of the best one, a few times per second.
 """
 
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import IO, Any
+from typing import Any
 
 from kennfeld.analysis.cross_validation import CrossValidation, Kind
 from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
@@ -23,7 +15,7 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, Result, TraceLine
-from kennfeld.optimize.search.worker_pool import STOP, pickle_content
+from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent, pickle_content
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 
 STEP_INTERVAL = 0.1  # s between reported steps
@@ -78,7 +70,7 @@ class BestValues:
 Report = Callable[[TraceLine | BestValues | Ended], None]
 
 
-class RunJob:
+class RunJob(WorkerProcess):
     """A running calibration.
 
     Args:
@@ -88,72 +80,48 @@ class RunJob:
 
     def __init__(self, task: RunTask, report: Report) -> None:
         self._report = report
-        session: dict[str, Any] = {"start_new_session": True}
-        if sys.platform == "win32":
-            session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
-        command = [sys.executable or "python", "-c", COMMAND.format(path=sys.path)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **session)
-        work = pickle_content(replace(task, problem=replace(task.problem)))  # a copy has no cached properties
-        threading.Thread(target=self._receive, args=(work,), daemon=True).start()
+        self._ended = False
+        plain = replace(task, problem=replace(task.problem))  # a copy has no cached properties
+        super().__init__(COMMAND, pickle_content(plain))
 
-    def stop(self) -> None:
-        """Stop at the next step; the best values so far are the result."""
-        self._write(pickle_content(STOP))
+    def handle(self, message: Any) -> None:
+        if message is None:
+            self._close()
+            return
+        self._report(message)
+        if isinstance(message, Ended):
+            self._ended = True
+            self.kill()
 
-    def kill(self) -> None:
-        """End the process at once, without a result."""
-        self._process.kill()
-
-    def _write(self, content: bytes) -> None:
-        assert self._process.stdin is not None
-        with suppress(OSError, ValueError):  # a process that has ended is noticed by `_receive`
-            self._process.stdin.write(content)
-            self._process.stdin.flush()
-
-    def _receive(self, work: bytes) -> None:
-        assert self._process.stdout is not None
-        self._write(work)
-        message: Any = None
-        with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
-            while not isinstance(message, Ended):
-                message = pickle.load(self._process.stdout)
-                self._report(message)
-        self._process.kill()
-        code = self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):
-                stream.close()  # type: ignore[union-attr]
-        if not isinstance(message, Ended):
+    def _close(self) -> None:
+        self.close()
+        if not self._ended:
+            code = self.process.returncode
             self._report(Ended(None, reason=f"The process of the run ended unexpectedly (exit status {code})."))
 
 
 def main() -> None:
     """Run the worker: read a problem and options from stdin, write steps, values and the end to stdout."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    outgoing = os.fdopen(os.dup(1), "wb")
-    with suppress(OSError):
-        os.dup2(2, 1)  # printed text must not get between the pickles
-    task: RunTask = pickle.load(sys.stdin.buffer)
-    JobWorker(task, sys.stdin.buffer, outgoing).run()
+    parent = connect_to_parent()
+    JobWorker(parent.read_work(), parent).run()
 
 
 class JobWorker:
-    def __init__(self, task: RunTask, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
-        self._task = task
-        self._incoming, self._outgoing = incoming, outgoing
-        self._stopping = threading.Event()
+    def __init__(self, task: RunTask, parent: ParentConnection) -> None:
+        self._task, self._parent = task, parent
         self._last_step = self._last_values = self._last_save = 0.0
         self._best = float("inf")
         self._saves = task.checkpoints.saves() if task.checkpoints else None
 
     def run(self) -> None:
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._parent.listen()
+        validation = self._task.validation
         try:
-            self._send(self._calibrate() if self._task.validation is None else self._validate(self._task.validation))
+            self._parent.send(self._calibrate() if validation is None else self._validate(validation))
         except InputError as error:
-            self._send(Ended(None, error.findings))
+            self._parent.send(Ended(None, error.findings))
         except KeyboardInterrupt:
-            self._send(Ended(None, reason="Stopped before the first step."))
+            self._parent.send(Ended(None, reason="Stopped before the first step."))
 
     def _calibrate(self) -> Ended:
         from kennfeld.optimize.search.multistart import run
@@ -179,15 +147,15 @@ class JobWorker:
         now = time.monotonic()
         if now - self._last_step >= STEP_INTERVAL:
             self._last_step = now
-            self._send(line)
-        if self._stopping.is_set():
+            self._parent.send(line)
+        if self._parent.stopping.is_set():
             raise Stop
 
     def _keep(self, saved: Checkpoint) -> None:
         now = time.monotonic()
         if saved.cost < self._best and now - self._last_values >= VALUES_INTERVAL:
             self._best, self._last_values = saved.cost, now
-            self._send(BestValues(saved.values))
+            self._parent.send(BestValues(saved.values))
         self._save(saved, now)
 
     def _save(self, saved: Checkpoint, now: float) -> None:
@@ -199,17 +167,3 @@ class JobWorker:
         if due or saved.ended is not None:
             self._last_save = now
             self._saves.keep(saved, self._task.problem.parameters)
-
-    def _listen(self) -> None:
-        with suppress(EOFError, OSError):
-            if pickle.load(self._incoming) == STOP:
-                self._stopping.set()
-                pickle.load(self._incoming)
-        os._exit(0)  # the app has ended
-
-    def _send(self, content: Any) -> None:
-        try:
-            self._outgoing.write(pickle_content(content))
-            self._outgoing.flush()
-        except OSError:
-            os._exit(1)

@@ -8,21 +8,21 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.live_model import Evaluation, LiveModel
+from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
-from kennfeld.app.session.signals import Signals
+from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
@@ -34,6 +34,8 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.document import ProjectDocument
+
+_T = TypeVar("_T")  # Python 3.11
 
 VALUES = "values.json"  # values that were edited or accepted, beside the project
 _REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
@@ -62,13 +64,15 @@ class Run:
 
     Attributes:
         number: counted from 1.
-        problem: what was calibrated, with the values at its start.
+        before: the values at its start.
         result: its result.
+        problem: what was calibrated, None if it is the present problem.
     """
 
     number: int
-    problem: Problem
+    before: ParameterSet
     result: Result
+    problem: Problem | None = None
 
 
 @dataclass
@@ -105,16 +109,20 @@ class View:
         samples: number of training samples at each grid point, by table.
     """
 
-    def __init__(self, model: LiveModel) -> None:
+    def __init__(self, model: LiveModel, read_channels: ReadChannels | None = None) -> None:
         self.model = model
         self.start = self.now = model.evaluate(model.problem.parameters)
-        self.signals = Signals(model, self.start)
+        self.signals = Signals(model, self.start, read_channels, self._informed)
         self.samples: Mapping[str, Int] = self.evidence.sample_counts()
 
     @cached_property
     def evidence(self) -> Evidence:
         """The lookups at the present values."""
         return Evidence(self.model, self.now.parameters)
+
+    def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
+        """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
+        return self.evidence.informed(recording, point.parameter, point.value) > 0
 
     def follow(self, values: Mapping[str, Float]) -> None:
         """Evaluate the model with these values, and the initial ones of the other parameters."""
@@ -149,7 +157,7 @@ class Session:
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self._data = RecordedData()
-        self.last: Evaluation | None = None  # before the last edit
+        self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
@@ -191,26 +199,23 @@ class Session:
 
     def do(self, command: Command, drag: str = "") -> None:
         """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history."""
-        before = self.state
-        self.history.do(command, drag)
-        self._follow(before)
-        if not self.recoverable:
-            self.recovery.write(self.saved, self.state)
+        self._change(lambda: self.history.do(command, drag))
 
     def undo(self) -> str:
         """Take the last command back; return its title."""
-        return self._move(self.history.undo)
+        return self._change(self.history.undo)
 
     def redo(self) -> str:
         """Bring back what was undone; return its title."""
-        return self._move(self.history.redo)
+        return self._change(self.history.redo)
 
-    def _move(self, move: Callable[[], str]) -> str:
-        before, title = self.state, move()
+    def _change(self, change: Callable[[], _T]) -> _T:
+        """Change the history, recompute what depends on the state, and keep unsaved edits."""
+        before, outcome = self.state, change()
         self._follow(before)
         if not self.recoverable:
             self.recovery.write(self.saved, self.state)
-        return title
+        return outcome
 
     def run(self, *, resume: bool = False, workers: int | None = None, validation: Validation | None = None) -> None:
         """Start a calibration or a cross-validation from the present values.
@@ -286,7 +291,7 @@ class Session:
             return
         result, view = end.result, self.require_view()
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, job.problem or view.model.problem, result)
+        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem)
         self.runs.append(run)
         if result.converged:
             self.checkpoints.remove()
@@ -379,9 +384,7 @@ class Session:
         folder = self.path.parent
         texts = {name: _text_or_none(folder / name) for name in self.saved.texts}
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
-        before = self.state
-        self.history.do(Restore("Read from disk", texts=texts))
-        self._follow(before)
+        self.do(Restore("Read from disk", texts=texts))
 
     @property
     def recovery(self) -> Recovery:
@@ -426,23 +429,28 @@ class Session:
 
     def _assemble(self) -> None:
         """Read the project again and build its model."""
-        self.last = None
+        self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         try:
             project = Project.read(self.path, self._unsaved(), self._data)
             self.project, self.findings = project, tuple(project.check())
-            self.view, self.stale = View(LiveModel(project.problem())), False
+            self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             self.findings, self.stale = error.findings, True
             return
         if self.state.values:
             self._evaluate()
 
+    def _read_channels(self, recording: LiveDataset, names: Collection[str]) -> dict[str, Float]:
+        """Return the channels that the recordings have of these, which only plots need, over the drawn samples."""
+        channels = self._data.further_channels(recording.number, recording.bound.dataset, names)
+        return {name: recording.at_samples(channel.values) for name, channel in channels.items()}
+
     def _evaluate(self) -> None:
         """Evaluate the model at the present values."""
         self.revision = next(_REVISIONS)
         if self.view is not None:
             began = time.perf_counter()
-            self.last = self.view.now
+            self.last = self.view.now.scores
             self.view.follow(self.state.values)
             self.seconds = time.perf_counter() - began

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
-from kennfeld.app.session.signals import SignalName, Signals
+from kennfeld.app.session.signals import SampleSelection, SignalName, Signals
 from kennfeld.arrays import Float
 
 
@@ -19,16 +19,25 @@ class Strip:
         raw: True if each point is a sample; otherwise points come in pairs, minimum and maximum of a pixel.
         positions: Float[points].
         lines: Float[points] for each signal.
+        lit: Float[points], above 0 where a sample is selected; empty without a selection.
     """
 
     begin: float
     raw: bool
     positions: Float
     lines: tuple[Float, ...]
+    lit: Float
 
 
 def strip(
-    signals: Signals, recording: LiveDataset, chosen: Sequence[SignalName], begin: float, end: float, pixels: int
+    signals: Signals,
+    recording: LiveDataset,
+    chosen: Sequence[SignalName],
+    begin: float,
+    end: float,
+    pixels: int,
+    only: SampleSelection | None = None,
+    lit: SampleSelection | None = None,
 ) -> Strip:
     """Return signals between two positions.
 
@@ -39,19 +48,26 @@ def strip(
         begin: position at the left edge.
         end: position at the right edge.
         pixels: width of the plot.
+        only: the samples to draw; None for all.
+        lit: the samples to light up.
     """
     position = recording.position
     first = max(int(np.searchsorted(position, begin)) - 1, 0)  # the line begins outside
     last = min(int(np.searchsorted(position, end, side="right")) + 1, position.size)
-    envelopes = [signals.envelope(recording, signal) for signal in chosen]
+    envelopes = [signals.envelope(recording, signal, only) for signal in chosen]
+    lights = [] if lit is None else [signals.lit(recording, lit)]
     if last - first <= 2 * pixels:
         here = slice(first, last)
-        return Strip(begin, True, position[here] - begin, tuple(envelope.values[here] for envelope in envelopes))
-    edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
-    edges[-1] = last
-    middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
-    pairs = [envelope.extremes(edges) for envelope in envelopes]
-    return Strip(begin, False, np.repeat(middle, 2), tuple(np.ravel(pair, order="F") for pair in pairs))
+        lines = [envelope.values[here] for envelope in (*envelopes, *lights)]
+        drawn = position[here] - begin
+    else:
+        edges = np.searchsorted(position, np.linspace(begin, end, pixels + 1))
+        edges[-1] = last
+        middle = (np.arange(pixels) + 0.5) * (end - begin) / pixels
+        pairs = [envelope.extremes(edges) for envelope in (*envelopes, *lights)]
+        drawn, lines = np.repeat(middle, 2), [np.ravel(pair, order="F") for pair in pairs]
+    own = lines[: len(envelopes)]
+    return Strip(begin, last - first <= 2 * pixels, drawn, tuple(own), lines[-1] if lights else np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -66,9 +82,13 @@ class Statistics:
 
 
 def statistics(signals: Signals, recording: LiveDataset, signal: SignalName, begin: float, end: float) -> Statistics:
-    """Return least, mean, greatest and root mean square of a signal between two positions."""
+    """Return statistics of a signal from one position up to another."""
     here = slice(*np.searchsorted(recording.position, [begin, end], side="left"))
-    values = signals.envelope(recording, signal).values[here]
+    return describe(signals.values(recording, signal)[here])
+
+
+def describe(values: Float) -> Statistics:
+    """Return least, mean, greatest and root mean square of the values that are numbers."""
     values = values[np.isfinite(values)]
     if not values.size:
         return Statistics(0, *[float("nan")] * 4)

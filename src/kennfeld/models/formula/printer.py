@@ -111,7 +111,7 @@ def _declarations(graph: Graph) -> Iterator[str]:
         *(("output", name) for name in graph.outputs),
     ):
         unit = "" if kind == "output" else _unit(graph, name)
-        yield f"{kind} {_name(name)}{unit}"
+        yield f"{kind} {spell_name(name)}{unit}"
 
 
 def _unit(graph: Graph, name: str) -> str:
@@ -119,7 +119,7 @@ def _unit(graph: Graph, name: str) -> str:
     return f"[{unit}]" if unit else ""
 
 
-def _name(name: str) -> str:
+def spell_name(name: str) -> str:
     """Return a name as text, in quotes if it would have another meaning without."""
     plain = is_plain(name) and name not in FUNCTIONS and name not in DECLARATIONS and not name.startswith("_")
     return name if plain else f"%{name.replace('%', '%%')}%"
@@ -171,7 +171,7 @@ class _Printer:
                 text = self._done[at].text
             else:
                 text = self._read(at).text
-            self.output.append(f"{_name(name)}{_unit(self.graph, name)} = {text}")
+            self.output.append(f"{spell_name(name)}{_unit(self.graph, name)} = {text}")
         return self.output
 
     def _is_leaf(self, at: int) -> bool:
@@ -209,7 +209,7 @@ class _Printer:
     def _read(self, at: int) -> _Text:
         """Return a node as it appears in another expression."""
         if at in self._named:
-            return _Text(_name(self._named[at]))
+            return _Text(spell_name(self._named[at]))
         return _Text(self._auxiliary[at]) if at in self._auxiliary else self._done[at]
 
     def _expression(self, at: int) -> _Text:
@@ -217,9 +217,9 @@ class _Printer:
         if op == "const":
             return _Text(_number(payload), _NEGATION if _number(payload).startswith("-") else _ATOM, 1)
         if op == "input":
-            return _Text(payload if payload in CLOCK else _name(payload))
+            return _Text(payload if payload in CLOCK else spell_name(payload))
         if op == "lookup" and not args:
-            return _Text(_name(payload))
+            return _Text(spell_name(payload))
         parts = [self._read(part) for part in self._parts(at)]
         if op in _INFIX:
             return _infix(op, *parts)
@@ -228,7 +228,7 @@ class _Printer:
         if op == "state":
             latency, (content, init) = self.graph.states[payload].latency, parts
             return _call("prev", parts) if latency == 1 else _call("delay", [content, _Text(str(latency)), init])
-        return _call(_name(payload) if op == "lookup" else _CALLS.get(op, op), parts)
+        return _call(spell_name(payload) if op == "lookup" else _CALLS.get(op, op), parts)
 
 
 def _infix(op: str, left: _Text, right: _Text) -> _Text:

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
-import { isRunning, outcome, validate, type Result } from "../../runs";
+import { outcome, running, validate, type Result } from "../../runs";
 import { state } from "../../store";
 
 export interface StepRow { name: string; state: string; iterations: number; cost: number | null; rmse: number | null }
@@ -76,7 +76,7 @@ function Validation() {
       <div class="pl">
         <label title="Number of parts of the training data; each is held out once (kennfeld calibrate --cross-validate). Typical: 5"><span class="q">Folds</span> <span class="field small num" style={{ width: "44px" }}><input aria-label="Folds" value={folds.value} onChange={(event) => { const typed = parseNumber(event.currentTarget.value); if (typed !== null && typed >= 2) folds.value = Math.round(typed); }} /></span></label>
         <label title="files: whole files; blocks: contiguous parts of each file; random: single points; auto: files if there are enough, blocks for data in time, else random (--parts)"><span class="q">Parts</span> <select class="field small" aria-label="Parts" value={parts.value} onChange={(event) => { parts.value = event.currentTarget.value; }}>{PARTS.map((each) => <option value={each}>{each}</option>)}</select></label>
-        <button class="btn small" id="cross-validate" disabled={isRunning() || state.value.project === null} onClick={() => validate(folds.value, parts.value)}>Cross-validate</button>
+        <button class="btn small" id="cross-validate" disabled={running() || state.value.project === null} onClick={() => validate(folds.value, parts.value)}>Cross-validate</button>
         {own === null && <span class="q cut">Calibrates once for each part without it, and scores the part. The values stay.</span>}
       </div>
       {own && <div id="validation"><Cells rows={own.table} id="folds" />{own.summary.map((text) => <p class="pad ink">{text}</p>)}</div>}

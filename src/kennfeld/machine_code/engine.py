@@ -1,21 +1,32 @@
-"""Compilation of LLVM IR to callable machine code in memory."""
+"""Compilation of LLVM IR to callable machine code in memory.
+
+The code contains no address, so that it can be kept on disk: what lies outside of a module is called through a pointer
+in its data, which is set when the code is loaded.
+"""
 
 import ctypes
+import re
 import threading
+import time
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
+import llvmlite
 import llvmlite.binding as llvm
 
-from kennfeld.native.elementwise import c_function
-from kennfeld.native.ir import FunctionWriter
+from kennfeld.machine_code.code_cache import keep_code, key_of, read_code
+from kennfeld.machine_code.external import address_of, c_function, external
+from kennfeld.machine_code.ir import FunctionWriter
 
 NativeFunction = Callable[..., None]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
+_PASSES = "1"  # changes with the passes below, so that code of earlier ones is not used
+_WORTH = 0.004  # s of compiling from which code is kept
 
 _compiling = threading.Lock()
 
+_POINTER = re.compile(r"@(kf\.[\w.]+)")
 _KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
 
 _DECLARATIONS = """
@@ -48,20 +59,16 @@ class Engine:
     """
 
     def __init__(self, text: str, *, loops: bool = False) -> None:
+        pointers = sorted(set(_POINTER.findall(text)))
+        text += "".join(f"@{name} = externally_initialized global ptr null\n" for name in pointers)
+        addresses = {name: address_of(name) for name in pointers}
         with _compiling:
-            long = len(text) > LONG
-            self._machine = _target().create_target_machine(
-                cpu=llvm.get_host_cpu_name(),
-                features=llvm.get_host_cpu_features().flatten(),
-                opt=0 if long else 2,
-                codemodel="jitdefault",  # reaches the C library at any address
-            )
-            module = llvm.parse_assembly(_DECLARATIONS + text)
-            module.triple = self._machine.triple
-            module.data_layout = str(self._machine.target_data)
-            (_optimise if loops and not long else _tidy)(module, self._machine)
-            self._engine = llvm.create_mcjit_compiler(module, self._machine)
+            machine = _machine(0 if len(text) > LONG else 2)
+            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+            self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text, loops, machine)))
             self._engine.finalize_object()
+        for name, address in addresses.items():
+            ctypes.c_void_p.from_address(self._engine.get_global_value_address(name)).value = address
 
     def address(self, name: str) -> int:
         """Return the address of a compiled function."""
@@ -84,24 +91,60 @@ def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[s
 class SharedFunction:
     """A model-independent function called by generated code, compiled once, when first needed."""
 
-    def __init__(self, write: Callable[[], FunctionWriter]) -> None:
-        self._write = write
-        self._compiled: tuple[Engine, str] | None = None
+    def __init__(self, write: Callable[..., FunctionWriter], *arguments: object) -> None:
+        self._write, self._arguments = write, arguments
+        self._name = ".".join(("shared", write.__module__, write.__name__, *map(str, arguments)))
+        self._engine: Engine | None = None
+        self._address = 0
         self._lock = threading.Lock()  # two threads might compile, and the engine of one be gone when it is called
 
-    def __str__(self) -> str:
+    def pointer(self, f: FunctionWriter) -> str:
+        """Return a register of a function under construction that holds the address."""
+        return external(f, self._name, self._compiled)
+
+    def _compiled(self) -> int:
         with self._lock:
-            if self._compiled is None:
-                f = self._write()
-                engine = Engine(f.text())
-                self._compiled = engine, f"inttoptr (i64 {engine.address(f.name)} to ptr)"
-            return self._compiled[1]
+            if self._engine is None:
+                f = self._write(*self._arguments)
+                self._engine = Engine(f.text())
+                self._address = self._engine.address(f.name)
+            return self._address
 
 
 @cache
 def shared_function(write: Callable[..., FunctionWriter], *arguments: object) -> SharedFunction:
     """Return the function that `write(*arguments)` writes, the same for equal arguments."""
-    return SharedFunction(partial(write, *arguments))
+    return SharedFunction(write, *arguments)
+
+
+def _object_code(text: str, loops: bool, machine: Any) -> bytes:
+    """Return the machine code of IR, compiled now or before."""
+    loops = loops and len(text) <= LONG
+    target = f"{machine.triple} {llvm.get_host_cpu_name()} {_features()}"
+    key = key_of(_PASSES, llvmlite.__version__, target, str(loops), _DECLARATIONS, text)
+    code = read_code(key)
+    if code is None:
+        began = time.perf_counter()
+        module = llvm.parse_assembly(_DECLARATIONS + text)
+        module.triple = machine.triple
+        module.data_layout = str(machine.target_data)
+        (_optimise if loops else _tidy)(module, machine)
+        code = bytes(machine.emit_object(module))
+        if time.perf_counter() - began > _WORTH:
+            keep_code(key, code)
+    return code
+
+
+def _machine(opt: int) -> Any:
+    return _target().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=_features(), opt=opt, codemodel="jitdefault"
+    )
+
+
+@cache
+def _features() -> str:
+    features: str = llvm.get_host_cpu_features().flatten()
+    return features
 
 
 @cache

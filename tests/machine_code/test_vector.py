@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from kennfeld.native.engine import Engine
-from kennfeld.native.ir import EIGHT, LANES, FunctionWriter, Vector
+from kennfeld.machine_code.engine import Engine
+from kennfeld.machine_code.ir import EIGHT, LANES, FunctionWriter, Vector
 
 
 def test_the_exponential_is_right_within_two_units_in_the_last_place():

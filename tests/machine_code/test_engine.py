@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from reference import compiled
 
-from kennfeld.native.engine import Engine
-from kennfeld.native.ir import FunctionWriter, literal
+from kennfeld.machine_code.engine import Engine
+from kennfeld.machine_code.ir import FunctionWriter, literal
 from models import MODELS, case
 
 

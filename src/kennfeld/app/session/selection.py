@@ -1,0 +1,121 @@
+"""Samples that a brush selects, and the conditions of a project file that say the same."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from kennfeld.app.session.live_model import LiveDataset
+from kennfeld.app.session.signals import GridPoint, SampleSelection, SignalName, SignalRange
+from kennfeld.errors import ArgumentError, Location
+from kennfeld.models.formula import expression, spell_name
+from kennfeld.optimize.problem import Problem
+from kennfeld.preprocessing.binding import bind_inputs
+from kennfeld.preprocessing.calculated import uses_clock
+
+DIGITS = 8  # of the numbers in a condition
+
+
+def read_selection(given: Mapping[str, Any] | None) -> SampleSelection | None:
+    """Return the selection that a page describes.
+
+    It has `begin` and `end` of a stretch, `ranges` of signals, or a grid `point`.
+    """
+    if given is None:
+        return None
+    ranges = tuple(
+        SignalRange(read_signal(each["signal"]), float(each["least"]), float(each["greatest"]))
+        for each in given.get("ranges", ())
+    )
+    place = given.get("point")
+    point = None if place is None else GridPoint(str(place["parameter"]), int(place["value"]))
+    return SampleSelection(ranges, float(given.get("begin", -np.inf)), float(given.get("end", np.inf)), point)
+
+
+def read_signal(given: Mapping[str, Any]) -> SignalName:
+    """Return the signal that a page describes by `kind` and `name`."""
+    return SignalName(given["kind"], str(given["name"]))
+
+
+def condition(selection: SampleSelection, recording: LiveDataset, problem: Problem) -> str:
+    """Return formula text over channels that is true at the selected samples.
+
+    Raises:
+        ArgumentError: no condition says it; the message is the reason.
+    """
+    if selection.point is not None:
+        message = "A condition reads recorded channels, not where a table is looked up"
+        raise ArgumentError(f"{message}; brush a scatter plot over the inputs of {selection.point.parameter} instead.")
+    parts = []
+    for part in selection.ranges:
+        name = spell_name(_channel(part.signal, recording, problem))
+        parts += _between(name, part.least, part.greatest)
+    begin, end = selection.begin, selection.end
+    if np.isfinite([begin, end]).any():
+        first = _first_time(recording)
+        parts += _between("t", begin - first, end - first)
+    text = " and ".join(parts)
+    check_clock(text, recording)
+    return text
+
+
+def check_clock(text: str, recording: LiveDataset) -> None:
+    """Raise `ArgumentError` if a condition counts time from several begins in a dataset."""
+    graph, dataset = expression(text, Location("where")), recording.bound.dataset
+    if not uses_clock(graph):
+        return
+    if dataset.time is None:
+        raise ArgumentError("The dataset has no time stamps, so that no condition can name a stretch of it.")
+    if bind_inputs(dataset, graph, {}).starts.size > 1:
+        message = "In a condition the time t begins again with every recording and after every gap"
+        raise ArgumentError(f"{message}; this dataset has several such pieces.")
+
+
+def outside(text: str) -> str:
+    """Return the condition that is true where another one is false."""
+    return f"not ({text})"
+
+
+def both(first: str, second: str) -> str:
+    """Return the condition that is true where two are; an empty one is always true.
+
+    >>> both("Speed > 500 or Load > 3", "t < 8")
+    '(Speed > 500 or Load > 3) and t < 8'
+    """
+    return f"({first}) and {second}" if first.strip() else second
+
+
+def _between(name: str, least: float, greatest: float) -> list[str]:
+    sides = ((">=", least), ("<=", greatest))
+    return [f"{name} {sign} {value:.{DIGITS}g}" for sign, value in sides if np.isfinite(value)]
+
+
+def _channel(signal: SignalName, recording: LiveDataset, problem: Problem) -> str:
+    """Return the channel behind a signal. Raises `ArgumentError` if it is computed by the function."""
+    if signal.kind == "channel":
+        return signal.name
+    if signal.kind == "target":
+        target = problem.criteria[int(signal.name)].target
+        if target.kind != "number" and target.name in recording.bound.dataset:
+            return target.name
+    if signal.kind in ("node", "start"):
+        subject = signal.name
+    else:
+        role = "target" if signal.kind == "target" else "error"
+        subject = f"the {role} of {problem.criteria[int(signal.name)].node}"
+    raise ArgumentError(f"A condition reads recorded channels; {subject} is computed by the function.")
+
+
+def _first_time(recording: LiveDataset) -> float:
+    bound = recording.bound
+    if bound.dataset.time is None:
+        raise ArgumentError("The dataset has no time stamps, so that no condition can name a stretch of it.")
+    return float(bound.dataset.time[bound.kept[0]]) if bound.count else 0.0
+
+
+def stretch_in_other_data(selection: SampleSelection, problem: Problem) -> str:
+    """Return why a selection cannot be a region of a criterion, which all datasets share; empty if it can."""
+    timed = bool(np.isfinite([selection.begin, selection.end]).any())
+    if not timed or len(problem.datasets) == 1:
+        return ""
+    return "A region holds in all datasets, and a stretch of time is of one; brush a scatter plot instead."

@@ -1,0 +1,178 @@
+"""A report in a browser: what pointer, keys, printing and the theme do to its figures."""
+
+import shutil
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from report_projects import a_cube, a_map, scattered
+
+from kennfeld.project import Project
+from kennfeld.report import document
+
+SIZE = {"width": 1300, "height": 900}
+IMAGE = "canvas => canvas.toDataURL()"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no Chromium on this machine")
+    with api.sync_playwright() as driver:
+        process = driver.chromium.launch(executable_path=path, args=["--headless", "--no-sandbox", "--disable-gpu"])
+        yield process
+        process.close()
+
+
+@pytest.fixture
+def show(browser, tmp_path):
+    """Open the report of a project; a message on the console fails the test."""
+    contexts, problems = [], []
+
+    def show(project: Project, theme: str = "light") -> Any:
+        path = tmp_path / "report.html"
+        path.write_text(document(project, project.calibrate(), project.check()), encoding="utf-8")
+        context = browser.new_context(viewport=SIZE, color_scheme=theme)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
+        page.goto(path.as_uri())
+        page.wait_for_selector("html[data-ready=yes]")
+        return page
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert problems == []
+
+
+def canvas_of(page: Any, kind: str) -> Any:
+    """Return the first canvas of a kind of figure, in view and drawn."""
+    host = page.locator(f"figure.{kind} [data-figure]").first
+    host.scroll_into_view_if_needed()
+    page.wait_for_function("node => node.dataset.drawn === 'yes'", arg=host.element_handle())
+    return host.locator("canvas").first
+
+
+def changed(page: Any, canvas: Any, before: str) -> None:
+    """Wait until a canvas shows another picture."""
+    page.wait_for_function("([canvas, before]) => canvas.toDataURL() !== before", arg=[canvas.element_handle(), before])
+
+
+def lines_of_tooltip(page: Any) -> list[str]:
+    return page.locator(".tooltip").evaluate("node => [...node.children].map(child => child.textContent)")
+
+
+def test_a_strip_zooms_by_dragging_and_by_keys_and_a_double_click_shows_the_whole(shop, show):
+    page = show(a_map(shop))
+    strip = canvas_of(page, "strip")
+    whole = strip.evaluate(IMAGE)
+    box = strip.bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 400, box["y"] + 100, steps=3)
+    assert page.locator(".mark").first.is_visible()
+    page.mouse.up()
+    changed(page, strip, whole)
+    zoomed = strip.evaluate(IMAGE)
+    strip.press("ArrowRight")
+    changed(page, strip, zoomed)
+    strip.dblclick()
+    page.wait_for_function("([canvas, whole]) => canvas.toDataURL() === whole", arg=[strip.element_handle(), whole])
+
+
+def test_the_tooltip_says_what_the_data_say(shop, show):
+    page = show(a_map(shop))
+    strip = canvas_of(page, "strip")
+    box = strip.bounding_box()
+    page.mouse.move(box["x"] + 63, box["y"] + 60)  # the first sample is at the left edge
+    first = scattered()["m"][0]
+    assert lines_of_tooltip(page)[:2] == [
+        "sample 0 ",
+        f"measured {np.format_float_positional(first, 5, fractional=False)}",
+    ]
+    assert page.locator(".cross").first.is_visible()
+    page.mouse.move(box["x"] + 10, box["y"] - 30)
+    assert not page.locator(".tooltip").is_visible()
+
+
+def test_a_name_in_the_legend_hides_and_shows_its_line(shop, show):
+    page = show(a_map(shop))
+    strip = canvas_of(page, "strip")
+    before = strip.evaluate(IMAGE)
+    button = page.locator("figure.strip .legend button", has_text="measured").first
+    button.press("Enter")
+    assert button.get_attribute("aria-pressed") == "false"
+    changed(page, strip, before)
+    button.press("Enter")
+    page.wait_for_function("([canvas, image]) => canvas.toDataURL() === image", arg=[strip.element_handle(), before])
+
+
+def test_a_surface_turns_by_keys_and_names_the_point_under_the_pointer(shop, show):
+    page = show(a_map(shop))
+    surface = canvas_of(page, "parameter")
+    before = surface.evaluate(IMAGE)
+    surface.press("ArrowLeft")
+    changed(page, surface, before)
+    box = surface.bounding_box()
+    for y in range(20, int(box["height"]), 12):
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + y)
+        if page.locator(".tooltip").is_visible():
+            break
+    text = lines_of_tooltip(page)
+    assert text[0].startswith("x ")
+    assert text[1].startswith("z ")
+    assert text[2].startswith("after ")
+
+
+def test_the_table_of_a_parameter_shows_the_values_of_the_result(shop, show):
+    project = a_map(shop)
+    page = show(project)
+    canvas_of(page, "parameter")
+    figure = page.evaluate("JSON.parse(document.getElementById('report-data').textContent).figures.at(-2)")
+    assert figure["kind"] == "parameter"
+
+    def cells() -> list[float]:
+        texts = page.locator("table.grid td").all_text_contents()
+        return [float(text.replace("\u2212", "-")) for text in texts]
+
+    after = np.reshape(figure["after"], (5, 4)).T.ravel()  # x runs across
+    np.testing.assert_allclose(cells(), after, atol=0.006)
+    page.locator(".choice button", has_text="training samples").click()
+    assert cells() == np.reshape(figure["samples"], (5, 4)).T.ravel().tolist()
+    page.locator(".choice button", has_text="before").click()
+    assert set(cells()) == {1.0}
+
+
+def test_a_slider_chooses_the_slice_of_a_cube(shop, show):
+    page = show(a_cube(shop))
+    surface = canvas_of(page, "parameter")
+    before, numbers = surface.evaluate(IMAGE), page.locator("table.grid td").all_text_contents()
+    page.locator(".slider input").press("ArrowRight")
+    changed(page, surface, before)
+    assert page.locator(".slider output").text_content() == "w = 10"
+    assert page.locator("table.grid td").all_text_contents() != numbers
+
+
+def test_a_report_follows_the_theme_and_prints_everything_on_white(shop, show):
+    page = show(a_map(shop), "dark")
+    ground = "getComputedStyle(document.body).backgroundColor"
+    assert page.evaluate(ground) == "rgb(16, 19, 23)"
+    strip = canvas_of(page, "strip")
+    dark = strip.evaluate(IMAGE)
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    assert page.locator("[data-figure]:not([data-drawn])").count() == 0
+    assert page.locator("details:not([open])").count() == 0
+    assert strip.evaluate(IMAGE) != dark
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    assert strip.evaluate(IMAGE) == dark
+    assert page.locator("details:not([open])").count() > 0
+    page.emulate_media(color_scheme="light")
+    page.wait_for_selector("html[data-theme=light]")
+    assert page.evaluate(ground) == "rgb(246, 247, 249)"

@@ -1,0 +1,58 @@
+// The figures of a report as the Python side writes them (`report/figures.py`); null is a number that is not known.
+
+export type Values = (number | null)[];
+
+export interface AxisData { title: string; unit: string; points: number[] }
+
+export interface StripFigure {
+  kind: "strip";
+  whole: boolean; // else each group of samples has two points: minimum and maximum
+  time: boolean;
+  x: number[];
+  xTitle: string;
+  xUnit: string;
+  pieces: number[]; // where recordings begin
+  unit: string;
+  measured: Values;
+  before: Values;
+  after: Values;
+  errorBefore: Values;
+  error: Values;
+}
+
+export interface ScatterFigure { kind: "scatter"; unit: string; number: number[]; measured: Values; before: Values; after: Values }
+
+export interface Bins { ends: [number, number]; counts: number[]; beyond: number }
+export interface HistogramsFigure { kind: "histograms"; unit: string; own: { before: Bins; after: Bins }; equal: { before: Bins; after: Bins } }
+
+export interface AutocorrelationFigure { kind: "autocorrelation"; unit: string; lags: number[]; values: Values; band: number }
+
+export interface Stage { name: string; start: number; x: number[]; cost: Values; rmse: Values }
+export interface ConvergenceFigure { kind: "convergence"; before: number | null; stages: Stage[] }
+
+type Cells<T> = T[] | T[][]; // of a curve or of a map
+export interface CellErrors { samples: Cells<number>; mean: Cells<number | null>; rmse: Cells<number | null> }
+export interface CellsFigure { kind: "cells"; unit: string; axes: AxisData[]; uses: Record<string, CellErrors> }
+
+/** A table, flat in C order. A standard deviation of -1 is not determined. */
+export interface ParameterFigure {
+  kind: "parameter";
+  name: string;
+  unit: string;
+  axes: AxisData[];
+  before: Values;
+  after: Values;
+  bound: number[];
+  locked: number[];
+  deviation: Values | null;
+  samples: number[] | null;
+  informed: number[] | null;
+  bySmoothness: number[] | null;
+}
+
+export type Figure = StripFigure | ScatterFigure | HistogramsFigure | AutocorrelationFigure | ConvergenceFigure | CellsFigure | ParameterFigure;
+
+/** Return numbers with NaN for those that are not known. */
+export const numbers = (values: readonly (number | null)[]): number[] => values.map((value) => value ?? NaN);
+
+export const equal = (a: Values, b: Values): boolean => a.length === b.length && a.every((value, k) => value === b[k]);

@@ -1,0 +1,115 @@
+// One parameter: its picture, and a table whose cells show the value, the change, the deviation or the samples.
+
+import { plain, withUnit } from "../drawing/numbers";
+import { drawCurve, drawFamily } from "./curves";
+import { make, type TipLine } from "./elements";
+import { equal, numbers, type AxisData, type ParameterFigure } from "./figures";
+import { SurfaceView } from "./surface-view";
+import { addTable } from "./value-table";
+
+/** The plane of a table that is shown: its first two axes, at chosen points of further ones. */
+export class Plane {
+  readonly x: AxisData;
+  readonly y: AxisData | null;
+  readonly further: AxisData[];
+  readonly chosen: number[]; // point of each further axis
+  readonly changed: boolean;
+
+  constructor(readonly f: ParameterFigure) {
+    this.x = f.axes[0]!;
+    this.y = f.axes[1] ?? null;
+    this.further = f.axes.slice(2);
+    this.chosen = this.further.map((axis) => Math.floor(axis.points.length / 2));
+    this.changed = !equal(f.before, f.after);
+  }
+
+  get nx(): number {
+    return this.x.points.length;
+  }
+
+  get ny(): number {
+    return this.y?.points.length ?? 1;
+  }
+
+  /** The number of a value in C order. */
+  cell(i: number, j: number): number {
+    const places = this.y === null ? [i] : [i, j, ...this.chosen];
+    return places.reduce((sum, k, axis) => sum * this.f.axes[axis]!.points.length + k, 0);
+  }
+
+  /** The values of the plane, in C order. */
+  pick<T>(values: readonly T[]): T[] {
+    const cells = Array.from({ length: this.nx * this.ny }, (_, k) => this.cell(Math.floor(k / this.ny), k % this.ny));
+    return cells.map((cell) => values[cell]!);
+  }
+
+  /** What is to be said about a value. */
+  describe(i: number, j: number): TipLine[] {
+    const { f } = this;
+    const at = this.cell(i, j);
+    const [before, after] = [f.before[at] ?? NaN, f.after[at] ?? NaN];
+    const places = [i, ...(this.y === null ? [] : [j]), ...this.chosen];
+    const lines: (TipLine | false | null | undefined | 0)[] = [
+      ...f.axes.map<TipLine>((axis, k) => [`${axis.title} ${plain(axis.points[places[k]!]!, 6)} ${axis.unit}`]),
+      [`${this.changed ? "after" : "value"} ${plain(after, 6)} ${f.unit}`, "model"],
+      this.changed && [`before ${plain(before, 6)}, change ${plain(after - before, 4)}`],
+      f.deviation && [describeDeviation(f.deviation[at]!)],
+      f.samples && [f.samples[at] ? `${f.samples[at]} training samples` : "no training data"],
+      f.bySmoothness?.[at] && ["determined by smoothness alone"],
+      f.informed?.[at] === 0 && ["undetermined: start kept"],
+      f.locked[at] && ["locked"],
+      f.bound[at] && [f.bound[at]! > 0 ? "at the upper bound" : "at the lower bound"],
+    ];
+    return lines.filter((line): line is TipLine => Boolean(line));
+  }
+}
+
+function describeDeviation(value: number | null): string {
+  if (value === null) return "standard deviation: not known";
+  if (value === -1) return "standard deviation: not determined";
+  return value === 0 ? "standard deviation 0: fixed by a limit" : `standard deviation ${plain(value, 3)}`;
+}
+
+export function drawParameter(host: HTMLElement, f: ParameterFigure): void {
+  const plane = new Plane(f);
+  const redraws: (() => void)[] = [];
+  if (plane.further.length) host.append(sliders(plane, () => { for (const redraw of redraws) redraw(); }));
+  const map = plane.nx > 1 && plane.ny > 1;
+  const row = make("div", { class: map ? "row two pictures" : "row single pictures" });
+  host.append(row);
+  if (map) {
+    const surface = new SurfaceView(part(row), plane);
+    redraws.push(() => surface.redraw());
+  }
+  const curves = part(row);
+  const drawCurves = () => {
+    curves.replaceChildren();
+    if (map) drawFamily(curves, plane, numbers(plane.pick(f.before)), numbers(plane.pick(f.after)));
+    else drawCurve(curves, plane);
+  };
+  drawCurves();
+  redraws.push(drawCurves, addTable(host, plane));
+}
+
+function part(row: HTMLElement): HTMLElement {
+  const node = make("div");
+  row.append(node);
+  return node;
+}
+
+/** A slider for each axis beyond the second. */
+function sliders(plane: Plane, change: () => void): HTMLElement {
+  return make("div", { class: "legend" }, ...plane.further.map((axis, k) => {
+    const name = withUnit(axis.title, axis.unit);
+    const text = make("output");
+    const show = () => { text.textContent = `${name} = ${plain(axis.points[plane.chosen[k]!]!, 6)}`; };
+    const slider = make("input", { type: "range", min: "0", max: String(axis.points.length - 1), step: "1", value: String(plane.chosen[k]), "aria-label": name });
+    slider.addEventListener("input", () => {
+      plane.chosen[k] = Number(slider.value);
+      show();
+      change();
+    });
+    show();
+    return make("label", { class: "slider" }, slider, text);
+  }));
+}
