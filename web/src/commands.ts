@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
-import { run, running } from "./runs";
+import { outcome, resume, run, running, view } from "./runs";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; keys: string[]; run: () => void; enabled?: () => boolean }
@@ -21,6 +21,8 @@ export const COMMANDS: Command[] = [
   { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
   { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
+  { title: "Resume an interrupted run", keys: [], run: resume, enabled: () => !running() && outcome.value.resumable !== "" },
+  { title: "Cross-validate", keys: [], run: () => { screen.value = "optimization"; view.value = "cross-validation"; }, enabled: () => state.value.project !== null },
   { title: "Compare, merge or convert calibration files", keys: [], run: () => { screen.value = "files"; } },
   { title: "Download the folder as ZIP", keys: [], run: () => { location.assign("/project.zip"); }, enabled: () => state.value.project !== null },
   { title: "Light or dark", keys: [], run: toggleTheme },

@@ -14,6 +14,7 @@ export interface Folds { table: string[][]; summary: string[] }
 export interface Outcome { resumable: string; result: Result | null; validation: Folds | null }
 
 export const outcome = signal<Outcome>({ resumable: "", result: null, validation: null });
+export const view = signal("tables"); // the lower pane of the optimization
 export const workers = signal<number | null>(null); // processes for several starts; null is one per core
 
 const load = newest(async (_: string) => {

@@ -11,9 +11,9 @@ import { Icon } from "../icons";
 import { drawGrid } from "../drawing/grid";
 import { drawCurves } from "../drawing/slices";
 import { Picture } from "../instruments/picture";
-import { run } from "../runs";
+import { run, view } from "../runs";
 import { isRunning, open, request, screen, settled, state } from "../store";
-import { OutcomeBody, OutcomeHead, view, type StepRow } from "./optimization/outcome";
+import { OutcomeBody, OutcomeHead, type StepRow } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }

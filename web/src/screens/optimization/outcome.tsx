@@ -3,12 +3,11 @@
 import { signal } from "@preact/signals";
 import { parseNumber, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
-import { outcome, running, validate, type Result } from "../../runs";
+import { outcome, running, validate, view, type Result } from "../../runs";
 import { state } from "../../store";
 
 export interface StepRow { name: string; state: string; iterations: number; cost: number | null; rmse: number | null }
 
-export const view = signal("tables");
 const folds = signal(5);
 const parts = signal("auto");
 
